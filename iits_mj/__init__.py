@@ -1,0 +1,19 @@
+"""iits_mj: a self-driving articulated truck in MuJoCo.
+
+Importing the package registers the engine plugin, so that `mujoco.MjModel.from_xml_path` reads the
+truck's MJCF. SUMO, CasADi and torch are loaded only by the modules that need them.
+"""
+
+from iits_mj.assets import mjcf_path
+from iits_mj.errors import Error
+from iits_mj.messages import VehicleCommand
+from iits_mj.parameters import TruckParameters
+from iits_mj.plugin_library import register as _register_plugin
+
+__version__ = "0.1.0"
+
+_register_plugin()
+
+from iits_mj.truck import Truck  # noqa: E402 - the model needs the plugin
+
+__all__ = ["Error", "Truck", "TruckParameters", "VehicleCommand", "__version__", "mjcf_path"]

@@ -1,0 +1,221 @@
+"""What the modules say to each other: plain frozen dataclasses, SI units, ISO 8855 axes.
+
+Positions are in the map frame (x east, y north, z up). `station` and `offset` are route
+coordinates: metres along the `iits_mj.road.Route` and metres to the left of its reference line.
+Lanes are counted from the right, 0 being the rightmost driving lane of the route's direction.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+class Decision(enum.IntEnum):
+    """High-level decision, with the paper's numbers."""
+
+    LEFT = -1
+    KEEP = 0
+    RIGHT = 1
+
+
+class XbrMode(enum.IntEnum):
+    """XBR control mode of SAE J1939-71 (SPN 2923 group): how the demand meets the driver's."""
+
+    OFF = 0
+    ADDITION = 1
+    MAXIMUM = 2
+
+
+class TransmissionMode(enum.IntEnum):
+    """Gear selector. Drive is zero, so that an all-zero control vector is a truck ready to go."""
+
+    DRIVE = 0
+    NEUTRAL = 1
+    REVERSE = 2
+
+
+class PlanMode(enum.Enum):
+    """What the trajectory planner is doing."""
+
+    LANE_KEEPING = "lane_keeping"
+    LANE_CHANGE = "lane_change"
+    ABORT = "abort"
+    EMERGENCY = "emergency"
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleCommand:
+    """What the truck receives; field order is the order of the model's `ctrl`.
+
+    Attributes:
+      accelerator_pedal: EEC2 accelerator pedal position, 0 to 1.
+      xbr_demand: XBR external acceleration demand [m/s2], zero or negative.
+      xbr_mode: XBR control mode, see `XbrMode`.
+      steering_wheel_angle: at the steering wheel [rad], positive to the left.
+      parking_brake: 1 applies the spring brakes, 0 releases them.
+      engine_brake: requested fraction of the available engine-brake torque, 0 to 1.
+      transmission_mode: see `TransmissionMode`.
+    """
+
+    accelerator_pedal: float = 0.0
+    xbr_demand: float = 0.0
+    xbr_mode: XbrMode = XbrMode.OFF
+    steering_wheel_angle: float = 0.0
+    parking_brake: float = 0.0
+    engine_brake: float = 0.0
+    transmission_mode: TransmissionMode = TransmissionMode.DRIVE
+
+
+@dataclass(frozen=True, slots=True)
+class EgoState:
+    """What the truck reports. Pose is that of the steer axle's centre, on the ground.
+
+    Attributes:
+      time: [s].
+      x, y, z: steer axle centre, projected to the road [m].
+      yaw, pitch, roll: of the tractor [rad], ISO 8855 (pitch positive nose down).
+      speed, lateral_speed: of the steer axle centre in the tractor's frame [m/s].
+      acceleration, lateral_acceleration: in the tractor's frame, gravity removed [m/s2].
+      yaw_rate, trailer_yaw_rate: [rad/s].
+      articulation: tractor yaw minus trailer yaw [rad].
+      articulation_rate: [rad/s].
+      steering_wheel_angle: actual [rad].
+      road_wheel_angle: mean of left and right [rad].
+      mass: gross combination mass [kg].
+      station, offset: of the steer axle centre on the route [m].
+      trailer_offset: of the trailer's rear axle group centre on the route [m].
+      gear: 1 to 12 forward, 0 neutral, -1 reverse.
+      shift_in_process: True while the driveline is open for a gear change.
+      engine_speed: [rad/s]; engine_torque: at the crankshaft [N m].
+      fuel_rate: [kg/s]; fuel_used: since reset [kg].
+      brake_pressures: front left, front right, rear left, rear right, trailer [Pa].
+    """
+
+    time: float = 0.0
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    yaw: float = 0.0
+    pitch: float = 0.0
+    roll: float = 0.0
+    speed: float = 0.0
+    lateral_speed: float = 0.0
+    acceleration: float = 0.0
+    lateral_acceleration: float = 0.0
+    yaw_rate: float = 0.0
+    trailer_yaw_rate: float = 0.0
+    articulation: float = 0.0
+    articulation_rate: float = 0.0
+    steering_wheel_angle: float = 0.0
+    road_wheel_angle: float = 0.0
+    mass: float = 55_000.0
+    station: float = 0.0
+    offset: float = 0.0
+    trailer_offset: float = 0.0
+    gear: int = 0
+    shift_in_process: bool = False
+    engine_speed: float = 0.0
+    engine_torque: float = 0.0
+    fuel_rate: float = 0.0
+    fuel_used: float = 0.0
+    brake_pressures: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedVehicle:
+    """Another road user. Pose is that of the bounding box's centre, on the ground.
+
+    Attributes:
+      id: stable name.
+      kind: "car", "van", "truck" (rigid) or "articulated".
+      x, y, z, yaw: [m], [rad].
+      speed: along its heading [m/s]; acceleration: [m/s2].
+      lateral_speed: across the lane, positive to the left [m/s].
+      station, offset: of the box's centre on the ego route [m].
+      lane: index from the right on the ego route; -1 when it is not on it.
+      length, width, height: [m].
+    """
+
+    id: str
+    kind: str = "car"
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    yaw: float = 0.0
+    speed: float = 0.0
+    acceleration: float = 0.0
+    lateral_speed: float = 0.0
+    station: float = 0.0
+    offset: float = 0.0
+    lane: int = 0
+    length: float = 4.8
+    width: float = 1.9
+    height: float = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class EgoFootprint:
+    """Size of the combination about its pose point (the steer axle centre) [m]."""
+
+    front_overhang: float = 1.40
+    length: float = 16.5
+    width: float = 2.55
+    height: float = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What the stack sees at one instant: the ego truck and the traffic around it."""
+
+    time: float
+    ego: EgoState
+    vehicles: tuple[TrackedVehicle, ...] = ()
+    footprint: EgoFootprint = EgoFootprint()
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedProfile:
+    """Reference speed over station, both of shape (n,); [m] and [m/s]."""
+
+    station: FloatArray
+    speed: FloatArray
+
+    def at(self, station: float) -> float:
+        """Reference speed at a station [m/s], held constant beyond both ends."""
+        return float(np.interp(station, self.station, self.speed))
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """Planned motion of the steer axle centre; arrays of shape (n,), strictly increasing time.
+
+    Attributes:
+      time: absolute simulation time [s].
+      station, offset: route coordinates [m].
+      x, y, z, yaw: map frame [m], [rad].
+      curvature: of the path [1/m]; speed [m/s]; acceleration [m/s2].
+      mode: what the planner is doing; reason: why, in words, for logs and pictures.
+      target_lane: lane index being kept or changed to.
+    """
+
+    time: FloatArray
+    station: FloatArray
+    offset: FloatArray
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    yaw: FloatArray
+    curvature: FloatArray
+    speed: FloatArray
+    acceleration: FloatArray
+    mode: PlanMode = PlanMode.LANE_KEEPING
+    reason: str = ""
+    target_lane: int = 0
+    refused: Decision = Decision.KEEP
+    extra: dict[str, float] = field(default_factory=dict)
