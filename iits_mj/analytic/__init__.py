@@ -1,0 +1,50 @@
+"""The paper's analytic models of the truck, corrected, as pure functions of its parameters.
+
+`Kinematic` is the slip-free model, `YawSideslip` the linear lateral model; `measures` says what
+they predict. Nothing here knows MuJoCo, and nothing is fitted to the simulation.
+"""
+
+from iits_mj.analytic.kinematic import Kinematic
+from iits_mj.analytic.loads import (
+    LadenTrailer,
+    axle_cornering_stiffness,
+    kingpin_load,
+    laden_trailer,
+    static_axle_loads,
+)
+from iits_mj.analytic.measures import (
+    Response,
+    critical_speed,
+    rearward_amplification,
+    simulate,
+    single_sine,
+    steady_off_tracking,
+    step_response,
+    understeer_gradient,
+    understeer_gradient_by_loads,
+    worst_rearward_amplification,
+    yaw_rate_gain,
+)
+from iits_mj.analytic.yaw_sideslip import LateralSystem, YawSideslip
+
+__all__ = [
+    "Kinematic",
+    "LadenTrailer",
+    "LateralSystem",
+    "Response",
+    "YawSideslip",
+    "axle_cornering_stiffness",
+    "critical_speed",
+    "kingpin_load",
+    "laden_trailer",
+    "rearward_amplification",
+    "simulate",
+    "single_sine",
+    "static_axle_loads",
+    "steady_off_tracking",
+    "step_response",
+    "understeer_gradient",
+    "understeer_gradient_by_loads",
+    "worst_rearward_amplification",
+    "yaw_rate_gain",
+]

@@ -1,0 +1,181 @@
+"""What the linear model says about handling: responses, gains, critical speed, amplification."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from iits_mj.analytic.loads import axle_cornering_stiffness, static_axle_loads
+from iits_mj.analytic.yaw_sideslip import LateralSystem, YawSideslip
+from iits_mj.errors import InputError
+from iits_mj.parameters import GRAVITY, TruckParameters
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Response:
+    """Time histories, all of shape (n,).
+
+    Attributes:
+      time: [s]; steer: road-wheel angle [rad].
+      lateral_velocity: of the tractor's CG, tractor's frame [m/s].
+      yaw_rate, trailer_yaw_rate: [rad/s]; articulation: tractor minus trailer yaw [rad].
+      yaw: of the tractor [rad]; x, y: steer axle centre in the ground frame [m].
+      lateral_acceleration: of the tractor's CG [m/s2].
+      trailer_lateral_acceleration: of the trailer's CG [m/s2].
+    """
+
+    time: FloatArray
+    steer: FloatArray
+    lateral_velocity: FloatArray
+    yaw_rate: FloatArray
+    trailer_yaw_rate: FloatArray
+    articulation: FloatArray
+    yaw: FloatArray
+    x: FloatArray
+    y: FloatArray
+    lateral_acceleration: FloatArray
+    trailer_lateral_acceleration: FloatArray
+
+
+def simulate(system: LateralSystem, time: FloatArray, steer: FloatArray) -> Response:
+    """Response from straight running to a sampled road-wheel angle.
+
+    The linear equations are solved exactly for an input linear between samples; the ground track
+    uses the full sine and cosine of the heading, so that a long turn stays right.
+
+    Args:
+      system: the model at its speed.
+      time: uniform samples [s], shape (n,), n >= 2.
+      steer: road-wheel angle at the samples [rad], shape (n,).
+    """
+    time, steer = np.asarray(time, dtype=float), np.asarray(steer, dtype=float)
+    if time.ndim != 1 or time.shape != steer.shape or time.size < 2:
+        raise InputError(f"time {time.shape} and steer {steer.shape}: two equal vectors are wanted")
+    outputs = signal.lsim((system.A, system.B[:, None], np.eye(4), np.zeros((4, 1))), steer, time)
+    states = np.asarray(outputs[2])
+    rates = states @ system.A.T + np.outer(steer, system.B)
+    model, v = system.model, system.speed
+    yaw = _integrate(time, states[:, 1])
+    lateral = states[:, 0] + model.L_c1 * states[:, 1]
+    trailer_rate = rates[:, 0] - model.L_h * rates[:, 1] - model.L_t1 * rates[:, 2]
+    return Response(
+        time=time,
+        steer=steer,
+        lateral_velocity=states[:, 0],
+        yaw_rate=states[:, 1],
+        trailer_yaw_rate=states[:, 2],
+        articulation=states[:, 3],
+        yaw=yaw,
+        x=_integrate(time, v * np.cos(yaw) - lateral * np.sin(yaw)),
+        y=_integrate(time, v * np.sin(yaw) + lateral * np.cos(yaw)),
+        lateral_acceleration=rates[:, 0] + v * states[:, 1],
+        trailer_lateral_acceleration=trailer_rate + v * states[:, 1],
+    )
+
+
+def step_response(system: LateralSystem, steer: float, duration: float = 10.0) -> Response:
+    """Response to a step of the road-wheel angle [rad] at time zero, sampled every 10 ms."""
+    time = np.linspace(0.0, duration, round(duration / 0.01) + 1)
+    return simulate(system, time, np.full_like(time, steer))
+
+
+def yaw_rate_gain(system: LateralSystem) -> float:
+    """Steady yaw rate over road-wheel angle [1/s]."""
+    return float(system.steady_state()[1])
+
+
+def understeer_gradient(model: YawSideslip, speed: float = 20.0) -> float:
+    """Understeer gradient [rad s2/m] of the linear model: d(delta - L/R) / d(lateral acceleration).
+
+    With equal axle loads in a group the steer angle is exactly `delta = L' / R + K a_y` (L' holds
+    the tandem's scrub), so K follows from two speeds.
+    """
+    slow, fast = model.at(0.5 * speed), model.at(speed)
+    per_curvature = [1.0 / yaw_rate_gain(s) * s.speed for s in (slow, fast)]
+    return (per_curvature[1] - per_curvature[0]) / (fast.speed**2 - slow.speed**2)
+
+
+def understeer_gradient_by_loads(parameters: TruckParameters, payload: float) -> float:
+    """The textbook's `K = (W_f / C_f - W_r / C_r) / g` [rad s2/m] from static axle loads."""
+    loads = static_axle_loads(parameters, payload)
+    stiffness = axle_cornering_stiffness(parameters, loads)
+    rear = slice(1, len(parameters.tractor.axles))
+    front_ratio = loads[0] / stiffness[0]
+    return float(front_ratio - loads[rear].sum() / stiffness[rear].sum()) / GRAVITY
+
+
+def critical_speed(model: YawSideslip, limit: float = 100.0) -> float:
+    """Lowest speed [m/s] at which the linear model is unstable; `inf` when stable to `limit`."""
+    speeds = np.linspace(1.0, limit, 400)
+    unstable = [v for v in speeds if not model.at(v).stable]
+    if not unstable:
+        return float("inf")
+    high = float(unstable[0])
+    low = max(high - (speeds[1] - speeds[0]), 0.1)
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if model.at(middle).stable else (low, middle)
+    return high
+
+
+def single_sine(
+    period: float, duration: float, step: float = 0.01
+) -> tuple[FloatArray, FloatArray]:
+    """Time [s] and one full sine of amplitude 1 that starts after 1 s (ISO 14791, 7.5)."""
+    time = np.arange(0.0, duration, step)
+    phase = (time - 1.0) / period
+    return time, np.where((phase >= 0.0) & (phase <= 1.0), np.sin(2.0 * np.pi * phase), 0.0)
+
+
+def rearward_amplification(system: LateralSystem, frequency: float = 0.4) -> float:
+    """Peak lateral acceleration of the trailer's CG over the tractor's, for a single-sine steer.
+
+    Args:
+      system: the model at its speed.
+      frequency: of the sine [Hz]; 0.4 Hz is ISO 14791's.
+    """
+    time, steer = single_sine(1.0 / frequency, 2.0 / frequency + 8.0)
+    response = simulate(system, time, 1e-2 * steer)
+    peak = np.max(np.abs(response.lateral_acceleration))
+    return float(np.max(np.abs(response.trailer_lateral_acceleration)) / peak)
+
+
+def worst_rearward_amplification(system: LateralSystem) -> tuple[float, float]:
+    """(gain, frequency [Hz]) of the greatest acceleration ratio under steady sine steering."""
+    frequency = np.geomspace(0.05, 2.0, 200)
+    states = system.frequency_response(frequency)
+    s = 2j * np.pi * frequency
+    model, v = system.model, system.speed
+    tractor = s * states[:, 0] + v * states[:, 1]
+    trailer = tractor - s * (model.L_h * states[:, 1] + model.L_t1 * states[:, 2])
+    gain = np.abs(trailer / tractor)
+    best = int(np.argmax(gain))
+    return float(gain[best]), float(frequency[best])
+
+
+def steady_off_tracking(system: LateralSystem, radius: float) -> float:
+    """Path radius of the trailer's rear group minus the steer axle's [m], in a steady turn.
+
+    Negative: the trailer runs inside (low speed); positive: outside (high speed).
+
+    Args:
+      system: the model at its speed.
+      radius: of the steer axle's path [m], positive.
+    """
+    model, v = system.model, system.speed
+    state = system.steady_state(v / (radius * yaw_rate_gain(system)))
+    center = np.array([-state[0] / state[1], v / state[1]])
+    front = np.array([model.L_c1, 0.0])
+    arm, angle = float(np.mean(model.trailer_arms)), state[3]
+    rear = np.array([-model.L_h - arm * np.cos(angle), arm * np.sin(angle)])
+    return float(np.linalg.norm(rear - center) - np.linalg.norm(front - center))
+
+
+def _integrate(time: FloatArray, rate: FloatArray) -> FloatArray:
+    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(time)
+    return np.concatenate([[0.0], np.cumsum(steps)])

@@ -1,0 +1,212 @@
+"""The paper's dynamic yaw-sideslip model of the tractor-semitrailer, derived again and corrected.
+
+Symbols are the paper's (Section "Lateral - Dynamic Yaw-Sideslip Model"). The generalised velocities
+are `q' = [v, v_yc, omega_c, omega_t]`: speed and lateral velocity of the tractor's CG in the
+tractor's frame, yaw rates of tractor and trailer. Speed is constant, angles are small, and the
+hitch angle is `gamma = beta_c - beta_t`, so that `gamma' = omega_c - omega_t`.
+
+Kinematics. The hitch lies `L_h` behind the tractor's CG, the trailer's CG `L_t1` behind the hitch.
+The trailer CG's lateral velocity *in the tractor's frame* is
+
+    v_yt = v_yc - L_h omega_c - L_t1 omega_t.
+
+Kinetic energy gives the paper's matrix H, which is right. Because the velocities are components in
+a frame that turns with omega_c, Lagrange's equation in quasi-coordinates (Boltzmann-Hamel) leaves
+the terms `m_c v omega_c` and `m_t v omega_c` on the side of the inertia forces. Hence in the
+virtual work
+
+    -m_c omega_c v dy_c - m_t omega_c v dy_t,    dy_t = dy_c - L_h dbeta_c - L_t1 dbeta_t.
+
+The paper prints plus signs and, for the trailer, omega_t. With plus signs the laden truck is
+unstable at 80 km/h. With omega_t, `v_yt` would have to be measured in the trailer's frame, `v_yt +
+v gamma`.
+
+Slip angles. A trailer axle `d` behind the hitch has, in the *trailer's* frame, the lateral velocity
+`v_yc - L_h omega_c - d omega_t + v gamma`. So, for lateral forces `F = C alpha` (positive to the
+left),
+
+    alpha_1 = delta - (v_yc + L_c1 omega_c) / v
+    alpha_2 = -(v_yc - (L_c2 -/+ i_2) omega_c) / v
+    alpha_3 = -(v_yc - L_h omega_c - d omega_t) / v - gamma.
+
+The paper leaves gamma out of alpha_3: then the trailer never aligns. In its notation `i_2` is half
+the tandem's spacing, while `i_3` is the full spacing of two neighbours of the tri-axle, whose
+middle axle stands at L_t2 behind the trailer's CG.
+
+Our addition: the lateral force acts a pneumatic trail `t` behind the axle's centre, which changes
+the arms of the virtual work and not the slip angles. `pneumatic_trail=False` removes it.
+
+Parameters are computed from the truck's TOML and never fitted to the simulation.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.analytic.loads import axle_cornering_stiffness, laden_trailer, static_axle_loads
+from iits_mj.errors import InputError
+from iits_mj.parameters import TruckParameters
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class YawSideslip:
+    """Numbers of the linear yaw-sideslip model, in the paper's symbols.
+
+    Attributes:
+      m_c, m_t: masses of tractor and laden semitrailer [kg]; I_c, I_t: yaw inertias [kg m2].
+      L_c1, L_h: tractor CG to steer axle, to hitch [m]; L_t1: hitch to trailer CG [m].
+      tractor_arms: fixed tractor axles behind the tractor's CG [m], `L_c2 -/+ i_2`, shape (n,).
+      trailer_arms: trailer axles behind the *hitch* [m], `L_t1 + L_t2 + (-i_3, 0, i_3)`.
+      C_1: cornering stiffness of the steer axle [N/rad].
+      C_2, C_3: of the fixed tractor axles, shape (n,), and of the trailer axles, shape (m,).
+      t_1, t_2, t_3: pneumatic trails of the three groups [m].
+    """
+
+    m_c: float
+    m_t: float
+    I_c: float
+    I_t: float
+    L_c1: float
+    L_h: float
+    L_t1: float
+    tractor_arms: FloatArray
+    trailer_arms: FloatArray
+    C_1: float
+    C_2: FloatArray
+    C_3: FloatArray
+    t_1: float = 0.0
+    t_2: float = 0.0
+    t_3: float = 0.0
+
+    @classmethod
+    def from_parameters(
+        cls, parameters: TruckParameters, payload: float, pneumatic_trail: bool = True
+    ) -> YawSideslip:
+        """Computes the model from the truck's parameters and payload [kg]."""
+        tractor, fifth_wheel = parameters.tractor, parameters.fifth_wheel
+        trailer = laden_trailer(parameters, payload)
+        front, *drive = tractor.axles
+        stiffness = axle_cornering_stiffness(parameters, static_axle_loads(parameters, payload))
+        trails = [
+            parameters.tires[axle.tire].pneumatic_trail if pneumatic_trail else 0.0
+            for axle in (front, drive[0], parameters.semitrailer.axles[0])
+        ]
+        split = 1 + len(drive)
+        return cls(
+            m_c=tractor.mass,
+            m_t=trailer.mass,
+            I_c=tractor.inertia_z,
+            I_t=trailer.inertia_z,
+            L_c1=tractor.cg_position - front.position,
+            L_h=fifth_wheel.position - tractor.cg_position,
+            L_t1=trailer.cg_position,
+            tractor_arms=np.array([axle.position - tractor.cg_position for axle in drive]),
+            trailer_arms=np.array([axle.position for axle in parameters.semitrailer.axles]),
+            C_1=float(stiffness[0]),
+            C_2=stiffness[1:split],
+            C_3=stiffness[split:],
+            t_1=trails[0],
+            t_2=trails[1],
+            t_3=trails[2],
+        )
+
+    @property
+    def wheelbase(self) -> float:
+        """Steer axle to the centre of the fixed tractor axles [m]."""
+        return self.L_c1 + float(np.mean(self.tractor_arms))
+
+    def H(self) -> FloatArray:
+        """The paper's inertia matrix H, shape (4, 4)."""
+        m_c, m_t, L_h, L_t1 = self.m_c, self.m_t, self.L_h, self.L_t1
+        return np.array(
+            [
+                [m_c + m_t, -L_h * m_t, -L_t1 * m_t, 0.0],
+                [-L_h * m_t, m_t * L_h**2 + self.I_c, L_h * L_t1 * m_t, 0.0],
+                [-L_t1 * m_t, L_h * L_t1 * m_t, m_t * L_t1**2 + self.I_t, 0.0],
+                [0.0, 0.0, 0.0, 1.0],
+            ]
+        )
+
+    def A_h(self, speed: float) -> FloatArray:
+        """The corrected state matrix A_h, shape (4, 4), at `speed` [m/s]."""
+        v = _positive_speed(speed)
+        # Rows: generalised forces on y_c, beta_c, beta_t; last row: gamma' = omega_c - omega_t.
+        matrix = np.zeros((4, 4))
+        for stiffness, slip, arm in self._axles(v):
+            matrix[:3] += stiffness * np.outer(arm, slip)
+        # Inertial terms with minus signs, both with the tractor's yaw rate.
+        matrix[0, 1] -= (self.m_c + self.m_t) * v
+        matrix[1, 1] += self.m_t * self.L_h * v
+        matrix[2, 1] += self.m_t * self.L_t1 * v
+        matrix[3] = [0.0, 1.0, -1.0, 0.0]
+        return matrix
+
+    def B_h(self) -> FloatArray:
+        """The input vector B_h, shape (4,), for the road-wheel angle delta [rad]."""
+        return self.C_1 * np.array([1.0, self.L_c1 - self.t_1, 0.0, 0.0])
+
+    def _axles(self, v: float) -> list[tuple[float, FloatArray, FloatArray]]:
+        """(C, slip by state (4,), virtual displacement of its force (3,)) per axle."""
+        front = np.array([-1.0 / v, -self.L_c1 / v, 0.0, 0.0])
+        rows = [(self.C_1, front, np.array([1.0, self.L_c1 - self.t_1, 0.0]))]
+        for stiffness, arm in zip(self.C_2, self.tractor_arms, strict=True):
+            slip = np.array([-1.0 / v, arm / v, 0.0, 0.0])
+            rows.append((float(stiffness), slip, np.array([1.0, -(arm + self.t_2), 0.0])))
+        for stiffness, arm in zip(self.C_3, self.trailer_arms, strict=True):
+            slip = np.array([-1.0 / v, self.L_h / v, arm / v, -1.0])
+            work = np.array([1.0, -self.L_h, -(arm + self.t_3)])
+            rows.append((float(stiffness), slip, work))
+        return rows
+
+    def at(self, speed: float) -> LateralSystem:
+        """State space `s' = A s + B delta` at constant speed [m/s]."""
+        inverse = np.linalg.inv(self.H())
+        return LateralSystem(self, float(speed), inverse @ self.A_h(speed), inverse @ self.B_h())
+
+
+@dataclass(frozen=True)
+class LateralSystem:
+    """`s' = A s + B delta` with `s = [v_yc, omega_c, omega_t, gamma]` at one speed [m/s]."""
+
+    model: YawSideslip
+    speed: float
+    A: FloatArray
+    B: FloatArray
+    states: tuple[str, ...] = field(default=("v_yc", "omega_c", "omega_t", "gamma"))
+
+    def eigenvalues(self) -> NDArray[np.complex128]:
+        """Eigenvalues of A [1/s], shape (4,), the least damped first."""
+        values = np.linalg.eigvals(self.A).astype(np.complex128)
+        return values[np.argsort(-values.real)]
+
+    def damping_ratio(self) -> float:
+        """The smallest damping ratio of all modes; negative when unstable."""
+        values = self.eigenvalues()
+        return float(np.min(-values.real / np.abs(values)))
+
+    @property
+    def stable(self) -> bool:
+        """True when every eigenvalue has a negative real part."""
+        return bool(self.eigenvalues()[0].real < 0.0)
+
+    def steady_state(self, steer: float = 1.0) -> FloatArray:
+        """State at rest of the equations, shape (4,), for a constant road-wheel angle [rad]."""
+        return np.asarray(-np.linalg.solve(self.A, self.B) * steer, dtype=float)
+
+    def frequency_response(self, frequency: FloatArray) -> NDArray[np.complex128]:
+        """`s / delta` at frequencies [Hz] of shape (n,); result of shape (n, 4)."""
+        points = 2j * math.pi * np.atleast_1d(frequency)
+        return np.array([np.linalg.solve(p * np.eye(4) - self.A, self.B) for p in points])
+
+
+def _positive_speed(speed: float) -> float:
+    value = float(speed)
+    if not math.isfinite(value) or value <= 0.0:
+        raise InputError(f"speed {speed!r} m/s: the yaw-sideslip model wants a positive speed")
+    return value

@@ -1,0 +1,39 @@
+"""The tire's load dependence, shared by the analytic models and (in C++) by the tire plugin.
+
+Cornering stiffness is the Magic Formula's `K_y = p sin(2 atan(Fz / (s Fz0)))` (Pacejka, Tire and
+Vehicle Dynamics, eq. 4.E25 without camber), scaled so that a tire at nominal load has
+`K_y = cornering_coefficient Fz0`. Friction falls linearly with relative load.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from iits_mj.parameters import Tire, TireCommon
+
+FloatArray = NDArray[np.float64]
+
+
+def cornering_stiffness(load: ArrayLike, tire: Tire, common: TireCommon) -> FloatArray:
+    """Cornering stiffness of one tire [N/rad] at vertical load [N], any shape.
+
+    `K_y(Fz) = c Fz0 sin(2 atan(Fz / (s Fz0))) / sin(2 atan(1 / s))`; zero for a lifted tire.
+    """
+    relative = np.maximum(np.asarray(load, dtype=float), 0.0) / common.nominal_load
+    scale = tire.cornering_coefficient * common.nominal_load
+    peak = np.sin(2.0 * np.arctan(1.0 / common.load_saturation))
+    return np.asarray(scale * np.sin(2.0 * np.arctan(relative / common.load_saturation)) / peak)
+
+
+def friction(load: ArrayLike, nominal_friction: float, common: TireCommon) -> FloatArray:
+    """Peak friction coefficient `mu0 (1 - slope (Fz / Fz0 - 1))` at load [N], not below 0.
+
+    Args:
+      load: vertical load of one tire [N], any shape.
+      nominal_friction: `mu0`, at nominal load (lateral or longitudinal).
+      common: gives nominal load and slope.
+    """
+    relative = np.maximum(np.asarray(load, dtype=float), 0.0) / common.nominal_load
+    factor = 1.0 - common.friction_load_slope * (relative - 1.0)
+    return np.asarray(nominal_friction * np.maximum(factor, 0.0))
