@@ -1,0 +1,1 @@
+"""What decides and steers: knows messages and roads, never MuJoCo or SUMO."""

@@ -1,0 +1,75 @@
+"""What every decision maker sees and answers.
+
+A decision maker is asked about once a second: change to the left, keep, or change to the right.
+It does not steer: the planner checks the answer again and may refuse it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.messages import Decision, Scene
+
+if TYPE_CHECKING:
+    from iits_mj.road import Route
+
+Observation = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class DecisionContext:
+    """All that a decision may rest on, at one instant.
+
+    Attributes:
+      scene: the truck and the traffic around it.
+      route: the truck's road.
+      lane: index of the lane that the truck keeps, or changes to, now (0 = rightmost).
+      lanes: indices of the lanes the truck may use; the paper limits it to two.
+      reference_speed: what the speed planner wants here [m/s].
+      observation: of shape (216,), see `controllers.decision.observation`.
+    """
+
+    scene: Scene
+    route: Route
+    lane: int
+    lanes: tuple[int, ...]
+    reference_speed: float
+    observation: Observation
+
+    def may_use(self, lane: int) -> bool:
+        """True when the lane exists beside the truck and is one the truck is allowed to use."""
+        return lane in self.lanes and bool(self.route.lane_exists(lane, self.scene.ego.station))
+
+
+class DecisionMaker(Protocol):
+    """Protocol of all decision makers.
+
+    Attributes:
+      name: as `controllers.decision.make` knows it.
+    """
+
+    name: str
+
+    def reset(self) -> None:
+        """Forgets everything; called at the start of a drive."""
+
+    def decide(self, context: DecisionContext) -> Decision:
+        """The decision for the coming second."""
+
+
+class Keep:
+    """Never changes lanes."""
+
+    name = "keep"
+
+    def reset(self) -> None:
+        """Has no memory."""
+
+    def decide(self, context: DecisionContext) -> Decision:
+        """Always `Decision.KEEP`."""
+        del context
+        return Decision.KEEP

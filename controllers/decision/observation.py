@@ -1,0 +1,183 @@
+"""The paper's observation: 4 frames x 9 rows x 6 features = 216 numbers in [-1, 1].
+
+One function makes it in training and in driving. Frames are those of now, 1, 2 and 3 seconds ago,
+in this order. A frame's rows are the truck, the nearest two vehicles behind, the nearest six ahead
+(nearest first); rows of vehicles that are not there are zero. Features, with their normalisation:
+
+| feature         | truck's row                        | other rows                      | /      |
+|-----------------|------------------------------------|---------------------------------|--------|
+| presence        | 1                                  | 1                               | 1      |
+| dx              | road left in its lane, <= 100 m    | its front minus truck's front   | 100 m  |
+| dy              | offset from rightmost lane's middle| its offset minus the truck's    | 8 m    |
+| relative speed  | own speed                          | its speed minus the truck's     | 40 m/s |
+| lateral speed   | own                                | its own                         | 40 m/s |
+| reference speed | reference speed                    | reference speed minus its speed | 40 m/s |
+
+Longitudinal distance is measured along the route from front bumper to front bumper. A vehicle is
+"ahead" when its front is ahead of the truck's and within 100 m, else "behind" while its front is at
+most 50 m behind the *trailer's* rear: what drives beside the trailer counts as behind. Vehicles
+that are on no driving lane of the route (lane -1: other carriageway, parking) are not observed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.errors import InputError
+from iits_mj.messages import Scene
+
+if TYPE_CHECKING:
+    from controllers.decision.base import Observation
+    from iits_mj.road import Route
+
+OBSERVATION_VERSION = 1
+FRAME_AGES = (0.0, 1.0, 2.0, 3.0)
+FEATURES = ("presence", "dx", "dy", "relative_speed", "lateral_speed", "reference_speed")
+ROWS = ("ego", "behind1", "behind2", "ahead1", "ahead2", "ahead3", "ahead4", "ahead5", "ahead6")
+FRAME_SHAPE = (len(ROWS), len(FEATURES))
+OBSERVATION_SIZE = len(FRAME_AGES) * len(ROWS) * len(FEATURES)
+SCALE = np.array([1.0, 100.0, 8.0, 40.0, 40.0, 40.0])
+RANGE_AHEAD = 100.0
+RANGE_BEHIND = 50.0
+_BEHIND, _AHEAD = 2, 6
+_LANE_PROBE = 12.5
+
+Frame = NDArray[np.float32]
+
+
+def observe_frame(scene: Scene, route: Route, reference_speed: float) -> Frame:
+    """One frame of the observation, shape (9, 6), normalised and clipped to [-1, 1].
+
+    Raises:
+      InputError: a value is not finite; the message names row and feature.
+    """
+    ego, footprint = scene.ego, scene.footprint
+    front = ego.station + footprint.front_overhang
+    rows = np.zeros(FRAME_SHAPE)
+    rows[0] = (
+        1.0,
+        _road_left(route, ego.station, ego.offset),
+        ego.offset - float(route.lane_offset(0, ego.station)),
+        ego.speed,
+        _lateral_speed(scene, route),
+        reference_speed,
+    )
+    ahead: list[tuple[float, int]] = []
+    behind: list[tuple[float, int]] = []
+    for index, vehicle in enumerate(scene.vehicles):
+        dx = vehicle.station + 0.5 * vehicle.length - front
+        if vehicle.lane < 0:
+            continue
+        if not math.isfinite(dx):
+            raise InputError(f"observation: dx of vehicle {vehicle.id!r} is {dx}: must be finite")
+        if 0.0 < dx <= RANGE_AHEAD:
+            ahead.append((dx, index))
+        elif -RANGE_BEHIND - footprint.length <= dx <= 0.0:
+            behind.append((-dx, index))
+    chosen = list(enumerate(sorted(behind)[:_BEHIND], start=1))
+    chosen += list(enumerate(sorted(ahead)[:_AHEAD], start=1 + _BEHIND))
+    for row, (distance, index) in chosen:
+        vehicle = scene.vehicles[index]
+        rows[row] = (
+            1.0,
+            distance if row > _BEHIND else -distance,
+            vehicle.offset - ego.offset,
+            vehicle.speed - ego.speed,
+            vehicle.lateral_speed,
+            reference_speed - vehicle.speed,
+        )
+    bad = np.argwhere(~np.isfinite(rows))
+    if bad.size:
+        row, feature = bad[0]
+        raise InputError(
+            f"observation: {FEATURES[feature]} of row {ROWS[row]} is {rows[row, feature]}: "
+            "must be finite"
+        )
+    return np.clip(rows / SCALE, -1.0, 1.0).astype(np.float32)
+
+
+class ObservationHistory:
+    """Keeps frames by time and stacks those of now, 1, 2 and 3 seconds ago.
+
+    Before 3 s have passed the oldest frame stands for those that do not exist yet.
+    """
+
+    def __init__(self) -> None:
+        self._frames: deque[tuple[float, Frame]] = deque()
+
+    def reset(self) -> None:
+        """Forgets all frames."""
+        self._frames.clear()
+
+    def add(self, time: float, frame: Frame) -> None:
+        """Adds the frame of a time [s], which must be later than the last one's.
+
+        Raises:
+          InputError: wrong shape, a value that is not finite, or time not increasing.
+        """
+        if frame.shape != FRAME_SHAPE:
+            raise InputError(f"observation frame has shape {frame.shape}: {FRAME_SHAPE} is wanted")
+        bad = np.argwhere(~np.isfinite(frame))
+        if bad.size:
+            row, feature = bad[0]
+            raise InputError(
+                f"observation: {FEATURES[feature]} of row {ROWS[row]} is {frame[row, feature]}: "
+                "must be finite"
+            )
+        if not math.isfinite(time) or (self._frames and time <= self._frames[-1][0]):
+            raise InputError(f"observation frame at time {time}: must be later than the last frame")
+        self._frames.append((time, frame))
+        while len(self._frames) > 1 and self._frames[1][0] < time - FRAME_AGES[-1] - 1e-6:
+            self._frames.popleft()
+
+    def observation(self) -> Observation:
+        """The observation of the last frame's time, float32 of shape (216,).
+
+        Raises:
+          InputError: no frame was added yet.
+        """
+        if not self._frames:
+            raise InputError("observation asked for before any frame was added")
+        now = self._frames[-1][0]
+        stack = [self._nearest(now - age) for age in FRAME_AGES]
+        return np.concatenate([frame.ravel() for frame in stack]).astype(np.float32)
+
+    def _nearest(self, time: float) -> Frame:
+        return min(self._frames, key=lambda entry: abs(entry[0] - time))[1]
+
+
+def observation(frames: list[Frame]) -> Observation:
+    """Stacks four frames, newest first (now, 1, 2, 3 s ago), to float32 of shape (216,).
+
+    For those who keep frames themselves; `ObservationHistory` gives the same numbers.
+    """
+    if len(frames) != len(FRAME_AGES):
+        raise InputError(f"observation of {len(frames)} frames: {len(FRAME_AGES)} are wanted")
+    history = ObservationHistory()
+    for age, frame in reversed(list(zip(FRAME_AGES, frames, strict=True))):
+        history.add(-age, frame)
+    return history.observation()
+
+
+def _road_left(route: Route, station: float, offset: float) -> float:
+    """Distance to the end of the truck's lane or of the road, at most 100 m."""
+    lane = route.lane_at(station, offset)
+    distance = 0.0
+    while distance < RANGE_AHEAD:
+        ahead = station + distance + _LANE_PROBE
+        if ahead > route.length or (lane >= 0 and not route.lane_exists(lane, ahead)):
+            return distance
+        distance += _LANE_PROBE
+    return RANGE_AHEAD
+
+
+def _lateral_speed(scene: Scene, route: Route) -> float:
+    """Speed across the road, positive to the left [m/s]."""
+    ego = scene.ego
+    angle = ego.yaw - float(route.evaluate(ego.station, 0.0).heading)
+    return ego.speed * math.sin(angle) + ego.lateral_speed * math.cos(angle)
