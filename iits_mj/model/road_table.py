@@ -1,0 +1,43 @@
+"""Hands the road to the tire plugin: a numeric of the model, read by `plugin/road.cc`."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from iits_mj.errors import MapError
+from iits_mj.road import Route
+
+NUMERIC_NAME = "iits_road"
+TABLE_VERSION = 1
+TABLE_STEP = 1.0  # [m]
+
+
+def add_road_table(spec: mujoco.MjSpec, route: Route, step: float = TABLE_STEP) -> None:
+    """Adds the route's surface as numeric `iits_road`; heights are C1 between its rows.
+
+    Args:
+      spec: of the scene; replaces nothing, so it must not hold a road yet.
+      route: what the tires stand on.
+      step: row distance wanted [m]; the table spans the route in equal steps.
+
+    Raises:
+      MapError: the route's table holds a number that is not finite.
+    """
+    table = route.table(step)
+    if not np.isfinite(table).all():
+        row = int(np.argwhere(~np.isfinite(table))[0, 0])
+        raise MapError(f"the route's surface table is not finite at row {row} of {len(table)}")
+    x, y, z, heading, curvature, grade, superelevation, left, right, split = table.T
+    rows = np.column_stack(
+        [
+            *(x, y, z, np.cos(heading), np.sin(heading), curvature, grade),
+            *(np.tan(superelevation), left, right, split),
+        ]
+    )
+    spacing = route.length / (len(table) - 1)
+    header = np.array([TABLE_VERSION, len(table), 0.0, spacing])
+    numeric = spec.add_numeric()
+    numeric.name = NUMERIC_NAME
+    numeric.data = np.concatenate([header, rows.ravel()])
+    numeric.size = numeric.data.size

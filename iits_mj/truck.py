@@ -1,0 +1,309 @@
+"""The truck: load it, command it, step it, observe it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.errors import Error, InputError
+from iits_mj.messages import (
+    EgoFootprint,
+    EgoState,
+    TransmissionMode,
+    VehicleCommand,
+    XbrMode,
+)
+from iits_mj.model.builder import truck_spec
+from iits_mj.model.road_scene import add_road
+from iits_mj.model.road_table import add_road_table
+from iits_mj.parameters import TruckParameters
+from iits_mj.plugin_library import register
+from iits_mj.road import Route
+
+COMMAND_FIELDS = tuple(field.name for field in dataclasses.fields(VehicleCommand))
+BRAKE_PRESSURES = tuple(
+    f"brake_pressure_{place}"
+    for place in ("front_left", "front_right", "rear_left", "rear_right", "trailer")
+)
+# Warnings after which MuJoCo has thrown the state away.
+_FATAL_WARNINGS = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+    mujoco.mjtWarning.mjWARN_BADCTRL,
+)
+
+
+class Truck:
+    """The articulated truck in MuJoCo, on a route or on a flat plane.
+
+    `model` and `data` are plain MuJoCo objects: `mujoco.mj_step`, `mujoco.rollout` and the viewer
+    work on them. `data.ctrl` has the order of `VehicleCommand`'s fields.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, parameters: TruckParameters, payload: float, route: Route
+    ) -> None:
+        """Wraps a compiled model; use `load` to make one."""
+        self.model = model
+        self.data = mujoco.MjData(model)
+        self.parameters = parameters
+        self.payload = payload
+        self.route = route
+        tractor, trailer = parameters.tractor, parameters.semitrailer
+        rear = parameters.fifth_wheel.position + trailer.length - trailer.front_overhang
+        self.footprint = EgoFootprint(
+            front_overhang=tractor.front_overhang,
+            length=tractor.front_overhang + rear,
+            width=trailer.width,
+            height=trailer.height,
+        )
+        names = tuple(model.actuator(i).name for i in range(model.nactuator))
+        if names[: len(COMMAND_FIELDS)] != COMMAND_FIELDS:
+            raise InputError(f"the model's controls are {names}, wanted are {COMMAND_FIELDS}")
+        self._tractor = model.body("tractor").id
+        self._trailer = model.body("trailer").id
+        self._rear_site = model.site("trailer_axle_center").id
+        self._spin = {
+            axle.name: [
+                model.joint(f"{axle.name}_{side}_spin").dofadr[0] for side in ("left", "right")
+            ]
+            for axle in parameters.axles
+        }
+        self._station_hint: float | None = None
+        self._trailer_hint: float | None = None
+        self.reset()
+
+    @classmethod
+    def load(
+        cls,
+        payload: float | None = None,
+        *,
+        parameters: TruckParameters | Mapping[str, Any] | str | Path | None = None,
+        route: Route | None = None,
+        timestep: float = 0.002,
+        visuals: bool = True,
+        edit_spec: Callable[[mujoco.MjSpec], None] | None = None,
+    ) -> Truck:
+        """Builds the truck on its road and compiles it.
+
+        Args:
+          payload: [kg]; default: the greatest, 36 t, for 55 t in all.
+          parameters: of the truck, or an overlay (TOML file or mapping) over the shipped figures.
+          route: the road; default: a flat plane, driven along x.
+          timestep: of the physics [s], 0.0005 to 0.005.
+          visuals: adds what is only seen (road, landscape); the physics is the same without.
+          edit_spec: called with the specification before it is compiled, to add cameras, traffic.
+
+        Raises:
+          InputError: payload, time step or parameters are not allowed.
+          PluginError: the engine plugin is missing.
+        """
+        register()
+        if not isinstance(parameters, TruckParameters):
+            parameters = TruckParameters.load(overlay=parameters)
+        payload = parameters.payload.mass_max if payload is None else payload
+        payload = parameters.check_payload(payload)
+        if not (math.isfinite(timestep) and 0.0005 <= timestep <= 0.005):
+            raise InputError(f"timestep {timestep!r} s is not allowed: use 0.0005 to 0.005 s")
+        spec = truck_spec(parameters, payload)
+        spec.option.timestep = timestep
+        if route is not None:
+            add_road_table(spec, route)
+        shown = route if route is not None else Route.straight()
+        if visuals:
+            add_road(spec, shown)
+        if edit_spec is not None:
+            edit_spec(spec)
+        return cls(spec.compile(), parameters, payload, shown)
+
+    @property
+    def time(self) -> float:
+        """Simulation time [s]."""
+        return float(self.data.time)
+
+    def reset(self, *, station: float = 20.0, offset: float = 0.0, speed: float = 0.0) -> EgoState:
+        """Puts the truck on its route, aligned with the lane, rolling freely at `speed`.
+
+        Args:
+          station, offset: of the steer axle's centre on the route [m].
+          speed: along the road [m/s], zero or positive.
+
+        Raises:
+          InputError: a value is not finite, or the speed is negative.
+        """
+        for name, value in (("station", station), ("offset", offset), ("speed", speed)):
+            if not math.isfinite(value):
+                raise InputError(f"reset: {name} = {value!r} must be a finite number")
+        if speed < 0:
+            raise InputError(f"reset: speed = {speed!r} m/s must not be negative")
+        mujoco.mj_resetData(self.model, self.data)
+        self._place(station, offset, speed)
+        self._station_hint, self._trailer_hint = station, station - 11.5
+        mujoco.mj_forward(self.model, self.data)
+        return self.observe()
+
+    def command(self, command: VehicleCommand | None = None, **fields: float) -> None:
+        """Sets the controls; fields not given by name keep their last value.
+
+        Raises:
+          InputError: unknown field, a value that is not finite or outside the control's range.
+        """
+        if command is not None:
+            fields = {**dataclasses.asdict(command), **fields}
+        for name, value in fields.items():
+            if name not in COMMAND_FIELDS:
+                raise InputError(f"unknown command {name!r}; there are {COMMAND_FIELDS}")
+            index = COMMAND_FIELDS.index(name)
+            low, high = self.model.actuator_ctrlrange[index]
+            number = float(value)
+            if not (low <= number <= high):
+                raise InputError(f"command {name} = {value!r} is outside [{low:g}, {high:g}]")
+            self.data.ctrl[index] = number
+
+    def step(self, n: int = 1) -> None:
+        """Advances the physics by `n` time steps.
+
+        Raises:
+          Error: the simulation diverged (MuJoCo reports a state that is not finite).
+        """
+        mujoco.mj_step(self.model, self.data, n)
+        for warning in _FATAL_WARNINGS:
+            if self.data.warning[warning].number:
+                raise Error(
+                    f"the simulation diverged near t = {self.data.time:.3f} s "
+                    f"({warning.name}, element {self.data.warning[warning].lastinfo}); "
+                    "use a smaller time step"
+                )
+
+    def sensor(self, name: str) -> NDArray[np.float64]:
+        """A sensor's reading, as at the last step or observation."""
+        return np.array(self.data.sensor(name).data)
+
+    def observe(self) -> EgoState:
+        """What the truck reports at this instant."""
+        model, data = self.model, self.data
+        # Sensors belong to the state before the last step; this brings them up to now.
+        mujoco.mj_forward(model, data)
+        read = self._read
+        position = data.xpos[self._tractor]
+        rotation = data.xmat[self._tractor].reshape(3, 3)
+        gravity = rotation.T @ model.opt.gravity
+        acceleration = data.sensor("tractor_acceleration").data + gravity
+        velocity = data.sensor("tractor_velocity").data
+        x, y = float(position[0]), float(position[1])
+        station, offset = self.route.locate(x, y, self._station_hint)
+        rear = data.site_xpos[self._rear_site]
+        rear_station, rear_offset = self.route.locate(
+            float(rear[0]), float(rear[1]), self._trailer_hint
+        )
+        self._station_hint, self._trailer_hint = station, rear_station
+        steer = 0.5 * (read("steer_angle_left") + read("steer_angle_right"))
+        return EgoState(
+            time=float(data.time),
+            x=x,
+            y=y,
+            z=float(position[2]),
+            yaw=math.atan2(rotation[1, 0], rotation[0, 0]),
+            pitch=-math.asin(max(-1.0, min(1.0, rotation[2, 0]))),
+            roll=math.atan2(rotation[2, 1], rotation[2, 2]),
+            speed=float(velocity[0]),
+            lateral_speed=float(velocity[1]),
+            acceleration=float(acceleration[0]),
+            lateral_acceleration=float(acceleration[1]),
+            yaw_rate=float(data.sensor("tractor_gyro").data[2]),
+            trailer_yaw_rate=float(data.sensor("trailer_gyro").data[2]),
+            articulation=-read("articulation_yaw"),
+            articulation_rate=-read("articulation_rate"),
+            steering_wheel_angle=read("steering_wheel_position"),
+            road_wheel_angle=steer,
+            mass=self.parameters.gross_mass(self.payload),
+            station=station,
+            offset=offset,
+            trailer_offset=rear_offset,
+            gear=round(read("gear")),
+            shift_in_process=read("shift_in_process") > 0.5,
+            engine_speed=read("engine_speed"),
+            engine_torque=read("engine_torque"),
+            fuel_rate=read("fuel_rate"),
+            fuel_used=read("fuel_used"),
+            brake_pressures=(
+                read(BRAKE_PRESSURES[0]),
+                read(BRAKE_PRESSURES[1]),
+                read(BRAKE_PRESSURES[2]),
+                read(BRAKE_PRESSURES[3]),
+                read(BRAKE_PRESSURES[4]),
+            ),
+        )
+
+    def last_command(self) -> VehicleCommand:
+        """The controls as they stand."""
+        values = dict(zip(COMMAND_FIELDS, map(float, self.data.ctrl), strict=False))
+        return VehicleCommand(
+            **{
+                **values,
+                "xbr_mode": XbrMode(round(values["xbr_mode"])),
+                "transmission_mode": TransmissionMode(round(values["transmission_mode"])),
+            }  # type: ignore[arg-type]
+        )
+
+    def _read(self, name: str) -> float:
+        return float(self.data.sensor(name).data[0])
+
+    def _place(self, station: float, offset: float, speed: float) -> None:
+        """Poses the combination on the road: tractor by its axles, trailer by its own."""
+        data, p = self.data, self.parameters
+        wheelbase = p.tractor.axles[1].position
+        front = self._point(station, offset)
+        rear = self._point(station - wheelbase, offset)
+        rotation = _frame(front - rear, self._across(station - 0.5 * wheelbase))
+        data.qpos[:3] = front
+        mujoco.mju_mat2Quat(data.qpos[3:7], rotation.ravel())
+        reach = p.fifth_wheel.position
+        tri = float(np.mean([axle.position for axle in p.semitrailer.axles]))
+        king = front + rotation @ np.array([-reach, 0.0, p.fifth_wheel.height])
+        bogie_station = station - reach - tri
+        bogie = self._point(bogie_station, offset)
+        across = self._across(bogie_station)
+        bogie = bogie + _frame(king - bogie, across)[:, 2] * p.fifth_wheel.height
+        relative = rotation.T @ _frame(king - bogie, across)
+        yaw = math.atan2(relative[1, 0], relative[0, 0])
+        pitch = -math.asin(relative[2, 0])
+        roll = math.atan2(relative[2, 1], relative[2, 2])
+        for name, angle in (("yaw", yaw), ("pitch", pitch), ("roll", roll)):
+            data.qpos[self.model.joint(f"fifth_wheel_{name}").qposadr[0]] = angle
+        data.qvel[:3] = rotation[:, 0] * speed
+        for axle in p.axles:
+            spin = speed / p.tires[axle.tire].rolling_radius
+            data.qvel[self._spin[axle.name]] = spin
+
+    def _point(self, station: float, offset: float) -> NDArray[np.float64]:
+        point = self.route.evaluate(station, offset)
+        return np.array([float(point.x), float(point.y), float(point.z)])
+
+    def _across(self, station: float) -> NDArray[np.float64]:
+        """Unit vector to the left across the road."""
+        point = self.route.evaluate(station, 0.0)
+        heading, tilt = float(point.heading), float(point.superelevation)
+        return np.array(
+            [
+                -math.sin(heading) * math.cos(tilt),
+                math.cos(heading) * math.cos(tilt),
+                math.sin(tilt),
+            ]
+        )
+
+
+def _frame(forward: NDArray[np.float64], left: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation matrix whose x is `forward` and whose y is as near to `left` as can be."""
+    x = forward / np.linalg.norm(forward)
+    z = np.cross(x, left)
+    z /= np.linalg.norm(z)
+    return np.column_stack([x, np.cross(z, x), z])
