@@ -1,0 +1,265 @@
+"""What an OpenDRIVE file says, as plain frozen records: roads, lanes, links, signals, structures.
+
+Every record compares by value, so two files that say the same give equal maps. Coordinates are
+the road's own: s along the reference line, t to the left of it; SI units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from iits_mj.road.geometry import Geometry, PlanView
+from iits_mj.road.polynomials import Cubic, PiecewiseCubic, combine
+
+DRIVING_TYPES = frozenset(
+    {
+        "driving",
+        "entry",
+        "exit",
+        "onRamp",
+        "offRamp",
+        "connectingRamp",
+        "slipLane",
+        "mwyEntry",
+        "mwyExit",
+    }
+)
+PAVED_TYPES = DRIVING_TYPES | {"shoulder", "stop", "parking", "biking", "bidirectional", "special1"}
+
+# Limits where a map gives none: the road types of OpenDRIVE 1.6, table 26 [m/s].
+DEFAULT_SPEED_LIMITS = {"town": 13.89, "lowSpeed": 8.33, "pedestrian": 2.78, "bicycle": 8.33}
+DEFAULT_SPEED_LIMIT = 25.0
+DEFAULT_FRICTION = 0.8
+
+
+@dataclass(frozen=True)
+class RoadMark:
+    """Paint on a lane's outer border from `start` (within the lane section) on."""
+
+    start: float
+    kind: str = "none"
+    width: float = 0.12
+    color: str = "standard"
+
+
+@dataclass(frozen=True)
+class Lane:
+    """One lane of a section.
+
+    Attributes:
+      id: negative right, positive left of the centre lane 0.
+      kind: OpenDRIVE lane type.
+      widths: cubic records by distance from the section's start [m]; empty when borders are given.
+      borders: outer border as t [m], the other way to give a width.
+      marks: paint on the outer border (of lane 0: on the centre line).
+      speeds: (distance from the section's start [m], limit [m/s]), infinite where unlimited.
+      frictions: (distance from the section's start [m], coefficient).
+      predecessor, successor: lane ids in the neighbouring sections or roads.
+    """
+
+    id: int
+    kind: str = "driving"
+    widths: tuple[Cubic, ...] = ()
+    borders: tuple[Cubic, ...] = ()
+    marks: tuple[RoadMark, ...] = ()
+    speeds: tuple[tuple[float, float], ...] = ()
+    frictions: tuple[tuple[float, float], ...] = ()
+    predecessor: int | None = None
+    successor: int | None = None
+
+    @property
+    def is_driving(self) -> bool:
+        """Whether motor traffic drives here."""
+        return self.kind in DRIVING_TYPES
+
+
+@dataclass(frozen=True)
+class LaneSection:
+    """A stretch of road with an unchanging set of lanes, from `s` to the next section."""
+
+    s: float
+    lanes: tuple[Lane, ...]
+
+    def side(self, direction: int) -> list[Lane]:
+        """Lanes of one direction of travel (+1 right lanes, -1 left lanes), inner to outer."""
+        chosen = [lane for lane in self.lanes if lane.id * direction < 0]
+        return sorted(chosen, key=lambda lane: abs(lane.id))
+
+    def lane(self, lane_id: int) -> Lane | None:
+        """The lane of an id, or None."""
+        return next((lane for lane in self.lanes if lane.id == lane_id), None)
+
+    def driving(self, direction: int) -> list[Lane]:
+        """Driving lanes of a direction of travel, from its right (outermost) to its left."""
+        return [lane for lane in reversed(self.side(direction)) if lane.is_driving]
+
+
+@dataclass(frozen=True)
+class Link:
+    """What a road's end is joined to: a road (at its "start" or "end") or a junction."""
+
+    element: str
+    id: str
+    contact: str | None = None
+
+
+@dataclass(frozen=True)
+class RoadType:
+    """Kind of road from `s` on, with its speed limit [m/s] if one is given."""
+
+    s: float
+    kind: str = "unknown"
+    speed: float | None = None
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A sign or traffic light; `value` with `unit` is what a speed sign shows."""
+
+    id: str
+    s: float
+    t: float
+    kind: str = ""
+    subtype: str = ""
+    country: str = ""
+    name: str = ""
+    dynamic: bool = False
+    orientation: str = "none"
+    value: float | None = None
+    unit: str = ""
+    z_offset: float = 0.0
+    height: float = 0.0
+    width: float = 0.0
+
+    @property
+    def is_traffic_light(self) -> bool:
+        """Whether the signal changes its state: OpenDRIVE's own light types, or any dynamic one."""
+        return self.dynamic or self.kind.startswith("10000")
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A tunnel or a bridge over [s, s + length]."""
+
+    kind: str
+    id: str
+    s: float
+    length: float
+    name: str = ""
+    subtype: str = "standard"
+
+
+@dataclass(frozen=True)
+class Road:
+    """One road: reference line, profiles, lanes, links and what stands along it."""
+
+    id: str
+    length: float
+    geometries: tuple[Geometry, ...]
+    sections: tuple[LaneSection, ...]
+    name: str = ""
+    junction: str | None = None
+    predecessor: Link | None = None
+    successor: Link | None = None
+    types: tuple[RoadType, ...] = ()
+    elevations: tuple[Cubic, ...] = ()
+    superelevations: tuple[Cubic, ...] = ()
+    lane_offsets: tuple[Cubic, ...] = ()
+    signals: tuple[Signal, ...] = ()
+    structures: tuple[Structure, ...] = ()
+
+    @cached_property
+    def plan(self) -> PlanView:
+        """Reference line in the plane."""
+        return PlanView(self.geometries)
+
+    @cached_property
+    def elevation(self) -> PiecewiseCubic:
+        """Height of the reference line [m]."""
+        return PiecewiseCubic(self.elevations)
+
+    @cached_property
+    def superelevation(self) -> PiecewiseCubic:
+        """Cross slope [rad], positive where the left side (larger t) is higher."""
+        return PiecewiseCubic(self.superelevations)
+
+    @cached_property
+    def lane_offset(self) -> PiecewiseCubic:
+        """T of the centre lane [m]."""
+        return PiecewiseCubic(self.lane_offsets)
+
+    def section_spans(self) -> Iterator[tuple[float, float, LaneSection]]:
+        """Every lane section with its start and end."""
+        ends = [section.s for section in self.sections[1:]] + [self.length]
+        for section, end in zip(self.sections, ends, strict=True):
+            yield section.s, end, section
+
+    def has_lanes(self, direction: int) -> bool:
+        """Whether driving lanes of this direction run along the whole road."""
+        return all(section.driving(direction) for section in self.sections)
+
+    def link(self, direction: int) -> Link | None:
+        """What the road's end in this direction of travel is joined to."""
+        return self.successor if direction > 0 else self.predecessor
+
+    def speed_at(self, s: float) -> float:
+        """Limit of the road itself [m/s], where its lanes give none."""
+        kind, speed = "unknown", None
+        for record in self.types:
+            if record.s <= s or record is self.types[0]:
+                kind, speed = record.kind, record.speed
+        return DEFAULT_SPEED_LIMITS.get(kind, DEFAULT_SPEED_LIMIT) if speed is None else speed
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A way through a junction: from an incoming road onto a connecting road."""
+
+    incoming: str
+    connecting: str
+    contact: str
+    lane_links: tuple[tuple[int, int], ...] = ()
+
+
+@dataclass(frozen=True)
+class Junction:
+    """A junction with its connections."""
+
+    id: str
+    kind: str = "default"
+    connections: tuple[Connection, ...] = ()
+
+
+@dataclass(frozen=True)
+class OpenDriveMap:
+    """All of a file that this project uses; `notes` says what was left out, in words."""
+
+    roads: tuple[Road, ...]
+    junctions: tuple[Junction, ...] = ()
+    name: str = ""
+    geo_reference: str = ""
+    notes: tuple[str, ...] = field(default=(), compare=False)
+
+
+def lane_borders(road: Road, section: LaneSection, direction: int) -> dict[int, PiecewiseCubic]:
+    """T of the outer border of every lane of a side, as profiles over the road's s [m].
+
+    Lane 0 stands for the centre line, whose border is the lane offset.
+    """
+    sign = -1.0 if direction > 0 else 1.0
+    border = road.lane_offset
+    result = {0: border}
+    for lane in section.side(direction):
+        if lane.widths:
+            width = _shifted(lane.widths, section.s)
+            border = combine([(1.0, border), (sign, width)])
+        elif lane.borders:
+            border = combine([(1.0, road.lane_offset), (1.0, _shifted(lane.borders, section.s))])
+        result[lane.id] = border
+    return result
+
+
+def _shifted(records: tuple[Cubic, ...], s: float) -> PiecewiseCubic:
+    return PiecewiseCubic(record._replace(start=record.start + s) for record in records)

@@ -1,0 +1,165 @@
+"""The lanes of a route: borders, limits, paint and friction over its chain parameter.
+
+Lanes are counted from the right, 0 being the rightmost driving lane; offsets are positive to the
+left of the route's reference line. Widths are taken horizontally (a cross slope of 0.1 rad changes
+them by 0.5 %), as SUMO's network has them.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.road.elements import (
+    DEFAULT_FRICTION,
+    PAVED_TYPES,
+    Lane,
+    LaneSection,
+    RoadMark,
+    lane_borders,
+)
+from iits_mj.road.polynomials import PiecewiseCubic, combine
+from iits_mj.road.seams import Piece
+
+FloatArray = NDArray[np.float64]
+T = TypeVar("T")
+
+
+class Steps(Generic[T]):
+    """A value that changes stepwise along the chain parameter."""
+
+    def __init__(self, starts: Sequence[float], values: Sequence[T]) -> None:
+        self._starts = list(starts)
+        self.values = list(values)
+
+    def at(self, p: float) -> T:
+        """Value at a place."""
+        return self.values[max(bisect_right(self._starts, p) - 1, 0)]
+
+
+@dataclass(frozen=True)
+class RouteLane:
+    """One driving lane of a band: borders as offsets [m], limits [m/s] and friction."""
+
+    lane: Lane
+    right: PiecewiseCubic
+    left: PiecewiseCubic
+    speed: Steps[float]
+    friction: Steps[float]
+
+
+@dataclass(frozen=True)
+class LaneBand:
+    """A stretch of route with one set of lanes, over [p_start, p_end) of the chain parameter.
+
+    Attributes:
+      lanes: driving lanes from the right.
+      marks: paint on the boundaries from the right, one more than lanes.
+      right_edge, left_edge: offsets of the paved surface's edges [m].
+    """
+
+    p_start: float
+    p_end: float
+    piece: Piece
+    section: LaneSection
+    lanes: tuple[RouteLane, ...]
+    marks: tuple[Steps[RoadMark], ...]
+    right_edge: PiecewiseCubic
+    left_edge: PiecewiseCubic
+
+    def boundary(self, i: int) -> PiecewiseCubic:
+        """Offset of boundary i from the right, 0 to the number of lanes."""
+        i = min(max(i, 0), len(self.lanes))
+        return self.lanes[0].right if i == 0 else self.lanes[i - 1].left
+
+
+def lane_bands(piece: Piece) -> list[LaneBand]:
+    """The bands of one piece of a chain, in the order of travel."""
+    low, high = sorted((piece.s_start, piece.s_end))
+    spans = []
+    for start, end, section in piece.road.section_spans():
+        # The outer sections also cover what a bridged gap adds.
+        start = min(start, low) if section is piece.road.sections[0] else start
+        end = max(end, high) if section is piece.road.sections[-1] else end
+        start, end = max(start, low), min(end, high)
+        if end - start > 1e-9:
+            spans.append((start, end, section))
+    if piece.direction < 0:
+        spans = [(end, start, section) for start, end, section in reversed(spans)]
+    return [_band(piece, start, end, section) for start, end, section in spans]
+
+
+def _band(piece: Piece, s_start: float, s_end: float, section: LaneSection) -> LaneBand:
+    direction = piece.direction
+    origin = piece.p_at(s_start)
+    borders = lane_borders(piece.road, section, direction)
+    opposite = lane_borders(piece.road, section, -direction)
+
+    def offset(border: PiecewiseCubic) -> PiecewiseCubic:
+        travelled = border.along(s_start, s_end, direction, origin)
+        return combine([(float(direction), travelled)], -piece.shift)
+
+    def steps(records: Sequence[tuple[float, T]], default: T) -> Steps[T]:
+        places = [(section.s + start, value) for start, value in records]
+        inner = [(s, v) for s, v in places if min(s_start, s_end) < s < max(s_start, s_end)]
+        before = [value for s, value in places if s <= min(s_start, s_end)]
+        first = before[-1] if before else (places[0][1] if places else default)
+        values = [first, *(value for _, value in inner)]
+        starts = [min(s_start, s_end), *(s for s, _ in inner)]
+        if direction > 0:
+            return Steps([piece.p_at(s) for s in starts], values)
+        ends = [*starts[1:], max(s_start, s_end)]
+        return Steps([piece.p_at(s) for s in reversed(ends)], list(reversed(values)))
+
+    side = section.side(direction)
+    inner_id = {lane.id: (side[i - 1].id if i else 0) for i, lane in enumerate(side)}
+    road_speed = [
+        (record.s - section.s, piece.road.speed_at(record.s)) for record in piece.road.types
+    ]
+    default_speed = piece.road.speed_at(min(s_start, s_end))
+    lanes = []
+    for lane in section.driving(direction):
+        lanes.append(
+            RouteLane(
+                lane=lane,
+                right=offset(borders[lane.id]),
+                left=offset(borders[inner_id[lane.id]]),
+                speed=steps(lane.speeds or road_speed, default_speed),
+                friction=steps(lane.frictions, DEFAULT_FRICTION),
+            )
+        )
+    no_mark = RoadMark(0.0)
+    painted = [route_lane.lane for route_lane in lanes]
+    painted_ids = [lane.id for lane in painted] + [inner_id[painted[-1].id]]
+    marks = []
+    for identity in painted_ids:
+        owner = section.lane(identity)
+        records = [(mark.start, mark) for mark in owner.marks] if owner else []
+        marks.append(steps(records, no_mark))
+    return LaneBand(
+        p_start=origin,
+        p_end=piece.p_at(s_end),
+        piece=piece,
+        section=section,
+        lanes=tuple(lanes),
+        marks=tuple(marks),
+        right_edge=offset(borders[_paved_edge(section, direction, lanes[0].lane.id)]),
+        left_edge=offset(opposite[_paved_edge(section, -direction, 0)]),
+    )
+
+
+def _paved_edge(section: LaneSection, direction: int, start: int) -> int:
+    """Outermost lane that is paved without a gap, beginning at lane `start`."""
+    edge = start
+    for lane in section.side(direction):
+        if abs(lane.id) <= abs(start):
+            continue
+        if lane.kind not in PAVED_TYPES:
+            break
+        edge = lane.id
+    return edge

@@ -1,0 +1,224 @@
+"""Parses OpenDRIVE (1.4 to 1.8, right-hand traffic) into the records of `elements`.
+
+Element and attribute names follow ASAM OpenDRIVE 1.6. What does not change where the road lies or
+how it is driven (outlines of objects, controllers, vendor data) is not read; what does and is not
+supported is refused, or left out with a note in words.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+from iits_mj.road.elements import Connection, Junction, Link, OpenDriveMap, Road, RoadType
+from iits_mj.road.geometry import Arc, Geometry, Line, ParamPoly3, Poly3, Spiral
+from iits_mj.road.lane_input import read_lanes, read_speed
+from iits_mj.road.polynomials import Cubic
+from iits_mj.road.roadside_input import read_signals, read_structures
+from iits_mj.road.xml_input import Reader, parse_xml, read_file
+
+LENGTH_LIMIT = 1e6
+CURVATURE_LIMIT = 10.0
+TURN_LIMIT = 200.0
+PLAN_JUMP_LIMIT = 3.0
+_COEFFICIENTS = ("a", "b", "c", "d")
+
+
+def load(path: str | Path) -> OpenDriveMap:
+    """Reads a map file.
+
+    Raises:
+      MapError: the file cannot be used; the message names file, road and what is wrong.
+    """
+    path = Path(path)
+    return parse(read_file(path), str(path))
+
+
+def parse(content: bytes, source: str) -> OpenDriveMap:
+    """Reads a map from the bytes of a file; `source` names it in errors.
+
+    Raises:
+      MapError: as for `load`.
+    """
+    root = parse_xml(content, source)
+    reader = Reader(source)
+    if root.tag != "OpenDRIVE":
+        reader.fail(f"is XML, but not OpenDRIVE: the root element is <{root.tag[:40]}>")
+    header = root.find("header")
+    version = 1 if header is None else reader.number(header, "revMajor", 1.0)
+    if version != 1:
+        reader.fail(f"is OpenDRIVE {version:g}.x; versions 1.4 to 1.8 are supported")
+    notes: list[str] = []
+    junctions = tuple(_read_junction(reader, item, notes) for item in root.findall("junction"))
+    roads = []
+    seen: set[str] = set()
+    for item in root.findall("road"):
+        road = _read_road(reader, item, notes)
+        if road.id in seen:
+            reader.fail(f"road {road.id!r} is defined twice")
+        seen.add(road.id)
+        roads.append(road)
+    if not roads:
+        reader.fail("the map has no <road>")
+    reference = None if header is None else header.find("geoReference")
+    return OpenDriveMap(
+        roads=tuple(roads),
+        junctions=junctions,
+        name="" if header is None else header.get("name", ""),
+        geo_reference="" if reference is None else (reference.text or "").strip(),
+        notes=tuple(dict.fromkeys(notes)),
+    )
+
+
+def _read_junction(reader: Reader, item: Element, notes: list[str]) -> Junction:
+    identity = reader.text(item, "id")
+    place = reader.within(f"junction {identity!r}")
+    kind = item.get("type", "default")
+    if kind == "direct":
+        place.fail(
+            "is a direct junction (OpenDRIVE 1.7), which is not supported (SUMO's netconvert "
+            "refuses it, too); give it connecting roads, or take another map"
+        )
+    if kind not in ("default", "virtual", "crossing"):
+        place.fail(f"has the type {kind!r}; supported are 'default', 'virtual' and 'crossing'")
+    connections = []
+    for connection in item.findall("connection") if kind == "default" else ():
+        links = tuple(
+            (place.integer(link, "from"), place.integer(link, "to"))
+            for link in connection.findall("laneLink")
+        )
+        contact = connection.get("contactPoint", "start")
+        if contact not in ("start", "end"):
+            place.fail(f"<connection contactPoint={contact!r}> must be 'start' or 'end'")
+        incoming = place.text(connection, "incomingRoad")
+        connecting = place.text(connection, "connectingRoad")
+        connections.append(Connection(incoming, connecting, contact, links))
+    if kind != "default":
+        notes.append(f"junction {identity!r}: a {kind} junction does not interrupt a road, ignored")
+    return Junction(identity, kind, tuple(connections))
+
+
+def _read_road(reader: Reader, item: Element, notes: list[str]) -> Road:
+    identity = reader.text(item, "id")
+    place = reader.within(f"road {identity!r}")
+    if item.get("rule", "RHT") == "LHT":
+        place.fail("has left-hand traffic (rule='LHT'); only right-hand traffic is supported")
+    length = place.number(item, "length", low=1e-3, high=LENGTH_LIMIT)
+    geometries = _read_plan(place, item)
+    lateral = item.find("lateralProfile")
+    for name in ("shape", "crossfall"):
+        if lateral is not None and lateral.find(name) is not None:
+            notes.append(f"road {identity!r}: <lateralProfile><{name}> is not used")
+    link = item.find("link")
+    lanes = item.find("lanes")
+    if lanes is None:
+        place.fail("has no <lanes>")
+    junction = item.get("junction", "-1").strip()
+    road = Road(
+        id=identity,
+        length=length,
+        geometries=geometries,
+        sections=read_lanes(place, lanes, length),
+        name=item.get("name", ""),
+        junction=None if junction in ("", "-1") else junction,
+        predecessor=_read_link(place, link, "predecessor", notes),
+        successor=_read_link(place, link, "successor", notes),
+        types=tuple(_read_type(place, record) for record in item.findall("type")),
+        elevations=_read_cubics(place, item.find("elevationProfile"), "elevation"),
+        superelevations=_read_cubics(place, lateral, "superelevation"),
+        lane_offsets=_read_cubics(place, lanes, "laneOffset"),
+        signals=read_signals(place, item.find("signals")),
+        structures=read_structures(place, item.find("objects")),
+    )
+    for jump in road.plan.jumps():
+        if math.hypot(jump.dx, jump.dy) > PLAN_JUMP_LIMIT:
+            place.fail(
+                f"the plan view jumps by {math.hypot(jump.dx, jump.dy):.1f} m at s = {jump.s:g}; "
+                f"up to {PLAN_JUMP_LIMIT:g} m are blended"
+            )
+    return road
+
+
+def _read_plan(place: Reader, item: Element) -> tuple[Geometry, ...]:
+    view = item.find("planView")
+    records = [] if view is None else view.findall("geometry")
+    if not records:
+        place.fail("has no <geometry> in its <planView>")
+    geometries = [_read_geometry(place, record) for record in records]
+    geometries.sort(key=lambda geometry: geometry.s)
+    return tuple(geometries)
+
+
+def _read_geometry(place: Reader, record: Element) -> Geometry:
+    s = place.number(record, "s", low=0.0, high=LENGTH_LIMIT)
+    where = place.within(f"geometry at s = {s:g}")
+    x, y = where.number(record, "x"), where.number(record, "y")
+    heading = where.number(record, "hdg", low=-1e4, high=1e4)
+    length = where.number(record, "length", low=0.0, high=LENGTH_LIMIT)
+    shape = next(iter(record), None)
+    tag = "none" if shape is None else shape.tag
+    if shape is None or tag == "line" or length == 0.0:
+        if shape is None:
+            where.fail("has no shape; one of line, arc, spiral, poly3, paramPoly3 is wanted")
+        return Line(s, x, y, heading, length)
+
+    def curvature(name: str) -> float:
+        value = where.number(shape, name, low=-CURVATURE_LIMIT, high=CURVATURE_LIMIT)
+        if abs(value) * length > TURN_LIMIT:
+            where.fail(f"<{tag} {name}={value:g}> turns by more than {TURN_LIMIT:g} rad")
+        return value
+
+    def cubic(suffix: str) -> tuple[float, float, float, float]:
+        a, b, c, d = (where.number(shape, name + suffix) for name in _COEFFICIENTS)
+        return a, b, c, d
+
+    if tag == "arc":
+        return Arc(s, x, y, heading, length, curvature("curvature"))
+    if tag == "spiral":
+        return Spiral(s, x, y, heading, length, curvature("curvStart"), curvature("curvEnd"))
+    if tag == "poly3":
+        return Poly3(s, x, y, heading, length, cubic(""))
+    if tag == "paramPoly3":
+        domain = shape.get("pRange", "normalized")
+        if domain not in ("arcLength", "normalized"):
+            where.fail(f"<paramPoly3 pRange={domain!r}> must be 'arcLength' or 'normalized'")
+        u, v = cubic("U"), cubic("V")
+        if math.hypot(u[1], v[1]) < 1e-9:
+            where.fail("<paramPoly3> has no direction at its start: bU and bV are zero")
+        return ParamPoly3(s, x, y, heading, length, u, v, domain == "normalized")
+    return where.fail(f"<{tag}> is no OpenDRIVE geometry; line, arc, spiral, poly3, paramPoly3 are")
+
+
+def _read_cubics(place: Reader, parent: Element | None, tag: str) -> tuple[Cubic, ...]:
+    records = []
+    for record in () if parent is None else parent.findall(tag):
+        s = place.number(record, "s", low=0.0, high=LENGTH_LIMIT)
+        where = place.within(f"{tag} at s = {s:g}")
+        records.append(Cubic(s, *(where.number(record, name, 0.0) for name in _COEFFICIENTS)))
+    return tuple(sorted(records, key=lambda cubic: cubic.start))
+
+
+def _read_link(place: Reader, link: Element | None, name: str, notes: list[str]) -> Link | None:
+    element = None if link is None else link.find(name)
+    if element is None:
+        return None
+    kind = element.get("elementType", "road")
+    if kind not in ("road", "junction"):
+        place.fail(f"<{name} elementType={kind!r}> must be 'road' or 'junction'")
+    contact = element.get("contactPoint")
+    if kind == "road" and contact is None:
+        contact = "start" if name == "successor" else "end"
+        notes.append(f"{place.place}: <{name}> has no contactPoint, {contact!r} is taken")
+    if contact not in (None, "start", "end"):
+        place.fail(f"<{name} contactPoint={contact!r}> must be 'start' or 'end'")
+    return Link(kind, place.text(element, "elementId"), contact if kind == "road" else None)
+
+
+def _read_type(place: Reader, record: Element) -> RoadType:
+    speed = record.find("speed")
+    return RoadType(
+        s=place.number(record, "s", 0.0, low=0.0, high=LENGTH_LIMIT),
+        kind=record.get("type", "unknown"),
+        speed=None if speed is None else read_speed(place, speed),
+    )

@@ -1,0 +1,352 @@
+"""The ego's road in its driving direction: the truth for position, height, grade and lanes."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from iits_mj.errors import InputError
+from iits_mj.road.elements import DEFAULT_FRICTION, RoadMark, Signal
+from iits_mj.road.lanes import LaneBand, RouteLane, lane_bands
+from iits_mj.road.polynomials import PiecewiseCubic
+from iits_mj.road.reference_line import KNOT_SPACING, ReferenceLine, RoadPoint
+from iits_mj.road.seams import ContinuousChain
+
+if TYPE_CHECKING:
+    from iits_mj.road.road_map import RoadMap
+
+FloatArray = NDArray[np.float64]
+Terms = tuple[tuple[float, PiecewiseCubic], ...]
+
+# A lane narrower than this is still opening or closing: not to be driven on.
+USABLE_LANE_WIDTH = 2.0
+GRADE_WINDOW = 40.0
+TABLE_COLUMNS = (
+    "x",
+    "y",
+    "z",
+    "heading",
+    "curvature",
+    "grade",
+    "superelevation",
+    "friction_left",
+    "friction_right",
+    "friction_split",
+)
+
+
+@dataclass(frozen=True)
+class RouteSegment:
+    """A road of the route: driven from `s_start` to `s_end`, entered at `station_start`."""
+
+    road_id: str
+    direction: int
+    s_start: float
+    s_end: float
+    station_start: float
+
+
+@dataclass(frozen=True)
+class RouteSignal:
+    """A sign or light that faces the route's traffic."""
+
+    station: float
+    offset: float
+    signal: Signal
+
+
+@dataclass(frozen=True)
+class FrictionPatch:
+    """Friction over [start, end) of station: `left` of the offset `split`, and `right` of it."""
+
+    start: float
+    end: float
+    left: float
+    right: float
+    split: float = 0.0
+
+
+class Route:
+    """A chain of roads as one continuous road. Stations beyond the ends extend along tangents."""
+
+    def __init__(
+        self,
+        road_map: RoadMap,
+        chain: ContinuousChain,
+        knot_spacing: float = KNOT_SPACING,
+        patches: tuple[FrictionPatch, ...] = (),
+    ) -> None:
+        """Use `RoadMap.route` or `Route.straight`."""
+        self.road_map = road_map
+        self.line = ReferenceLine(chain, knot_spacing)
+        self.length = self.line.length
+        self.chain = chain
+        self.patches = patches
+        self._bands = [band for piece in chain.pieces for band in lane_bands(piece)]
+        self._starts = [band.p_start for band in self._bands]
+        self.segments = tuple(
+            RouteSegment(
+                piece.road.id,
+                piece.direction,
+                piece.s_start,
+                piece.s_end,
+                float(self.line.station(piece.p_start)),
+            )
+            for piece in chain.pieces
+        )
+        values = {
+            value for band in self._bands for lane in band.lanes for value in lane.friction.values
+        }
+        self._uniform_friction = values.pop() if len(values) == 1 else None
+        self.tunnels = self._structures("tunnel")
+        self.bridges = self._structures("bridge")
+        self.signals = self._signals()
+
+    @classmethod
+    def straight(
+        cls,
+        length: float = 1e5,
+        lanes: int = 3,
+        lane_width: float = 4.0,
+        speed_limit: float = 25.0,
+        grade: float = 0.0,
+        friction: float = DEFAULT_FRICTION,
+    ) -> Route:
+        """A straight road along x from the origin, of constant grade; needs no map.
+
+        Raises:
+          InputError: a value is out of range.
+        """
+        from iits_mj.road.road_map import RoadMap
+        from iits_mj.road.straight import straight_road
+
+        content = straight_road(length, lanes, lane_width, speed_limit, grade, friction)
+        return RoadMap(content, f"straight road of {length:g} m").route(knot_spacing=100.0)
+
+    # Geometry ----------------------------------------------------------------------------------
+
+    def evaluate(self, station: ArrayLike, offset: ArrayLike = 0.0) -> RoadPoint:
+        """Points of the road surface; z = z_ref + offset * tan(superelevation)."""
+        return self.line.evaluate(station, offset)
+
+    def locate(self, x: float, y: float, near_station: float | None = None) -> tuple[float, float]:
+        """(station, offset) of a point of the map; see `ReferenceLine.locate`."""
+        return self.line.locate(float(x), float(y), near_station)
+
+    @overload
+    def smoothed_grade(self, station: float) -> float: ...
+    @overload
+    def smoothed_grade(self, station: FloatArray) -> FloatArray: ...
+    def smoothed_grade(self, station: float | FloatArray) -> float | FloatArray:
+        """Mean grade over 40 m about a station, for planning."""
+        half = 0.5 * GRADE_WINDOW
+        ahead = self.line.evaluate(station + half).z
+        return (ahead - self.line.evaluate(station - half).z) / GRADE_WINDOW
+
+    # Lanes -------------------------------------------------------------------------------------
+
+    def lane_count(self, station: float) -> int:
+        """Number of driving lanes of the lane section here, opening and closing ones included."""
+        return len(self._band(station)[0].lanes)
+
+    def lane_exists(self, lane: int, station: float) -> bool:
+        """Whether a lane is there and at least 2 m wide."""
+        band, p = self._band(station)
+        if not 0 <= lane < len(band.lanes):
+            return False
+        chosen = band.lanes[lane]
+        return chosen.left.at(p) - chosen.right.at(p) >= USABLE_LANE_WIDTH
+
+    @overload
+    def lane_offset(self, lane: int, station: float) -> float: ...
+    @overload
+    def lane_offset(self, lane: int, station: FloatArray) -> FloatArray: ...
+    def lane_offset(self, lane: int, station: float | FloatArray) -> float | FloatArray:
+        """Offset of a lane's centre [m]; where there is no such lane, of the one nearest to it."""
+        return self._profile(
+            station,
+            lambda band: (
+                (0.5, _lane(band, lane).left),
+                (0.5, _lane(band, lane).right),
+            ),
+        )
+
+    @overload
+    def lane_width(self, lane: int, station: float) -> float: ...
+    @overload
+    def lane_width(self, lane: int, station: FloatArray) -> FloatArray: ...
+    def lane_width(self, lane: int, station: float | FloatArray) -> float | FloatArray:
+        """Width of a lane [m]; where there is no such lane, of the one nearest to it."""
+        return self._profile(
+            station,
+            lambda band: (
+                (1.0, _lane(band, lane).left),
+                (-1.0, _lane(band, lane).right),
+            ),
+        )
+
+    @overload
+    def boundary_offset(self, i: int, station: float) -> float: ...
+    @overload
+    def boundary_offset(self, i: int, station: FloatArray) -> FloatArray: ...
+    def boundary_offset(self, i: int, station: float | FloatArray) -> float | FloatArray:
+        """Offset of the i-th lane boundary from the right, 0 to `lane_count` [m]."""
+        return self._profile(station, lambda band: ((1.0, band.boundary(i)),))
+
+    def boundary_mark(self, i: int, station: float) -> RoadMark:
+        """Paint on the i-th boundary from the right: kind "none", "solid", "broken" ..., width."""
+        band, p = self._band(station)
+        return band.marks[min(max(i, 0), len(band.lanes))].at(p)
+
+    def surface_edges(self, station: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Offsets of the paved surface's right and left edge, both directions and shoulders [m]."""
+        station = np.asarray(station, dtype=float)
+        right = self._profile(station, lambda band: ((1.0, band.right_edge),))
+        left = self._profile(station, lambda band: ((1.0, band.left_edge),))
+        return np.asarray(right), np.asarray(left)
+
+    def lane_at(self, station: float, offset: float) -> int:
+        """Index of the lane that covers an offset; -1 outside every driving lane."""
+        band, p = self._band(station)
+        for index, lane in enumerate(band.lanes):
+            if lane.right.at(p) <= offset < lane.left.at(p):
+                return index
+        return -1
+
+    def speed_limit(self, station: float, lane: int = 0) -> float:
+        """Limit of a lane [m/s]: the lane's own, else the road's; infinite where unlimited."""
+        band, p = self._band(station)
+        return _lane(band, lane).speed.at(p)
+
+    def lane_boundaries_at(self, station: float) -> list[float]:
+        """Offsets of all lane boundaries here, from the right [m]."""
+        band, p = self._band(station)
+        return [band.boundary(i).at(p) for i in range(len(band.lanes) + 1)]
+
+    def section_starts(self) -> list[float]:
+        """Stations where the set of lanes may change, the first being 0."""
+        return [float(self.line.station(band.p_start)) for band in self._bands]
+
+    # Friction and the physics table ------------------------------------------------------------
+
+    def friction(self, station: float, offset: float) -> float:
+        """Coefficient of friction of the road surface."""
+        left, right, split = self._friction_row(station)
+        return left if offset >= split else right
+
+    def with_friction(
+        self,
+        left: float,
+        right: float | None = None,
+        split: float = 0.0,
+        start: float = -np.inf,
+        end: float = np.inf,
+    ) -> Route:
+        """The same route with another friction over [start, end), possibly split at an offset.
+
+        Raises:
+          InputError: a coefficient outside [0, 2].
+        """
+        right = left if right is None else right
+        for value in (left, right):
+            if not 0.0 <= value <= 2.0:
+                raise InputError(f"friction must be within [0, 2], not {value}")
+        other = object.__new__(Route)
+        other.__dict__.update(self.__dict__)
+        other.patches = (*self.patches, FrictionPatch(start, end, left, right, split))
+        return other
+
+    def table(self, step: float = 1.0) -> FloatArray:
+        """The route for the physics, shape (n, 10): row i is station i * step, the last >= length.
+
+        Columns are `TABLE_COLUMNS`: x, y, z, heading (continuous), curvature, grade,
+        superelevation, and friction left and right of the offset `friction_split`.
+
+        Raises:
+          InputError: step is not positive.
+        """
+        if not (np.isfinite(step) and step > 0.0):
+            raise InputError(f"the table's step must be positive, not {step}")
+        station = np.arange(int(np.ceil(self.length / step - 1e-9)) + 1) * step
+        point = self.line.evaluate(station)
+        if self._uniform_friction is None or self.patches:
+            friction = np.array([self._friction_row(float(s)) for s in station])
+        else:
+            value = self._uniform_friction
+            friction = np.tile([value, value, 0.0], (station.size, 1))
+        return np.column_stack((*point, friction))
+
+    # Inside ------------------------------------------------------------------------------------
+
+    def _band(self, station: float) -> tuple[LaneBand, float]:
+        p = self.line.parameter_at(min(max(float(station), 0.0), self.length))
+        return self._bands[max(bisect_right(self._starts, p) - 1, 0)], p
+
+    def _profile(
+        self,
+        station: float | FloatArray,
+        terms: Callable[[LaneBand], Terms],
+    ) -> float | FloatArray:
+        if isinstance(station, (float, int)):
+            band, p = self._band(station)
+            return float(sum(weight * profile.at(p) for weight, profile in terms(band)))
+        p_array = self.line.parameter(np.clip(np.asarray(station, dtype=float), 0.0, self.length))
+        index = np.maximum(np.searchsorted(self._starts, p_array, side="right") - 1, 0)
+        result = np.empty_like(p_array)
+        for i in np.unique(index):
+            chosen = index == i
+            places = p_array[chosen]
+            result[chosen] = sum(
+                weight * profile.evaluate(places) for weight, profile in terms(self._bands[i])
+            )
+        return result
+
+    def _friction_row(self, station: float) -> tuple[float, float, float]:
+        for patch in reversed(self.patches):
+            if patch.start <= station < patch.end:
+                return patch.left, patch.right, patch.split
+        band, p = self._band(station)
+        right = band.lanes[0].friction.at(p)
+        for lane in band.lanes[1:]:
+            left = lane.friction.at(p)
+            if left != right:
+                return left, right, lane.right.at(p)
+        return right, right, 0.0
+
+    def _structures(self, kind: str) -> tuple[tuple[float, float], ...]:
+        spans: list[tuple[float, float]] = []
+        for piece in self.chain.pieces:
+            low, high = sorted((piece.s_start, piece.s_end))
+            for item in piece.road.structures:
+                start, end = max(item.s, low), min(item.s + item.length, high)
+                if item.kind == kind and end > start:
+                    ends = sorted(float(self.line.station(piece.p_at(s))) for s in (start, end))
+                    spans.append((ends[0], ends[1]))
+        merged: list[tuple[float, float]] = []
+        for begin, end in sorted(spans):
+            if merged and begin - merged[-1][1] < 1.0:
+                merged[-1] = (merged[-1][0], max(end, merged[-1][1]))
+            else:
+                merged.append((begin, end))
+        return tuple(merged)
+
+    def _signals(self) -> tuple[RouteSignal, ...]:
+        found = []
+        for piece in self.chain.pieces:
+            low, high = sorted((piece.s_start, piece.s_end))
+            facing = ("+", "none") if piece.direction > 0 else ("-", "none")
+            for signal in piece.road.signals:
+                if low <= signal.s <= high and signal.orientation in facing:
+                    station = float(self.line.station(piece.p_at(signal.s)))
+                    offset = piece.direction * signal.t - piece.shift
+                    found.append(RouteSignal(station, offset, signal))
+        return tuple(sorted(found, key=lambda item: item.station))
+
+
+def _lane(band: LaneBand, lane: int) -> RouteLane:
+    return band.lanes[min(max(lane, 0), len(band.lanes) - 1)]

@@ -1,0 +1,299 @@
+"""Joins roads to one continuous curve: parallel shift, trimmed overlaps, blended steps.
+
+Real maps are dirty: roads overlap or leave gaps of up to a metre, records start a few millimetres
+or milliradians off, elevation records meet with different grades. Here every chain of roads becomes
+a curve over one parameter p (metres of road s travelled) that is continuous with its first
+derivative in x, y, z and superelevation. At a seam each side takes half of the step of value and
+slope, fading out over a window by cubic Hermite polynomials; outside windows the curve is exact.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from iits_mj.errors import MapError
+from iits_mj.road.chain import Node
+from iits_mj.road.elements import Road
+
+FloatArray = NDArray[np.float64]
+
+GAP_LIMIT = 3.0
+SHIFT_LIMIT = 20.0
+HEIGHT_STEP_LIMIT = 3.0
+HEADING_STEP_LIMIT = 0.35
+# Below this a lateral step is dirt to be blended, above it another choice of reference line.
+BLENDED_LATERAL_STEP = 0.3
+# Windows are long enough that blending adds no more than this curvature [1/m] and grade.
+BLEND_CURVATURE = 1e-3
+BLEND_GRADE = 0.02
+X, Y, Z, ROLL = range(4)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A stretch of one road in a chain.
+
+    Attributes:
+      road: the road; direction: +1 along its s, -1 against it.
+      s_start, s_end: where it is entered and left; may lie slightly outside to bridge a gap.
+      p_start: chain parameter at the entry.
+      shift: of the chain's reference line to the left (in travel) of the road's [m].
+    """
+
+    road: Road
+    direction: int
+    s_start: float
+    s_end: float
+    p_start: float
+    shift: float = 0.0
+
+    @property
+    def length(self) -> float:
+        """Metres of road s."""
+        return abs(self.s_end - self.s_start)
+
+    @property
+    def p_end(self) -> float:
+        """Chain parameter where it is left."""
+        return self.p_start + self.length
+
+    def s_at(self, p: ArrayLike) -> FloatArray:
+        """Road s at chain parameters."""
+        return self.s_start + self.direction * (np.asarray(p, dtype=float) - self.p_start)
+
+    def p_at(self, s: float) -> float:
+        """Chain parameter at a road s."""
+        return self.p_start + self.direction * (s - self.s_start)
+
+    def state(self, s: ArrayLike, side: int = 1, roll_scale: float = 1.0) -> FloatArray:
+        """Exact values and derivatives by p, shape (3, 4, n): order of derivative; x, y, z, roll.
+
+        `side` says which record counts where two meet: after (+1) or before (-1) in travel. Second
+        derivatives of z and roll are left zero.
+        """
+        s = np.atleast_1d(np.asarray(s, dtype=float))
+        sign = self.direction
+        plan = self.road.plan.evaluate(s, side * sign)
+        sine, cosine = sign * np.sin(plan.heading), sign * np.cos(plan.heading)
+        bend = sign * plan.curvature
+        stretch = 1.0 - bend * self.shift
+        speed = plan.speed * stretch
+        profile = self.road.superelevation
+        roll = sign * roll_scale * profile.evaluate(s, 0, side * sign)
+        roll_rate = roll_scale * profile.evaluate(s, 1, side * sign)
+        height = self.road.elevation.evaluate(s, 0, side * sign)
+        grade = sign * self.road.elevation.evaluate(s, 1, side * sign)
+        zero = np.zeros_like(s)
+        normal = bend * plan.speed * speed
+        return np.array(
+            [
+                [
+                    plan.x - self.shift * sine,
+                    plan.y + self.shift * cosine,
+                    height + self.shift * np.tan(roll),
+                    roll,
+                ],
+                [
+                    speed * cosine,
+                    speed * sine,
+                    grade + self.shift * roll_rate / np.cos(roll) ** 2,
+                    roll_rate,
+                ],
+                [-normal * sine, normal * cosine, zero, zero],
+            ]
+        )
+
+    def breaks(self) -> list[float]:
+        """Road s of every record that starts inside, in the order of travel."""
+        low, high = sorted((self.s_start, self.s_end))
+        places = {*map(float, self.road.plan.starts)}
+        places.update(self.road.elevation.breaks(), self.road.superelevation.breaks())
+        return sorted((s for s in places if low < s < high), reverse=self.direction < 0)
+
+
+@dataclass(frozen=True)
+class Seam:
+    """A step in a chain at parameter p, inside a piece at its road s, or (None) after the piece.
+
+    Attributes:
+      step: steps of value and of slope over arc length, (2, 4), of x, y, z, roll.
+      speeds: arc length per p before and after.
+      windows: over which each fades, (4,).
+    """
+
+    p: float
+    piece: int
+    s: float | None
+    step: FloatArray
+    speeds: tuple[float, float]
+    windows: FloatArray
+
+
+class ContinuousChain:
+    """A chain of pieces with its seams blended."""
+
+    def __init__(self, pieces: Sequence[Piece], source: str, roll_scale: float = 1.0) -> None:
+        """`roll_scale` multiplies every superelevation; `source` names the map in errors."""
+        self.pieces = tuple(pieces)
+        self.roll_scale = roll_scale
+        self._ends = np.array([piece.p_end for piece in pieces])
+        self.seams = tuple(self._find_seams(source))
+        self.length = float(self._ends[-1])
+
+    def piece_index(self, p: ArrayLike) -> NDArray[np.intp]:
+        """Index of the piece at chain parameters."""
+        index = np.searchsorted(self._ends, np.asarray(p, dtype=float), side="right")
+        return np.minimum(index, len(self.pieces) - 1)
+
+    def state(self, p: ArrayLike) -> FloatArray:
+        """Blended values and derivatives by p, shape (3, 4, n); see `Piece.state`."""
+        p = np.atleast_1d(np.asarray(p, dtype=float))
+        index = self.piece_index(p)
+        result = np.empty((3, 4, p.size))
+        s = np.empty_like(p)
+        for i in np.unique(index):
+            chosen = index == i
+            piece = self.pieces[i]
+            s[chosen] = piece.s_at(p[chosen])
+            result[:, :, chosen] = piece.state(s[chosen], piece.direction, self.roll_scale)
+        for seam in self.seams:
+            self._blend(seam, p, s, index, result)
+        return result
+
+    def _blend(
+        self,
+        seam: Seam,
+        p: FloatArray,
+        s: FloatArray,
+        index: NDArray[np.intp],
+        result: FloatArray,
+    ) -> None:
+        near = np.flatnonzero(np.abs(p - seam.p) < seam.windows.max())
+        if near.size == 0:
+            return
+        after = index[near] > seam.piece
+        if seam.s is not None:
+            # Records count from their start on, in either direction of travel; so do seams.
+            beyond = s[near] >= seam.s
+            beyond = beyond if self.pieces[seam.piece].direction > 0 else ~beyond
+            after |= (index[near] == seam.piece) & beyond
+        u = p[near] - seam.p
+        half = np.where(after, -0.5, 0.5)
+        speed = np.where(after, seam.speeds[1], seam.speeds[0])
+        for channel in range(4):
+            window = seam.windows[channel]
+            tau = np.minimum(np.abs(u) / window, 1.0)
+            sign = np.sign(u)
+            value, slope = seam.step[0, channel], seam.step[1, channel] * speed
+            fade = (1.0 - tau) ** 2
+            result[0, channel, near] += half * (value * fade * (1.0 + 2.0 * tau) + slope * u * fade)
+            result[1, channel, near] += half * (
+                -6.0 * value * tau * (1.0 - tau) * sign / window
+                + slope * (1.0 - tau) * (1.0 - 3.0 * tau)
+            )
+            inside = half * (tau < 1.0)
+            result[2, channel, near] += inside * (
+                value * (12.0 * tau - 6.0) / window**2 + slope * sign * (6.0 * tau - 4.0) / window
+            )
+
+    def _find_seams(self, source: str) -> Iterator[Seam]:
+        for i, piece in enumerate(self.pieces):
+            for s in piece.breaks():
+                before = piece.state(s, -1, self.roll_scale)
+                after = piece.state(s, 1, self.roll_scale)
+                place = f"{source}: road {piece.road.id!r} at s = {s:g}"
+                yield from _seam(piece.p_at(s), i, s, before, after, place)
+            if i + 1 < len(self.pieces):
+                follower = self.pieces[i + 1]
+                before = piece.state(piece.s_end, -1, self.roll_scale)
+                after = follower.state(follower.s_start, 1, self.roll_scale)
+                place = f"{source}: where road {piece.road.id!r} meets {follower.road.id!r}"
+                yield from _seam(piece.p_end, i, None, before, after, place)
+
+
+def _seam(
+    p: float, piece: int, s: float | None, before: FloatArray, after: FloatArray, place: str
+) -> Iterator[Seam]:
+    speeds = tuple(float(np.hypot(*state[1, :2, 0])) for state in (before, after))
+    step = np.array([after[0] - before[0], after[1] / speeds[1] - before[1] / speeds[0]])[..., 0]
+    if np.all(np.abs(step) < 1e-7):
+        return
+    if abs(step[0, Z]) > HEIGHT_STEP_LIMIT:
+        raise MapError(
+            f"{place}: the height steps by {step[0, Z]:.2f} m; "
+            f"up to {HEIGHT_STEP_LIMIT:g} m are blended"
+        )
+    turn = float(np.hypot(*step[1, :2]))
+    if turn > HEADING_STEP_LIMIT:
+        raise MapError(
+            f"{place}: the heading steps by {math.degrees(turn):.0f} degrees; "
+            f"up to {math.degrees(HEADING_STEP_LIMIT):.0f} are blended"
+        )
+    side = float(np.hypot(*step[0, :2]))
+    wanted = max(math.sqrt(3.0 * side / BLEND_CURVATURE), 2.0 * turn / BLEND_CURVATURE)
+    plane = float(np.clip(wanted, 10.0, 40.0))
+    height = float(np.clip(0.75 * abs(step[0, Z]) / BLEND_GRADE, 20.0, 100.0))
+    yield Seam(p, piece, s, step, (speeds[0], speeds[1]), np.array([plane, plane, height, 20.0]))
+
+
+def join(roads: dict[str, Road], chain: Sequence[Node], source: str) -> list[Piece]:
+    """Lays the roads of a chain end to end.
+
+    Overlaps are trimmed, gaps bridged by extending the next road backwards, and where the next
+    road's reference line runs beside the last one's (another lane of it), the chain keeps its line
+    by a parallel shift.
+
+    Raises:
+      MapError: two roads do not meet.
+    """
+    pieces: list[Piece] = []
+    for identity, direction in chain:
+        road = roads[identity]
+        entry, leave = (0.0, road.length) if direction > 0 else (road.length, 0.0)
+        if not pieces:
+            pieces.append(Piece(road, direction, entry, leave, 0.0))
+            continue
+        last = pieces[-1]
+        end = last.state(last.s_end, -1)[0, :2, 0]
+        start, lateral = _project(Piece(road, direction, entry, leave, 0.0), end)
+        along = direction * (start - entry)
+        if abs(along) > GAP_LIMIT or abs(lateral) > SHIFT_LIMIT:
+            raise MapError(
+                f"{source}: road {last.road.id!r} is linked to {identity!r}, but they are "
+                f"{math.hypot(along, lateral):.1f} m apart ({along:.1f} m along, {lateral:.1f} m "
+                f"across); up to {GAP_LIMIT:g} m along are bridged"
+            )
+        if direction * (leave - start) < 0.1:
+            continue
+        shift = lateral if abs(lateral) > BLENDED_LATERAL_STEP else 0.0
+        pieces.append(Piece(road, direction, start, leave, last.p_end, shift))
+        sampled = road.plan.evaluate(np.linspace(0.0, road.length, 200))
+        tightest = float(np.max(np.abs(sampled.curvature)))
+        if tightest * abs(shift) > 0.8:
+            raise MapError(
+                f"{source}: road {identity!r} bends with a radius of {1 / tightest:.1f} m, too "
+                f"tight to follow a line {shift:.1f} m beside its reference line"
+            )
+    return pieces
+
+
+def _project(piece: Piece, point: FloatArray) -> tuple[float, float]:
+    """Road s abreast of a point near the piece's entry, and the point's offset to the left."""
+    s = piece.s_start
+    lateral = 0.0
+    for _ in range(20):
+        state = piece.state(s)
+        position, tangent = state[0, :2, 0], state[1, :2, 0]
+        norm = float(np.hypot(*tangent))
+        dx, dy = point - position
+        along = float((dx * tangent[0] + dy * tangent[1]) / norm)
+        lateral = float((dy * tangent[0] - dx * tangent[1]) / norm)
+        s += piece.direction * along / norm
+        if abs(along) < 1e-9 or abs(s - piece.s_start) > 2.0 * GAP_LIMIT:
+            break
+    return s, lateral
