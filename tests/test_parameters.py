@@ -1,0 +1,75 @@
+"""The truck's figures as files: complete, finite, with provenance; wrong files are refused."""
+
+import numpy as np
+import pytest
+
+from iits_mj.errors import InputError
+from iits_mj.parameters import TruckParameters, provenance
+
+
+def test_every_figure_has_unit_grade_and_a_place():
+    rows = provenance()
+    assert len(rows) > 150
+    for name, value, unit, grade, _ in rows:
+        assert unit, name
+        assert grade in set("PRDLJ"), name
+        assert value != "", name
+
+
+def test_engine_and_gearbox_tables_are_in_si_units():
+    p = TruckParameters.load()
+    assert p.engine.full_load_torque.max() == 2600.0
+    assert p.engine.full_load_speed[0] == pytest.approx(700 * 2 * np.pi / 60)
+    assert p.engine.fuel_map.values.min() == pytest.approx(183.4e-3 / 3.6e6)
+    np.testing.assert_allclose(p.gearbox.ratios[[0, 11]], [15.012, 1.0])
+    assert p.gearbox.upshift.values.shape == (11, 10)
+    assert (np.diff(p.air_brake.demand) > 0).all()
+
+
+def test_combination_weighs_19_t_empty_and_55_t_laden():
+    p = TruckParameters.load()
+    assert p.gross_mass(0) == 19_000
+    assert p.gross_mass(36_000) == 55_000
+
+
+def test_overlay_changes_only_what_it_names():
+    overlay = {
+        "engine": {"boost_lag": 0.5},
+        "tires": {"steer": {"pneumatic_trail": 0.05}},
+        "tractor": {"axles": [{"name": "tractor_axle2", "damping": 20e3}]},
+    }
+    base, changed = TruckParameters.load(), TruckParameters.load(overlay=overlay)
+    assert changed.engine.boost_lag == 0.5
+    assert changed.tires["steer"].pneumatic_trail == 0.05
+    assert changed.tractor.axles[1].damping == 20e3
+    assert changed.tractor.axles[0] == base.tractor.axles[0]
+    assert changed.payload == base.payload
+
+
+@pytest.mark.parametrize(
+    ("overlay", "named"),
+    [
+        ({"engine": {"boost": 1.0}}, "engine.boost"),
+        ({"engine": {"boost_lag": "fast"}}, "boost_lag"),
+        ({"engine": {"boost_lag": float("nan")}}, "boost_lag"),
+        ({"gearbox": {"start_gear": 1.5}}, "start_gear"),
+        ({"engine": 7}, "engine"),
+        ({"tractor": {"axles": [{"name": "tractor_axle9"}]}}, "tractor_axle9"),
+    ],
+)
+def test_wrong_overlay_is_refused_and_named(overlay, named):
+    with pytest.raises(InputError, match=named):
+        TruckParameters.load(overlay=overlay)
+
+
+@pytest.mark.parametrize("content", [b"", b"not toml [", b"\xff\xfe", b"[tractor]\nmass = 1\n"])
+def test_wrong_file_is_refused(tmp_path, content):
+    file = tmp_path / "truck.toml"
+    file.write_bytes(content)
+    with pytest.raises(InputError):
+        TruckParameters.load(file)
+
+
+def test_missing_file_is_named():
+    with pytest.raises(InputError, match=r"nowhere\.toml"):
+        TruckParameters.load("nowhere.toml")

@@ -1,0 +1,215 @@
+"""The Truck as its users meet it: load, command, step, observe."""
+
+import mujoco
+import numpy as np
+import pytest
+from mujoco import rollout
+
+import iits_mj
+from iits_mj.errors import InputError
+from iits_mj.messages import XbrMode
+from iits_mj.road import Route
+
+FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
+
+
+@pytest.fixture(scope="module")
+def truck():
+    return iits_mj.Truck.load(payload=20_000, visuals=False)
+
+
+def state(model, data):
+    values = np.empty(mujoco.mj_stateSize(model, FULL))
+    mujoco.mj_getState(model, data, values, FULL)
+    return values
+
+
+def controls(model, steps, rng):
+    """Smooth random commands: pedal, brake phases, steering."""
+    ctrl = np.zeros((steps, model.nu))
+    ctrl[:, 0] = np.repeat(rng.uniform(0, 1, steps // 50), 50)
+    ctrl[:, 1] = -np.repeat(rng.uniform(0, 3, steps // 100), 100)
+    ctrl[:, 2] = np.repeat(rng.integers(0, 3, steps // 100), 100)
+    ctrl[:, 3] = np.repeat(rng.uniform(-0.5, 0.5, steps // 50), 50)
+    return ctrl
+
+
+def test_truck_pulls_away_changes_up_and_stops(truck):
+    truck.reset()
+    truck.command(accelerator_pedal=0.6)
+    gears = []
+    for _ in range(150):
+        truck.step(50)
+        gears.append(truck.observe().gear)
+    moving = truck.observe()
+    assert moving.speed > 7.0
+    assert gears[10] < max(gears)
+    assert moving.fuel_used > 0.05
+    truck.command(accelerator_pedal=0.0, xbr_demand=-2.0, xbr_mode=XbrMode.MAXIMUM)
+    truck.step(4000)
+    assert abs(truck.observe().speed) < 0.01
+
+
+def test_observation_is_finite_and_at_the_reset_pose(truck):
+    ego = truck.reset(station=100.0, offset=1.5, speed=12.0)
+    assert (ego.station, ego.offset) == pytest.approx((100.0, 1.5), abs=1e-6)
+    assert ego.speed == pytest.approx(12.0, abs=1e-6)
+    assert ego.mass == 39_000
+    values = [v for v in vars_of(ego) if isinstance(v, float)]
+    assert np.isfinite(values).all()
+
+
+def vars_of(ego):
+    return [getattr(ego, name) for name in ego.__dataclass_fields__]
+
+
+def test_steering_left_yaws_left_and_the_trailer_follows(truck):
+    truck.reset(speed=15.0)
+    truck.command(steering_wheel_angle=0.5, xbr_demand=0.0, xbr_mode=XbrMode.OFF)
+    truck.step(2000)
+    ego = truck.observe()
+    assert ego.yaw_rate > 0.02
+    assert ego.trailer_yaw_rate == pytest.approx(ego.yaw_rate, rel=0.1)
+    assert ego.articulation > 0
+
+
+def test_two_runs_and_a_reset_are_bit_identical(truck):
+    ctrl = controls(truck.model, 1000, np.random.default_rng(3))
+    finals = []
+    for _ in range(2):
+        truck.reset(speed=10.0)
+        for row in ctrl:
+            truck.data.ctrl[:] = row
+            truck.step()
+        finals.append(state(truck.model, truck.data))
+    np.testing.assert_array_equal(finals[0], finals[1])
+
+
+def test_observing_does_not_change_the_motion(truck):
+    finals = []
+    for watch in (False, True):
+        truck.reset(speed=10.0)
+        truck.command(accelerator_pedal=0.3, steering_wheel_angle=0.3)
+        for _ in range(200):
+            truck.step()
+            if watch:
+                truck.observe()
+        finals.append(state(truck.model, truck.data))
+    np.testing.assert_array_equal(finals[0], finals[1])
+
+
+@pytest.mark.parametrize("threads", [0, 1, 2])
+def test_threaded_rollout_equals_stepping_bit_for_bit(truck, threads):
+    truck.reset(speed=10.0)
+    model, initial = truck.model, state(truck.model, truck.data)
+    ctrl = np.stack([controls(model, 500, np.random.default_rng(i)) for i in range(3)])
+    with rollout.Rollout(nthread=threads) as pool:
+        data = [mujoco.MjData(model) for _ in range(max(1, threads))]
+        states, _ = pool.rollout(model, data, np.tile(initial, (3, 1)), ctrl)
+    for i in range(3):
+        single = mujoco.MjData(model)
+        mujoco.mj_setState(model, single, initial, FULL)
+        for row in ctrl[i]:
+            single.ctrl[:] = row
+            mujoco.mj_step(model, single)
+        np.testing.assert_array_equal(state(model, single), states[i, -1])
+
+
+def test_state_restored_in_the_middle_continues_bit_for_bit(truck):
+    model = truck.model
+    ctrl = controls(model, 1000, np.random.default_rng(5))
+    truck.reset(speed=10.0)
+    for row in ctrl[:400]:
+        truck.data.ctrl[:] = row
+        truck.step()
+    middle = state(model, truck.data)
+    other = mujoco.MjData(model)
+    mujoco.mj_setState(model, other, middle, FULL)
+    copied = mujoco.MjData(model)
+    mujoco.mj_copyData(copied, model, truck.data)
+    for data in (truck.data, other, copied):
+        for row in ctrl[400:]:
+            data.ctrl[:] = row
+            mujoco.mj_step(model, data)
+    final = state(model, truck.data)
+    np.testing.assert_array_equal(final, state(model, other))
+    np.testing.assert_array_equal(final, state(model, copied))
+
+
+def test_forward_twice_changes_nothing(truck):
+    truck.reset(speed=10.0)
+    truck.command(accelerator_pedal=0.5, xbr_demand=-1.0, xbr_mode=XbrMode.ADDITION)
+    truck.step(100)
+    mujoco.mj_forward(truck.model, truck.data)
+    before = state(truck.model, truck.data), truck.data.qacc.copy()
+    mujoco.mj_forward(truck.model, truck.data)
+    np.testing.assert_array_equal(before[0], state(truck.model, truck.data))
+    np.testing.assert_array_equal(before[1], truck.data.qacc)
+
+
+@pytest.mark.parametrize("payload", [0.0, 36_000.0])
+def test_truck_starts_stops_holds_and_restarts_on_a_5_percent_grade(payload):
+    truck = iits_mj.Truck.load(payload, route=Route.straight(grade=0.05), visuals=False)
+    truck.reset(station=100.0)
+    truck.command(xbr_demand=-2.0, xbr_mode=XbrMode.MAXIMUM)
+    truck.step(2500)
+    held = truck.observe().station
+    truck.step(5000)
+    assert truck.observe().station == pytest.approx(held, abs=1e-3), "it creeps"
+    for _ in range(2):
+        lowest = start = truck.observe().station
+        truck.command(accelerator_pedal=0.7)
+        for k in range(100):
+            if k == 5:  # hill start: the brake is let go once the clutch pulls
+                truck.command(xbr_demand=0.0, xbr_mode=XbrMode.OFF)
+            truck.step(50)
+            lowest = min(lowest, truck.observe().station)
+        ego = truck.observe()
+        assert ego.speed > 1.5
+        assert lowest > start - 0.3, "it rolls back"
+        truck.command(accelerator_pedal=0.0, xbr_demand=-2.0, xbr_mode=XbrMode.MAXIMUM)
+        truck.step(2500)
+        held = truck.observe().station
+        truck.step(5000)
+        assert truck.observe().station == pytest.approx(held, abs=1e-3), "it creeps"
+    assert not truck.data.warning.number.any()
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("accelerator_pedal", 1.5),
+        ("xbr_demand", 1.0),
+        ("steering_wheel_angle", float("nan")),
+        ("horn", 1.0),
+    ],
+)
+def test_wrong_command_is_refused_and_named(truck, field, value):
+    with pytest.raises(InputError, match=field):
+        truck.command(**{field: value})
+
+
+def test_wrong_time_step_is_refused():
+    with pytest.raises(InputError, match="timestep"):
+        iits_mj.Truck.load(timestep=0.1, visuals=False)
+
+
+def test_overlay_of_parameters_changes_the_truck():
+    overlay = {"aerodynamics": {"drag_area": 0.0}, "tire_common": {"rolling_resistance": 0.0}}
+    truck = iits_mj.Truck.load(parameters=overlay, visuals=False)
+    truck.reset(speed=20.0)
+    truck.command(transmission_mode=1)
+    truck.step(1000)
+    assert truck.observe().speed == pytest.approx(20.0, abs=0.02)
+
+
+def test_importing_the_package_is_light():
+    import subprocess
+    import sys
+
+    code = (
+        "import sys, iits_mj; heavy = {'libsumo', 'torch', 'casadi', 'matplotlib'} & set(sys.modules);"
+        "print(sorted(heavy)); sys.exit(bool(heavy))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
