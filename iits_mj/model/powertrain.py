@@ -1,0 +1,118 @@
+"""Engine, clutch, gearbox and driveline: the truck's parameters as attributes of `iits.powertrain`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from iits_mj.parameters import FloatArray, TruckParameters
+
+# Local names of the sensors that the plugin knows, in the order of the model.
+SIGNALS = (
+    "gear",
+    "shift_in_process",
+    "engine_speed",
+    "engine_torque",
+    "engine_torque_percent",
+    "torque_loss_percent",
+    "fuel_rate",
+    "fuel_used",
+    "clutch_engagement",
+    "propeller_shaft_torque",
+    "propeller_shaft_speed",
+    "accelerator_pedal_position",
+)
+
+# Rate [N m/s] at which torque returns after a gear change, up to what the charge pressure burns:
+# 1000 N m in a quarter of a second, so that a change takes 0.6 to 1.0 s in all (judgement).
+TORQUE_RECOVERY_RATE = 4000.0
+
+_ENGINE_SCALARS = (
+    "idle_speed",
+    "governed_speed",
+    "reference_torque",
+    "torque_rise_rate",
+    "torque_rise_rate_low",
+    "torque_rise_threshold",
+    "torque_fall_rate",
+    "torque_fall_rate_low",
+    "torque_fall_threshold",
+    "boost_lag",
+    "engine_brake_power",
+    "engine_brake_speed",
+    "idle_fuel_rate",
+    "drag_speed",
+    "drag_torque",
+)
+_GEARBOX_SCALARS = (
+    "final_drive",
+    "efficiency",
+    "driveline_efficiency",
+    "start_gear",
+    "reverse_ratio",
+    "shift_cut_time",
+    "synchronization_time",
+    "clutch_engagement_time",
+    "clutch_close_time",
+    "clutch_torque_max",
+    "driveline_stiffness",
+    "driveline_damping",
+    "downshift_delay",
+    "downshift_margin",
+    "min_gear_time",
+)
+
+
+def config(parameters: TruckParameters) -> dict[str, str]:
+    """Attributes of the plugin instance `powertrain`, as text."""
+    engine, gearbox = parameters.engine, parameters.gearbox
+    driven = next(axle for axle in parameters.tractor.axles if axle.tire == "drive")
+    attributes = {name: _text(getattr(engine, name)) for name in _ENGINE_SCALARS}
+    attributes |= {name: _text(getattr(gearbox, name)) for name in _GEARBOX_SCALARS}
+    speed, torque = full_load(parameters)
+    attributes |= {
+        "engine_inertia": _text(engine.inertia),
+        "torque_recovery_rate": _text(TORQUE_RECOVERY_RATE),
+        "full_load_speed": _text(speed),
+        "full_load_torque": _text(torque),
+        "pedal_map_speed": _text(engine.pedal_map.rows),
+        "pedal_map_pedal": _text(engine.pedal_map.columns),
+        "pedal_map_torque": _text(engine.pedal_map.values),
+        "fuel_map_torque": _text(engine.fuel_map.rows),
+        "fuel_map_speed": _text(engine.fuel_map.columns),
+        "fuel_map_consumption": _text(engine.fuel_map.values),
+        "ratios": _text(gearbox.ratios),
+        "gear_inertias": _text(gearbox.inertias),
+        "wheel_radius": _text(parameters.tires[driven.tire].rolling_radius),
+    }
+    for name, table in (("upshift", gearbox.upshift), ("downshift", gearbox.downshift)):
+        attributes |= {
+            f"{name}_gear": _text(table.rows),
+            f"{name}_pedal": _text(table.columns),
+            f"{name}_speed": _text(table.values),
+        }
+    return attributes
+
+
+def full_load(parameters: TruckParameters) -> tuple[FloatArray, FloatArray]:
+    """Full-load curve [rad/s], [N m] from idle to governed speed.
+
+    The measured curve ends at 700 and 1800 rpm. Below it is continued in a straight line, above
+    with constant power, as its last 200 rpm are.
+    """
+    engine = parameters.engine
+    speed, torque = list(engine.full_load_speed), list(engine.full_load_torque)
+    if engine.idle_speed < speed[0]:
+        slope = (torque[1] - torque[0]) / (speed[1] - speed[0])
+        torque.insert(0, max(0.0, torque[0] + slope * (engine.idle_speed - speed[0])))
+        speed.insert(0, engine.idle_speed)
+    power = speed[-1] * torque[-1]
+    for point in np.linspace(speed[-1], engine.governed_speed, 4)[1:]:
+        if point > speed[-1]:
+            speed.append(float(point))
+            torque.append(power / float(point))
+    return np.array(speed), np.array(torque)
+
+
+def _text(values: ArrayLike) -> str:
+    return " ".join(f"{value:.9g}" for value in np.ravel(values))

@@ -1,0 +1,76 @@
+// Diesel engine: pedal map, governors, torque rates and boost lag, engine brake, fuel.
+#ifndef IITS_MJ_PLUGIN_ENGINE_H_
+#define IITS_MJ_PLUGIN_ENGINE_H_
+
+#include <mujoco/mujoco.h>
+
+#include "plugin/lookup.h"
+
+namespace iits {
+
+// What the engine remembers between steps.
+struct EngineState {
+  double speed;          // of the crankshaft [rad/s]
+  double torque;         // indicated by combustion, before friction, >= 0 [N m]
+  double boost;          // indicated torque that the charge pressure can burn now [N m]
+  double idle_integral;  // of the idle governor [N m]
+  double brake_torque;   // of the engine brake, >= 0 [N m]
+};
+
+// What pedal and gearbox ask of the engine in this step.
+struct EngineRequest {
+  enum Mode {
+    kPedal,  // torque by pedal and governors
+    kCut,    // torque down to zero within time_left, before the clutch opens
+    kSpeed,  // synchronize: bring the free engine to target_speed
+  };
+  Mode mode;
+  double pedal;         // 0 to 1
+  double engine_brake;  // fraction of what is available, 0 to 1
+  double time_left;     // kCut [s]
+  double target_speed;  // kSpeed [rad/s]
+  double inertia;       // kSpeed: what turns with the crankshaft [kg m2]
+};
+
+class Engine {
+ public:
+  // Reads the attributes; false after a warning.
+  bool Read(const mjModel* m, int instance);
+
+  double idle_speed() const { return idle_speed_; }
+  double governed_speed() const { return governed_speed_; }
+  double reference_torque() const { return reference_torque_; }
+  double inertia() const { return inertia_; }
+  double brake_speed() const { return brake_speed_; }
+
+  // Friction and pumping torque, >= 0.
+  double Drag(double speed) const { return drag_(speed); }
+  // Greatest brake torque, with the top governor's droop.
+  double TorqueLimit(double speed) const;
+  // Brake torque that this pedal asks for, -drag with the pedal up.
+  double PedalTorque(double speed, double pedal) const;
+  // Torque at the crankshaft: combustion less friction and engine brake.
+  double BrakeTorque(const EngineState& s) const;
+  // [kg/s], from brake torque and speed.
+  double FuelRate(const EngineState& s) const;
+
+  // Advances torque, boost, idle governor and engine brake by h; the speed is the clutch's affair.
+  void Update(const EngineRequest& request, double h, EngineState* s) const;
+
+ private:
+  double Governor(double speed) const;
+  double IdleTorque(double h, EngineState* s) const;
+  double BrakeTorqueMax(double speed) const;
+  void Synchronize(const EngineRequest& request, double h, EngineState* s) const;
+
+  double idle_speed_, governed_speed_, reference_torque_, inertia_;
+  double rise_rate_, rise_rate_low_, rise_threshold_;
+  double fall_rate_, fall_rate_low_, fall_threshold_, recovery_rate_, boost_lag_;
+  double brake_power_, brake_speed_, idle_fuel_rate_;
+  Curve full_load_, drag_;
+  Map pedal_map_, fuel_map_;
+};
+
+}  // namespace iits
+
+#endif  // IITS_MJ_PLUGIN_ENGINE_H_
