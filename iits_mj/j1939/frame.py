@@ -1,0 +1,67 @@
+"""A CAN frame and the parts of its J1939 identifier (public facts of SAE J1939-21)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from iits_mj.errors import BusError
+
+GLOBAL_ADDRESS = 0xFF
+# Parameter groups whose format byte is below 240 are sent to one address.
+_FIRST_BROADCAST_FORMAT = 240
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One extended data frame: 29-bit identifier, up to 8 bytes, and when it was on the bus [s]."""
+
+    can_id: int
+    data: bytes
+    time: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.can_id < 1 << 29:
+            raise BusError(f"identifier {self.can_id:#x}: J1939 uses 29 bits")
+        if len(self.data) > 8:
+            raise BusError(f"frame {self.can_id:08X} has {len(self.data)} bytes: at most 8 allowed")
+
+    @property
+    def priority(self) -> int:
+        """0 (highest) to 7."""
+        return self.can_id >> 26
+
+    @property
+    def pgn(self) -> int:
+        """Parameter group number, without the destination."""
+        number = (self.can_id >> 8) & 0x3FFFF
+        return number if _is_broadcast(number) else number & 0x3FF00
+
+    @property
+    def source(self) -> int:
+        """Address of the sender."""
+        return self.can_id & 0xFF
+
+    @property
+    def destination(self) -> int:
+        """Address of the receiver; 255 for everybody."""
+        number = (self.can_id >> 8) & 0x3FFFF
+        return GLOBAL_ADDRESS if _is_broadcast(number) else number & 0xFF
+
+
+def make_id(priority: int, pgn: int, source: int, destination: int = GLOBAL_ADDRESS) -> int:
+    """The 29-bit identifier; the destination counts only where the group is sent to one address.
+
+    Raises:
+      BusError: a part is out of its range.
+    """
+    limits = ((priority, 7), (pgn, 0x3FFFF), (source, 0xFF), (destination, 0xFF))
+    names = ("priority", "PGN", "source", "destination")
+    for name, (value, limit) in zip(names, limits, strict=True):
+        if not 0 <= value <= limit:
+            raise BusError(f"{name} {value!r} of a J1939 identifier: use 0 to {limit}")
+    group = pgn if _is_broadcast(pgn) else (pgn & 0x3FF00) | destination
+    return priority << 26 | group << 8 | source
+
+
+def _is_broadcast(number: int) -> bool:
+    return (number >> 8) & 0xFF >= _FIRST_BROADCAST_FORMAT

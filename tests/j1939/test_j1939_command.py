@@ -1,0 +1,168 @@
+import dataclasses
+
+import pytest
+
+from iits_mj.errors import InputError
+from iits_mj.j1939 import CommandReceiver, Frame, command_to_frames, decode
+from iits_mj.j1939.checksum import tsc1_checksum, with_byte8, xbr_checksum
+from iits_mj.messages import TransmissionMode, VehicleCommand, XbrMode
+
+COMMAND = VehicleCommand(
+    accelerator_pedal=0.4,
+    xbr_demand=-1.5,
+    xbr_mode=XbrMode.MAXIMUM,
+    steering_wheel_angle=-0.7,
+    parking_brake=0.0,
+    engine_brake=0.5,
+    transmission_mode=TransmissionMode.DRIVE,
+)
+
+
+def _send(receiver, command, counter, time):
+    return [receiver.receive(frame) for frame in command_to_frames(command, counter, time)]
+
+
+def _frame(command, counter, name, time=0.0):
+    frames = command_to_frames(command, counter, time)
+    return next(f for f in frames if decode(f).name == name)
+
+
+def test_command_survives_the_bus_up_to_the_signals_steps():
+    receiver = CommandReceiver()
+    assert all(_send(receiver, COMMAND, 0, 1.0))
+    received = receiver.command(1.0)
+    assert received.accelerator_pedal == pytest.approx(0.4, abs=0.002)
+    assert received.xbr_demand == pytest.approx(-1.5, abs=0.5 / 2048)
+    assert received.xbr_mode is XbrMode.MAXIMUM
+    assert received.steering_wheel_angle == pytest.approx(-0.7, abs=0.5 / 1024)
+    assert received.engine_brake == pytest.approx(0.5, abs=0.005)
+
+
+def test_every_selector_and_the_parking_brake_survive():
+    receiver = CommandReceiver()
+    for counter, mode in enumerate(TransmissionMode):
+        command = VehicleCommand(parking_brake=1.0, transmission_mode=mode)
+        _send(receiver, command, counter, 0.0)
+        assert receiver.command(0.0).transmission_mode is mode
+        assert receiver.command(0.0).parking_brake == 1.0
+
+
+def test_xbr_checksum_known_answer():
+    # Bytes 7F 71 E0 FF FF FF FF, counter 5, identifier 0C 04 0B 2A.
+    frame = Frame(0x0C040B2A, bytes([0x7F, 0x71, 0xE0, 0xFF, 0xFF, 0xFF, 0xFF, 0x05]))
+    total = 0x7F + 0x71 + 0xE0 + 4 * 0xFF + 5 + 0x0C + 0x04 + 0x0B + 0x2A
+    assert total == 1558
+    assert xbr_checksum(frame) == (97 + 1558) % 16 == 7
+
+
+def test_tsc1_checksum_known_answer():
+    frame = Frame(0x0C000011, bytes([0x01, 0x20, 0x1C, 0xFF, 0xFF, 0xFF, 0xFF, 0x03]))
+    total = 0x01 + 0x20 + 0x1C + 4 * 0xFF + 3 + 0x11 + 0x0C
+    assert total == 1113
+    assert tsc1_checksum(frame) == ((1113 >> 6) % 4 + (1113 >> 3) + 1113) % 8
+
+
+def test_silent_bus_takes_the_truck_to_its_safe_state():
+    receiver = CommandReceiver()
+    _send(receiver, COMMAND, 0, 0.0)
+    safe = receiver.command(1.0)
+    assert safe.accelerator_pedal == 0.0
+    assert (safe.xbr_mode, safe.xbr_demand) == (XbrMode.OFF, 0.0)
+    assert safe.engine_brake == 0.0
+    assert safe.steering_wheel_angle == pytest.approx(-0.7, abs=1e-3)
+
+
+def test_nothing_received_is_the_safe_state():
+    assert CommandReceiver().command(0.0) == VehicleCommand()
+
+
+def test_xbr_is_released_after_100_ms_and_not_before():
+    receiver = CommandReceiver()
+    _send(receiver, COMMAND, 0, 5.0)
+    assert receiver.command(5.1).xbr_mode is XbrMode.MAXIMUM
+    assert receiver.command(5.101).xbr_mode is XbrMode.OFF
+
+
+def test_smooth_stop_when_so_configured():
+    receiver = CommandReceiver(stop_deceleration=1.0)
+    _send(receiver, dataclasses.replace(COMMAND, xbr_mode=XbrMode.OFF), 0, 0.0)
+    assert receiver.command(0.05).xbr_mode is XbrMode.OFF
+    stopping = receiver.command(1.0)
+    assert (stopping.xbr_mode, stopping.xbr_demand) == (XbrMode.MAXIMUM, -1.0)
+
+
+def test_repeated_counter_is_rejected_and_counted():
+    receiver = CommandReceiver()
+    _send(receiver, COMMAND, 3, 0.0)
+    assert not receiver.receive(_frame(COMMAND, 3, "XBR", 0.02))
+    assert receiver.rejected["XBR: counter repeated"] == 1
+    assert receiver.receive(_frame(COMMAND, 4, "XBR", 0.04))
+
+
+@pytest.mark.parametrize("name", ["XBR", "TSC1", "IITS_COMMAND"])
+def test_any_flipped_bit_in_a_protected_frame_is_rejected(name):
+    good = _frame(COMMAND, 1, name)
+    for bit in range(64):
+        data = bytearray(good.data)
+        data[bit // 8] ^= 1 << bit % 8
+        receiver = CommandReceiver()
+        accepted = receiver.receive(Frame(good.can_id, bytes(data)))
+        # TSC1's checksum has 3 of the 4 bits; its top bit must be checked, too.
+        assert not accepted, bit
+
+
+def _reworked(name, byte, value):
+    good = _frame(COMMAND, 1, name)
+    data = bytearray(good.data)
+    data[byte] = value
+    frame = Frame(good.can_id, bytes(data))
+    check = tsc1_checksum if name == "TSC1" else xbr_checksum
+    return frame if name == "EEC2" else with_byte8(frame, 1, check(frame))
+
+
+@pytest.mark.parametrize(
+    ("name", "byte", "value"),
+    [
+        ("EEC2", 1, 0xFE),
+        ("EEC2", 1, 0xFF),
+        ("EEC2", 1, 0xFC),
+        ("XBR", 1, 0xFE),
+        ("XBR", 1, 0x00),
+        ("XBR", 1, 0xF0),
+        ("XBR", 2, 0xFF),
+        ("TSC1", 3, 0xFE),
+        ("TSC1", 3, 0xE0),
+        ("IITS_COMMAND", 1, 0xFF),
+        ("IITS_COMMAND", 2, 0xFF),
+    ],
+)
+def test_error_codes_and_values_out_of_range_are_never_acted_upon(name, byte, value):
+    receiver = CommandReceiver()
+    assert not receiver.receive(_reworked(name, byte, value))
+    assert sum(receiver.rejected.values()) == 1
+    assert receiver.command(0.0) == VehicleCommand()
+
+
+def test_commands_to_other_addresses_pass_by():
+    frame = _frame(COMMAND, 1, "XBR")
+    other = Frame(frame.can_id & ~0xFF00 | 0x3300, frame.data)
+    receiver = CommandReceiver()
+    assert not receiver.receive(other)
+    assert not receiver.rejected
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"accelerator_pedal": float("nan")},
+        {"accelerator_pedal": 1.01},
+        {"xbr_demand": 0.5},
+        {"xbr_demand": -11.0},
+        {"engine_brake": -0.1},
+        {"steering_wheel_angle": float("inf")},
+        {"steering_wheel_angle": 40.0},
+    ],
+)
+def test_impossible_command_is_refused_before_the_bus(change):
+    with pytest.raises(InputError, match=next(iter(change))):
+        command_to_frames(dataclasses.replace(COMMAND, **change), 0)

@@ -1,0 +1,77 @@
+import dataclasses
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from iits_mj.j1939 import (
+    CommandReceiver,
+    Frame,
+    Status,
+    command_to_frames,
+    decode,
+    encode,
+    make_id,
+    message_names,
+    pgn_of,
+)
+from iits_mj.messages import VehicleCommand, XbrMode
+
+EIGHT_BYTES = st.binary(min_size=8, max_size=8)
+
+
+@settings(max_examples=400, deadline=None)
+@given(name=st.sampled_from(message_names()), data=EIGHT_BYTES)
+def test_any_eight_bytes_decode_to_finite_numbers_or_a_status(name, data):
+    decoded = decode(Frame(make_id(6, pgn_of(name), 0), data))
+    assert decoded.name == name
+    for value in decoded.values.values():
+        assert isinstance(value, Status) or math.isfinite(value)
+
+
+@settings(max_examples=400, deadline=None)
+@given(name=st.sampled_from(message_names()), data=EIGHT_BYTES)
+def test_encode_undoes_decode_on_the_grid(name, data):
+    first = decode(Frame(make_id(6, pgn_of(name), 0), data))
+    known = {k: v for k, v in first.values.items() if v is not Status.OUT_OF_RANGE}
+    again = decode(encode(name, known))
+    for signal, value in known.items():
+        assert again.values[signal] == value
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    ids=st.integers(0, (1 << 29) - 1),
+    data=st.binary(max_size=8),
+    name=st.sampled_from(["EEC2", "XBR", "TSC1", "IITS_COMMAND"]),
+    known=st.booleans(),
+)
+def test_random_frames_never_command_anything_out_of_range(ids, data, name, known):
+    receiver = CommandReceiver()
+    can_id = make_id(3, pgn_of(name), 0) if known else ids
+    receiver.receive(Frame(can_id, data))
+    command = receiver.command(0.0)
+    assert 0.0 <= command.accelerator_pedal <= 1.0
+    assert -10.0 <= command.xbr_demand <= 0.0
+    assert 0.0 <= command.engine_brake <= 1.0
+    assert all(math.isfinite(float(v)) for v in dataclasses.astuple(command))
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    pedal=st.floats(0.0, 1.0),
+    demand=st.floats(-10.0, 0.0),
+    mode=st.sampled_from(XbrMode),
+    angle=st.floats(-15.7, 15.7),
+    counter=st.integers(0, 1000),
+)
+def test_every_lawful_command_survives(pedal, demand, mode, angle, counter):
+    command = VehicleCommand(pedal, demand, mode, angle)
+    receiver = CommandReceiver()
+    assert all(receiver.receive(frame) for frame in command_to_frames(command, counter))
+    received = receiver.command(0.0)
+    assert received.accelerator_pedal == pytest.approx(pedal, abs=0.0021)
+    assert received.steering_wheel_angle == pytest.approx(angle, abs=0.0005)
+    if mode is not XbrMode.OFF:
+        assert received.xbr_demand == pytest.approx(demand, abs=0.00025)

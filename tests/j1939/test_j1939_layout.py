@@ -1,0 +1,134 @@
+"""Known answers: bytes worked out by hand from the public bit layouts."""
+
+import pytest
+
+from iits_mj.errors import BusError
+from iits_mj.j1939 import Frame, Status, decode, encode, make_id, message_names, pgn_of
+
+PGNS = {
+    "XBR": 1024,
+    "TSC1": 0,
+    "EEC2": 61443,
+    "EEC1": 61444,
+    "EEC3": 65247,
+    "ETC1": 61442,
+    "ETC2": 61445,
+    "CCVS1": 65265,
+    "EBC1": 61441,
+    "EBC2": 65215,
+    "EBC5": 64964,
+    "VDC2": 61449,
+    "LFE1": 65266,
+    "AIR1": 65198,
+    "VW": 65258,
+}
+
+
+@pytest.mark.parametrize(("name", "pgn"), PGNS.items())
+def test_parameter_group_numbers_are_the_standard_ones(name, pgn):
+    assert pgn_of(name) == pgn
+
+
+def test_own_messages_are_proprietary_b():
+    own = [name for name in message_names() if name.startswith("IITS_")]
+    assert own
+    assert all(0xFF00 <= pgn_of(name) <= 0xFFFF for name in own)
+
+
+def test_xbr_goes_to_the_brakes_with_priority_3():
+    frame = encode("XBR", {"external_acceleration_demand": -1.5})
+    assert (frame.priority, frame.pgn, frame.destination) == (3, 1024, 0x0B)
+    assert frame.can_id == 0x0C040B2A
+
+
+def test_xbr_demand_is_16_bit_little_endian_of_1_2048_with_offset():
+    # (-1.5 + 15.687) * 2048 = 29054.98 -> 29055 = 0x717F
+    frame = encode("XBR", {"external_acceleration_demand": -1.5})
+    assert frame.data[:2] == bytes([0x7F, 0x71])
+
+
+def test_xbr_control_mode_is_bits_5_and_6_of_byte_3():
+    values = {"xbr_ebi_mode": 0, "xbr_priority": 0, "xbr_control_mode": 2}
+    assert encode("XBR", values).data[2] & 0x3F == 0b10_00_00
+
+
+def test_engine_speed_is_an_eighth_rpm_in_bytes_4_and_5():
+    frame = encode("EEC1", {"engine_speed_rpm": 1200.0})
+    assert frame.data[3:5] == (9600).to_bytes(2, "little")
+
+
+def test_pedal_is_byte_2_of_eec2_in_steps_of_0_4_percent():
+    assert encode("EEC2", {"accelerator_pedal_position_percent": 40.0}).data[1] == 100
+
+
+def test_shift_in_process_is_bits_5_and_6_of_byte_1_of_etc1():
+    assert encode("ETC1", {"shift_in_process": 1.0}).data[0] == 0b11_01_11_11
+
+
+def test_gear_has_an_offset_of_125_and_reverse_is_negative():
+    assert encode("ETC2", {"current_gear": -1.0}).data[3] == 124
+    assert encode("ETC2", {"current_gear": 10.0}).data[3] == 135
+
+
+def test_wheel_speed_and_steering_angle_known_answers():
+    assert encode("CCVS1", {"wheel_based_speed_kph": 80.0}).data[1:3] == bytes([0x00, 0x50])
+    # (0 + 31.374) * 1024 = 32126.98 -> 32127 = 0x7D7F
+    assert encode("VDC2", {"steering_wheel_angle": 0.0}).data[:2] == bytes([0x7F, 0x7D])
+
+
+def test_fuel_rate_and_axle_weight_known_answers():
+    assert encode("LFE1", {"engine_fuel_rate_l_per_h": 30.0}).data[:2] == bytes([0x58, 0x02])
+    assert encode("VW", {"axle_weight_kg": 9677.5}).data[1:3] == (19355).to_bytes(2, "little")
+
+
+def test_missing_signals_say_not_available():
+    frame = encode("EEC1", {})
+    assert frame.data == b"\xff" * 8
+    assert decode(frame).values["engine_speed_rpm"] is Status.NOT_AVAILABLE
+
+
+@pytest.mark.parametrize(
+    ("data", "status"),
+    [
+        (b"\xff\xff\xff\x00\xfe\xff\xff\xff", Status.ERROR),
+        (b"\xff\xff\xff\x00\xff\xff\xff\xff", Status.NOT_AVAILABLE),
+        (b"\xff\xff\xff\x00\xfb\xff\xff\xff", Status.OUT_OF_RANGE),
+    ],
+)
+def test_codes_of_a_16_bit_signal_are_told_apart(data, status):
+    decoded = decode(Frame(make_id(3, 61444, 0), data))
+    assert decoded.values["engine_speed_rpm"] is status
+    with pytest.raises(BusError, match=status.value):
+        decoded.number("engine_speed_rpm")
+
+
+def test_error_code_can_be_sent():
+    frame = encode("EEC2", {"accelerator_pedal_position_percent": Status.ERROR})
+    assert frame.data[1] == 0xFE
+
+
+def test_groups_match_from_any_source_and_unknown_groups_pass():
+    frame = encode("EEC1", {"engine_speed_rpm": 700.0}, source=0x31)
+    assert decode(frame).number("engine_speed_rpm") == 700.0
+    assert decode(frame).source == 0x31
+    assert decode(Frame(make_id(6, 65260, 0), b"\x00" * 8)) is None
+
+
+def test_bad_values_are_refused_with_their_names():
+    with pytest.raises(BusError, match="engine_speed_rpm"):
+        encode("EEC1", {"engine_speed_rpm": float("nan")})
+    with pytest.raises(BusError, match="engine_speed_rpm"):
+        encode("EEC1", {"engine_speed_rpm": 9000.0})
+    with pytest.raises(BusError, match="no signal"):
+        encode("EEC1", {"speed": 1.0})
+    with pytest.raises(BusError, match="not in the DBC"):
+        encode("EEC99", {})
+    with pytest.raises(BusError, match="bytes"):
+        decode(Frame(make_id(3, 61444, 0), b"\x00" * 3))
+    with pytest.raises(BusError, match="29 bits"):
+        Frame(1 << 29, b"")
+
+
+def test_saturation_keeps_a_sensor_inside_its_range():
+    frame = encode("EEC1", {"engine_speed_rpm": 9000.0}, saturate=True)
+    assert decode(frame).number("engine_speed_rpm") == pytest.approx(8031.875)
