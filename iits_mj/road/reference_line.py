@@ -113,7 +113,7 @@ class ReferenceLine:
         """Road points; shapes of station and offset are broadcast. Ends extend along tangents."""
         if isinstance(station, (float, int)) and isinstance(offset, (float, int)):
             point = self._evaluate_scalar(float(station), float(offset))
-            return RoadPoint(*point)  # type: ignore[arg-type]  # floats, as the class says
+            return RoadPoint(*point)
         station, offset = np.broadcast_arrays(
             np.asarray(station, dtype=float), np.asarray(offset, dtype=float)
         )

@@ -1,0 +1,71 @@
+"""Makes the built-in highway: `python -m iits_mj.road.highway` writes the map and its SUMO net."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from iits_mj.errors import Error, MapError
+from iits_mj.road.design import Design, build
+from iits_mj.road.elements import OpenDriveMap
+from iits_mj.road.writer import write
+
+TABLE = Path(__file__).resolve().parent / "highway.toml"
+MAPS = Path(__file__).resolve().parent / "maps"
+# Metres between shape points of the net.
+CURVE_RESOLUTION = 1.0
+
+
+def highway() -> OpenDriveMap:
+    """The built-in highway's records, from its design table."""
+    return build(Design.load(TABLE))
+
+
+def convert(xodr: Path, net: Path, resolution: float = CURVE_RESOLUTION) -> Path:
+    """Runs SUMO's netconvert on a map and returns the net's path.
+
+    Raises:
+      MapError: netconvert is missing, fails or reports an error.
+    """
+    beside = Path(sys.executable).with_name("netconvert")
+    program = str(beside) if beside.is_file() else shutil.which("netconvert")
+    if program is None:
+        raise MapError("netconvert is not installed; 'pip install eclipse-sumo' brings it")
+    command = [
+        program, "--opendrive", str(xodr), "--output-file", str(net), "--no-turnarounds",
+        "--opendrive.curve-resolution", str(resolution), "--geometry.max-grade", "30",
+        "--junctions.limit-turn-speed", "-1", "--precision", "3",
+    ]  # fmt: skip
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    if result.returncode != 0 or "Error" in result.stderr:
+        raise MapError(f"netconvert refused {xodr}: {result.stderr.strip().splitlines()[0]}")
+    # The leading comment holds date and paths: the net must not change with them.
+    text = net.read_text(encoding="utf-8")
+    net.write_text(re.sub(r"<!--.*?-->\s*", "", text, count=1, flags=re.DOTALL), encoding="utf-8")
+    return net
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Writes highway.xodr and highway.net.xml; returns the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=MAPS, help="folder to write to")
+    folder = parser.parse_args(arguments).out
+    try:
+        xodr = write(highway(), folder / "highway.xodr")
+        with tempfile.TemporaryDirectory() as scratch:
+            plain = build(Design.load(TABLE), tapered=False)
+            net = convert(write(plain, Path(scratch) / "x.xodr"), folder / "highway.net.xml")
+    except Error as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    print(f"{xodr} ({xodr.stat().st_size} bytes), {net} ({net.stat().st_size} bytes)")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
