@@ -1,4 +1,4 @@
-"""Engine, clutch, gearbox and driveline: the truck's parameters as attributes of `iits.powertrain`."""
+"""Engine, clutch, gearbox, driveline: parameters as attributes of the plugin `iits.powertrain`."""
 
 from __future__ import annotations
 
