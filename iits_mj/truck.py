@@ -21,7 +21,6 @@ from iits_mj.messages import (
     XbrMode,
 )
 from iits_mj.model.builder import truck_spec
-from iits_mj.model.road_scene import add_road
 from iits_mj.model.road_table import add_road_table
 from iits_mj.parameters import TruckParameters
 from iits_mj.plugin_library import register
@@ -119,6 +118,8 @@ class Truck:
             add_road_table(spec, route)
         shown = route if route is not None else Route.straight()
         if visuals:
+            from iits_mj.model.road_scene import add_road  # noqa: PLC0415
+
             add_road(spec, shown)
         if edit_spec is not None:
             edit_spec(spec)
