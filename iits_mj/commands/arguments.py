@@ -1,0 +1,168 @@
+"""From a frozen dataclass of options to command-line flags and back.
+
+A field made by `iits_mj.options.option` becomes `--name-with-dashes`; a bool becomes
+`--name/--no-name`; a size is `WIDTHxHEIGHT`. Whatever is wrong is an InputError of one line.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import types
+import typing
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar
+
+from iits_mj import options
+from iits_mj.errors import InputError
+
+T = TypeVar("T")
+SIZE_MIN, SIZE_MAX = 64, 4096
+
+
+class Parser(argparse.ArgumentParser):
+    """ArgumentParser whose errors are an `InputError` instead of a usage page and an exit."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raises the message, on one line, with the command that explains the flags."""
+        raise InputError(f"{' '.join(message.split())}; see '{self.prog} --help'")
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Width and height in pixels from `WIDTHxHEIGHT`, both even (the video codec wants that).
+
+    Raises:
+      InputError: anything else.
+    """
+    parts = text.lower().split("x")
+    if len(parts) == 2 and all(part.isascii() and part.isdigit() for part in parts):
+        width, height = (int(part[:6]) for part in parts)
+        even = width % 2 == 0 and height % 2 == 0
+        if even and min(width, height) >= SIZE_MIN and max(width, height) <= SIZE_MAX:
+            return width, height
+    raise InputError(
+        f"size {text!r} is not allowed; use WIDTHxHEIGHT with even numbers from "
+        f"{SIZE_MIN} to {SIZE_MAX}, for instance 960x540"
+    )
+
+
+def _whole(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise InputError(f"{text[:40]!r} is not a whole number") from None
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{text[:40]!r} is not a number") from None
+
+
+_CONVERTERS: dict[Any, Callable[[str], Any]] = {
+    int: _whole,
+    float: _number,
+    str: str,
+    Path: Path,
+    tuple[int, int]: parse_size,
+}
+
+
+def build_parser(kind: type[Any], prog: str, description: str) -> Parser:
+    """A parser with one flag for each option of the dataclass `kind`."""
+    parser = Parser(
+        prog=prog,
+        description=description,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    hints = typing.get_type_hints(kind)
+    for field in dataclasses.fields(kind):
+        rule = options.of(field)
+        if rule is not None:
+            _add(parser, field, rule, _plain_type(hints[field.name]))
+    return parser
+
+
+def parse(kind: type[T], arguments: Sequence[str], prog: str, description: str) -> T:
+    """An instance of the dataclass `kind` from command-line arguments.
+
+    Raises:
+      InputError: unknown flag, missing or unusable value; SystemExit(0) after `--help`.
+    """
+    parsed = vars(build_parser(kind, prog, description).parse_args(list(arguments)))
+    given: dict[str, Any] = {}
+    rules = {field.name: options.of(field) for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    for name, text in parsed.items():
+        rule = rules[name]
+        if rule is None or text is None:
+            continue
+        given[name] = _convert(kind, name, text, rule)
+    instance = kind(**given)
+    options.check(instance)
+    return instance
+
+
+def _convert(kind: type[Any], name: str, text: Any, rule: options.Option) -> Any:
+    if not isinstance(text, str):
+        return text
+    flag = name.replace("_", "-")
+    shown = flag if rule.positional else f"--{flag}"
+    value_type = _plain_type(typing.get_type_hints(kind)[name])
+    try:
+        value = _CONVERTERS[value_type](text)
+    except InputError as error:
+        raise InputError(f"{shown}: {error}") from None
+    options.check_value(shown, value, rule)
+    return value
+
+
+def _plain_type(hint: Any) -> Any:
+    """`X` for a hint `X | None`."""
+    if isinstance(hint, types.UnionType):
+        return next(part for part in typing.get_args(hint) if part is not types.NoneType)
+    return hint
+
+
+def _add(
+    parser: Parser, field: dataclasses.Field[Any], rule: options.Option, value_type: Any
+) -> None:
+    flag = field.name.replace("_", "-")
+    text = _help(field, rule)
+    if value_type is bool:
+        parser.add_argument(
+            f"--{flag}", action=argparse.BooleanOptionalAction, default=None, help=text
+        )
+        return
+    metavar = rule.metavar or ("NAME" if rule.allowed() else flag.upper())
+    if rule.positional:
+        optional = field.default is not dataclasses.MISSING
+        parser.add_argument(field.name, nargs="?" if optional else None, metavar=metavar, help=text)
+        return
+    required = field.default is dataclasses.MISSING
+    parser.add_argument(f"--{flag}", default=None, metavar=metavar, required=required, help=text)
+
+
+def _help(field: dataclasses.Field[Any], rule: options.Option) -> str:
+    parts = [rule.help]
+    allowed = rule.allowed()
+    if allowed is not None:
+        parts.append(f"one of {', '.join(allowed)}")
+    elif rule.bounds():
+        parts.append(rule.bounds())
+    default = field.default
+    if default is not dataclasses.MISSING and default is not None and default != "":
+        parts.append(f"default {_shown(default)}")
+    return "; ".join(parts).replace("%", "%%")
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    if isinstance(value, float):
+        return f"{value:.5g}"
+    if isinstance(value, tuple):
+        return "x".join(str(part) for part in value)
+    return str(value)

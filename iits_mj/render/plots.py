@@ -1,0 +1,92 @@
+"""Draws `iits_mj.results.Panel`s with matplotlib: one figure, one column of axes, no display."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from iits_mj.errors import InputError
+from iits_mj.results import Line, Panel
+
+PALETTE = ("#1f5fa8", "#d1495b", "#2a9d8f", "#e9a03b", "#6d597a", "#577590")
+INK, GRID = "#22303c", "#d9dee3"
+_ROLE_STYLE = {
+    "reference": {"color": "#8a949e", "linestyle": "--", "linewidth": 1.4, "zorder": 2},
+    "simulation": {"color": PALETTE[0], "linestyle": "-", "linewidth": 1.8, "zorder": 3},
+}
+
+
+def draw(panels: Sequence[Panel], *, width: float = 9.5, panel_height: float = 2.3) -> Figure:
+    """A figure with the panels one below the other; equal x labels share their axis.
+
+    Raises:
+      InputError: no panel, or a line whose x and y do not match.
+    """
+    if not panels:
+        raise InputError("nothing to draw: the figure has no panels")
+    shared = len({panel.x_label for panel in panels}) == 1
+    figure = Figure(figsize=(width, panel_height * len(panels) + 0.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(len(panels), 1, sharex=shared, squeeze=False)[:, 0]
+    for i, (ax, panel) in enumerate(zip(axes, panels, strict=True)):
+        _draw_panel(ax, panel)
+        if not shared or i == len(panels) - 1:
+            ax.set_xlabel(panel.x_label, color=INK)
+    return figure
+
+
+def to_png(figure: Figure, dpi: int = 110) -> bytes:
+    """The figure as a PNG file's bytes; the same figure gives the same bytes."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def save(panels: Sequence[Panel], path: Path) -> bytes:
+    """Draws the panels into a PNG file, which replaces an older one whole; returns its bytes."""
+    content = to_png(draw(panels))
+    write_whole(path, content)
+    return content
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Writes a file beside its place and moves it there, so that no reader meets half of it."""
+    partial = path.with_name(f".{path.name}.partial")
+    partial.write_bytes(content)
+    partial.replace(path)
+
+
+def _draw_panel(ax: Axes, panel: Panel) -> None:
+    for i, line in enumerate(panel.lines):
+        _check(line, panel)
+        style = _ROLE_STYLE.get(
+            line.role, {"color": PALETTE[i % len(PALETTE)], "linewidth": 1.6, "zorder": 3}
+        )
+        x = np.asarray(line.x, dtype=float)
+        marker = {"marker": "o", "markersize": 4} if x.size <= 2 else {}
+        ax.plot(x, np.asarray(line.y, dtype=float), label=line.label, **style, **marker)
+    ax.set_title(panel.title, loc="left", fontsize=10, color=INK, fontweight="semibold")
+    ax.set_ylabel(panel.y_label, color=INK)
+    ax.grid(True, color=GRID, linewidth=0.7)
+    ax.set_axisbelow(True)
+    ax.margins(x=0.01)
+    ax.tick_params(colors=INK, labelsize=8)
+    for name, spine in ax.spines.items():
+        spine.set_visible(name in ("left", "bottom"))
+        spine.set_color(GRID)
+    if len([line for line in panel.lines if line.label]) > 1:
+        ax.legend(loc="best", fontsize=8, frameon=False, ncols=min(3, len(panel.lines)))
+
+
+def _check(line: Line, panel: Panel) -> None:
+    if np.shape(line.x) != np.shape(line.y) or np.ndim(line.x) != 1:
+        raise InputError(
+            f"line {line.label!r} of panel {panel.title!r}: x has shape {np.shape(line.x)}, "
+            f"y {np.shape(line.y)}; both must be (n,)"
+        )

@@ -1,0 +1,16 @@
+"""The lock-step of truck, traffic and stack: one clock, three rates, deterministic.
+
+from iits_mj.simulation import DriveConfig, Simulation
+
+with Simulation(DriveConfig(duration=30.0)) as simulation:
+    summary = simulation.run()
+print(summary.to_text())
+"""
+
+from iits_mj.simulation.config import DriveConfig
+from iits_mj.simulation.frame import Frame, Observer
+from iits_mj.simulation.loop import Simulation
+from iits_mj.simulation.summary import DriveSummary
+from iits_mj.simulation.telemetry import Telemetry
+
+__all__ = ["DriveConfig", "DriveSummary", "Frame", "Observer", "Simulation", "Telemetry"]

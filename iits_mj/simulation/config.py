@@ -1,0 +1,68 @@
+"""What a drive is: one frozen dataclass, which is also the flags of `iits-mj drive`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from iits_mj import options
+from iits_mj.options import option
+
+DENSITIES = ("dense", "medium", "sparse", "empty")
+DECISIONS = ("keep", "conservative", "neutral", "aggressive", "mobil", "lookahead", "ddqn")
+TRAFFIC_MODES = ("inter", "none")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveConfig:
+    """A drive of the truck with its stack over a route in traffic.
+
+    Every field is checked when an instance is made.
+
+    Raises:
+      InputError: a value is out of its bounds, unknown, or not finite.
+    """
+
+    map: Path | None = option(
+        None, help="OpenDRIVE map; without it the built-in 15 km highway", metavar="FILE.xodr"
+    )
+    payload: float = option(
+        36_000.0, help="load on the semitrailer", unit="kg", low=0.0, high=36_000.0, metavar="KG"
+    )
+    density: str = option("medium", help="how much traffic there is", choices=DENSITIES)
+    traffic_speed: float = option(
+        15.0, help="speed limit of the traffic", unit="m/s", low=3.0, high=40.0, metavar="MPS"
+    )
+    traffic_mode: str = option(
+        "inter",
+        help="inter: SUMO traffic that reacts to the truck; none: an empty road, without SUMO",
+        choices=TRAFFIC_MODES,
+    )
+    speed: float = option(
+        60.0 / 3.6,
+        help="reference speed of the truck, 16.67 m/s being 60 km/h",
+        unit="m/s",
+        low=1.0,
+        high=30.0,
+        metavar="MPS",
+    )
+    decision: str = option("mobil", help="who decides on lane changes", choices=DECISIONS)
+    duration: float = option(
+        120.0, help="time to drive", unit="s", low=1.0, high=86_400.0, metavar="S"
+    )
+    start_station: float = option(
+        60.0,
+        help="where the steer axle starts, along the route",
+        unit="m",
+        low=0.0,
+        high=1e6,
+        metavar="M",
+    )
+    start_lane: int = option(0, help="lane to start in, 0 being the right one", low=0, high=10)
+    start_speed: float = option(
+        15.0, help="speed to start with", unit="m/s", low=0.0, high=30.0, metavar="MPS"
+    )
+    seed: int = option(0, help="the one seed of everything random", low=0, high=2**31 - 1)
+
+    def __post_init__(self) -> None:
+        options.check(self)

@@ -1,0 +1,283 @@
+"""The lock-step: truck every 2 ms, control every 20 ms, traffic and planner every 100 ms."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable, Sequence
+from types import TracebackType
+
+import mujoco
+
+from controllers.stack import Stack
+from iits_mj.errors import Error, InputError
+from iits_mj.messages import EgoState, Scene, TrackedVehicle, VehicleCommand
+from iits_mj.road import RoadMap, Route
+from iits_mj.simulation import gaps
+from iits_mj.simulation.config import DriveConfig
+from iits_mj.simulation.frame import Frame, Observer
+from iits_mj.simulation.parts import make_stack, make_traffic
+from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
+from iits_mj.truck import Truck
+from traffic_bridge import Mirror
+
+TIMESTEP = 0.002
+CONTROL_STEPS = 10
+CYCLE_STEPS = 50
+CYCLE_PERIOD = CYCLE_STEPS * TIMESTEP
+# The drive ends when the front bumper is this close to the end of the route.
+END_MARGIN = 5.0
+
+
+class Simulation:
+    """A truck with its stack on a route, in traffic.
+
+    Args:
+      config: what to drive.
+      edit_spec: called on the model's `MjSpec` before it is compiled, for cameras and the size of
+        the offscreen buffer.
+
+    Attributes:
+      config, route, truck, mirror, stack: the parts; vehicles: the traffic now.
+      ended: why the drive is over, "" while it is not.
+
+    Raises:
+      MapError: the map cannot be read. TrafficError: SUMO refuses the network.
+      InputError: the start is not on the route.
+    """
+
+    def __init__(
+        self,
+        config: DriveConfig,
+        *,
+        edit_spec: Callable[[mujoco.MjSpec], None] | None = None,
+    ) -> None:
+        self.config = config
+        road_map = RoadMap.builtin() if config.map is None else RoadMap.from_opendrive(config.map)
+        self.route: Route = road_map.route()
+        self.mirror = Mirror()
+
+        def edit(spec: mujoco.MjSpec) -> None:
+            self.mirror.add_to(spec)
+            if edit_spec is not None:
+                edit_spec(spec)
+
+        self.truck = Truck.load(config.payload, route=self.route, timestep=TIMESTEP, edit_spec=edit)
+        self.mirror.bind(self.truck.model)
+        self._check_start()
+        self.traffic = make_traffic(config, self.route, self.truck.footprint)
+        try:
+            self.reset()
+        except BaseException:
+            self.close()
+            raise
+
+    def _check_start(self) -> None:
+        config, route = self.config, self.route
+        first, last = self.truck.footprint.length, route.length - END_MARGIN - 10.0
+        if not first <= config.start_station <= last:
+            raise InputError(
+                f"start-station {config.start_station:g} m is not on the route; use "
+                f"{first:.0f} to {last:.0f} m of its {route.length:.0f} m"
+            )
+        lanes = route.lane_count(config.start_station)
+        if not 0 <= config.start_lane < lanes:
+            raise InputError(
+                f"start-lane {config.start_lane} does not exist at station "
+                f"{config.start_station:g} m; use 0 to {lanes - 1}"
+            )
+
+    def reset(self) -> Frame:
+        """Puts everything back to the beginning; the same drive follows, bit for bit."""
+        config = self.config
+        offset = float(self.route.lane_offset(config.start_lane, config.start_station))
+        ego = self.truck.reset(
+            station=config.start_station,
+            offset=offset,
+            speed=min(config.start_speed, config.speed),
+        )
+        self.stack: Stack = make_stack(config, self.route)
+        self.vehicles: tuple[TrackedVehicle, ...] = ()
+        if self.traffic is not None:
+            self.traffic.reset(ego)
+            self.vehicles = tuple(self.traffic.vehicles)
+        self.ended = ""
+        self.collision = False
+        self._summary = SummaryBuilder()
+        self._steps = 0
+        self._fuel_start = ego.fuel_used
+        self._distance, self._odometer_time, self._odometer_speed = 0.0, 0.0, ego.speed
+        self._wall_start = time.perf_counter()
+        self._command = VehicleCommand()
+        self._follow_traffic()
+        self._plan(ego)
+        self.frame = self._frame(ego)
+        return self.frame
+
+    @property
+    def time(self) -> float:
+        """Time since the start [s], exact multiples of the time step."""
+        return self._steps * TIMESTEP
+
+    def cycle(self, observers: Sequence[Observer] = ()) -> Frame:
+        """Advances 100 ms and returns the frame at its end.
+
+        Raises:
+          Error: the simulation diverged, or a number is not finite.
+          TrafficError: SUMO failed.
+        """
+        schedule = [(observer, round(observer.period / TIMESTEP)) for observer in observers]
+        for _ in range(CYCLE_STEPS // CONTROL_STEPS):
+            ego = self.truck.observe()
+            self._drive_on(ego)
+            self._command = self.stack.control(ego)
+            self.truck.command(self._command)
+            self._follow_traffic()
+            end = self._steps + CONTROL_STEPS
+            while self._steps < end:
+                due = [period - self._steps % period for _, period in schedule]
+                self._advance(min([end - self._steps, *due]))
+                # Those due at the cycle's end see the new plan, below.
+                if self._steps % CYCLE_STEPS:
+                    self._show(schedule)
+        ego = self.truck.observe()
+        self._check_finite(ego)
+        self._drive_on(ego)
+        if self.traffic is not None:
+            self.vehicles = tuple(self.traffic.step(ego))
+        self._follow_traffic()
+        self._plan(ego)
+        self.frame = self._frame(ego)
+        self._summary.add(self.frame)
+        self._judge_end(ego)
+        self._show(schedule)
+        return self.frame
+
+    def run(
+        self,
+        observers: Sequence[Observer] = (),
+        progress: Callable[[Frame], None] | None = None,
+    ) -> DriveSummary:
+        """Drives to the end of the time or of the route, or to a collision.
+
+        Args:
+          observers: see `Observer`; they also see the instant of the start.
+          progress: called after each 100 ms.
+        """
+        for observer in observers:
+            observer.observe(self, self.frame)
+        while not self.ended:
+            frame = self.cycle(observers)
+            if progress is not None:
+                progress(frame)
+        return self.summary()
+
+    def summary(self, ended: str | None = None) -> DriveSummary:
+        """The figures so far; `ended` says why it stops here when the drive is not over."""
+        warnings = {
+            mujoco.mjtWarning(i).name.removeprefix("mjWARN_"): int(warning.number)
+            for i, warning in enumerate(self.truck.data.warning)
+            if warning.number
+        }
+        return self._summary.build(
+            self.frame,
+            wall_time=time.perf_counter() - self._wall_start,
+            ended=ended or self.ended or "still driving",
+            collision=self.collision,
+            fuel=self.frame.ego.fuel_used - self._fuel_start,
+            warnings=warnings,
+        )
+
+    def close(self) -> None:
+        """Ends SUMO."""
+        if self.traffic is not None:
+            self.traffic.close()
+
+    def __enter__(self) -> Simulation:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _advance(self, steps: int) -> None:
+        self.truck.step(steps)
+        self._steps += steps
+
+    def _drive_on(self, ego: EgoState) -> None:
+        """Adds the way driven since the last observation, by the trapezoidal rule."""
+        elapsed = self.time - self._odometer_time
+        self._distance += 0.5 * (ego.speed + self._odometer_speed) * elapsed
+        self._odometer_time, self._odometer_speed = self.time, ego.speed
+
+    def _show(self, schedule: Sequence[tuple[Observer, int]]) -> None:
+        due = [observer for observer, period in schedule if self._steps % period == 0]
+        if not due:
+            return
+        frame = self.frame
+        if frame.time != self.time:
+            frame = dataclasses.replace(
+                frame, time=self.time, ego=self.truck.observe(), command=self._command
+            )
+            self._follow_traffic()
+        for observer in due:
+            observer.observe(self, frame)
+
+    def _plan(self, ego: EgoState) -> None:
+        self.scene = Scene(ego.time, ego, self.vehicles, self.truck.footprint)
+        self.trajectory = self.stack.plan(self.scene)
+
+    def _follow_traffic(self) -> None:
+        """Moves the traffic's bodies to where the vehicles are at this instant."""
+        data = self.truck.data
+        tractor = data.body("tractor").xpos
+        alpha = self._steps % CYCLE_STEPS / CYCLE_STEPS
+        self.mirror.update(data, self.vehicles, (float(tractor[0]), float(tractor[1])), alpha)
+
+    def _frame(self, ego: EgoState) -> Frame:
+        route = self.route
+        lane = int(route.lane_at(ego.station, ego.offset))
+        point = route.evaluate(ego.station, ego.offset)
+        ahead, behind = gaps.lane_gaps(ego, lane, self.vehicles, self.truck.footprint)
+        return Frame(
+            time=self.time,
+            ego=ego,
+            scene=self.scene,
+            trajectory=self.trajectory,
+            command=self._command,
+            decision=self.stack.last_decision,
+            lane=lane,
+            lane_count=int(route.lane_count(ego.station)),
+            grade=float(point.grade),
+            curvature=float(point.curvature),
+            speed_limit=float(route.speed_limit(ego.station, max(lane, 0))),
+            reference_speed=self.config.speed,
+            gap_ahead=ahead,
+            gap_behind=behind,
+            box_distance=gaps.nearest_box_distance(ego, self.vehicles, self.truck.parameters),
+            distance=self._distance,
+            lane_changes=self.stack.lane_changes,
+            refused=self.stack.refused,
+        )
+
+    def _check_finite(self, ego: EgoState) -> None:
+        for field in dataclasses.fields(ego):
+            value = getattr(ego, field.name)
+            values = value if isinstance(value, tuple) else (value,)
+            if not all(math.isfinite(number) for number in values):
+                raise Error(f"the truck's {field.name} is {value!r} at t = {self.time:.1f} s")
+
+    def _judge_end(self, ego: EgoState) -> None:
+        front = ego.station + self.truck.footprint.front_overhang
+        if self.frame.box_distance == 0.0:
+            self.collision = True
+            self.ended = f"collision with another vehicle at t = {self.time:.1f} s"
+        elif front >= self.route.length - END_MARGIN:
+            self.ended = "reached the end of the route"
+        elif self.time >= self.config.duration - 0.5 * TIMESTEP:
+            self.ended = "reached the end of the time"

@@ -1,0 +1,157 @@
+"""What a drive came to: distance, speeds, gaps, fuel, and how it ended."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from iits_mj.simulation.frame import Frame
+
+# Diesel at 15 degrees C, middle of EN 590's 820 to 845 kg/m3.
+DIESEL_DENSITY = 0.832  # kg/l
+
+
+@dataclass(frozen=True, slots=True)
+class DriveSummary:
+    """Figures of one drive, SI units.
+
+    Attributes:
+      ended: why it ended, in words; collision: True when the truck touched another vehicle.
+      duration: simulated time [s]; distance [m]; mean_speed, max_speed [m/s].
+      lane_changes: completed; refused: asked for and refused.
+      closest_gap: least bumper-to-bumper gap to the vehicle ahead in the lane [m], inf without one.
+      closest_box: least distance of the truck's boxes to any other vehicle [m], inf without one.
+      fuel [kg]; real_time_factor: simulated time over wall time, everything included.
+      max_lateral_acceleration [m/s2], max_articulation [rad]: greatest magnitudes.
+      warnings: MuJoCo's warnings by name, only those that were raised.
+    """
+
+    ended: str
+    collision: bool
+    duration: float
+    distance: float
+    mean_speed: float
+    max_speed: float
+    lane_changes: int
+    refused: int
+    closest_gap: float
+    closest_box: float
+    fuel: float
+    real_time_factor: float
+    max_lateral_acceleration: float
+    max_articulation: float
+    warnings: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def fuel_per_100km(self) -> float:
+        """Consumption [l/100 km]; nan before the first ten metres."""
+        if self.distance < 10.0:
+            return math.nan
+        return self.fuel / DIESEL_DENSITY / (self.distance / 100e3)
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Name and value with its unit, for tables that people read."""
+        per_100km = self.fuel_per_100km
+        rows = [
+            ("ended", self.ended),
+            ("time", f"{self.duration:.1f} s"),
+            ("distance", f"{self.distance / 1e3:.3f} km"),
+            ("mean speed", f"{self.mean_speed:.2f} m/s ({self.mean_speed * 3.6:.1f} km/h)"),
+            ("lane changes", f"{self.lane_changes} completed, {self.refused} refused"),
+            ("closest gap ahead", _metres(self.closest_gap, "no vehicle was ahead in the lane")),
+            ("closest vehicle", _metres(self.closest_box, "none came near")),
+            (
+                "fuel",
+                f"{self.fuel:.2f} kg"
+                + ("" if math.isnan(per_100km) else f" ({per_100km:.1f} l/100 km)"),
+            ),
+            ("largest lateral acceleration", f"{self.max_lateral_acceleration:.2f} m/s2"),
+            ("largest articulation", f"{math.degrees(self.max_articulation):.2f} deg"),
+            ("real-time factor", f"{self.real_time_factor:.1f}"),
+        ]
+        warned = ", ".join(f"{count} x {name}" for name, count in self.warnings.items())
+        rows.append(("engine warnings", warned or "none"))
+        return rows
+
+    def to_text(self) -> str:
+        """The rows as aligned plain text."""
+        rows = self.rows()
+        width = max(len(name) for name, _ in rows)
+        return "\n".join(f"  {name.ljust(width)}  {value}" for name, value in rows)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything for JSON, units in the names; a figure that is not finite becomes None."""
+        units = {
+            "duration": "s",
+            "distance": "m",
+            "mean_speed": "mps",
+            "max_speed": "mps",
+            "closest_gap": "m",
+            "closest_box": "m",
+            "fuel": "kg",
+            "max_lateral_acceleration": "mps2",
+            "max_articulation": "rad",
+        }
+        values = asdict(self) | {"fuel_per_100km_l": self.fuel_per_100km}
+        named = {f"{k}_{units[k]}" if k in units else k: v for k, v in values.items()}
+        return {
+            key: None if isinstance(value, float) and not math.isfinite(value) else value
+            for key, value in named.items()
+        }
+
+
+def _metres(value: float, otherwise: str) -> str:
+    return f"{value:.2f} m" if math.isfinite(value) else otherwise
+
+
+@dataclass(slots=True)
+class SummaryBuilder:
+    """Collects the figures of a drive frame by frame (every 100 ms)."""
+
+    max_speed: float = 0.0
+    closest_gap: float = math.inf
+    closest_box: float = math.inf
+    max_lateral_acceleration: float = 0.0
+    max_articulation: float = 0.0
+
+    def add(self, frame: Frame) -> None:
+        """Takes one frame into account."""
+        ego = frame.ego
+        self.max_speed = max(self.max_speed, ego.speed)
+        self.closest_gap = min(self.closest_gap, frame.gap_ahead)
+        self.closest_box = min(self.closest_box, frame.box_distance)
+        self.max_lateral_acceleration = max(
+            self.max_lateral_acceleration, abs(ego.lateral_acceleration)
+        )
+        self.max_articulation = max(self.max_articulation, abs(ego.articulation))
+
+    def build(
+        self,
+        last: Frame,
+        *,
+        wall_time: float,
+        ended: str,
+        collision: bool,
+        fuel: float,
+        warnings: dict[str, int],
+    ) -> DriveSummary:
+        """The summary up to the frame `last`; `wall_time` in seconds, `fuel` in kg."""
+        duration = last.time
+        return DriveSummary(
+            ended=ended,
+            collision=collision,
+            duration=duration,
+            distance=last.distance,
+            mean_speed=last.distance / duration if duration > 0.0 else 0.0,
+            max_speed=self.max_speed,
+            lane_changes=last.lane_changes,
+            refused=last.refused,
+            closest_gap=self.closest_gap,
+            closest_box=self.closest_box,
+            fuel=fuel,
+            real_time_factor=duration / wall_time if wall_time > 0.0 else 0.0,
+            max_lateral_acceleration=self.max_lateral_acceleration,
+            max_articulation=self.max_articulation,
+            warnings=warnings,
+        )
