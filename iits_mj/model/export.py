@@ -1,6 +1,11 @@
-"""The model as files: the static MJCF and the provenance table of its README."""
+"""The model as files: the static MJCF with its meshes, and the provenance table of its README."""
 
 from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
 
 from iits_mj.errors import InputError
 from iits_mj.model.builder import truck_spec
@@ -11,18 +16,41 @@ XML_HEADER = (
     "<!-- The 12-wheel tractor-semitrailer, laden to 55 t. Made from truck.toml by "
     "`python -m iits_mj.model`: change the figures there, not here. -->\n"
 )
+MESH_FOLDER = "assets"
 TABLE_START = "<!-- provenance: made by `python -m iits_mj.model` -->"
 TABLE_END = "<!-- end of provenance -->"
 
 
-def truck_xml_text(payload: float | None = None) -> str:
-    """Static MJCF of the truck with this payload [kg], by default the greatest."""
+def model_files(payload: float | None = None) -> dict[str, str]:
+    """Texts of `truck.xml` and its meshes, by path below the model folder.
+
+    Args:
+      payload: [kg]; default: the greatest.
+    """
     register()
     parameters = TruckParameters.load()
     payload = parameters.payload.mass_max if payload is None else payload
     spec = truck_spec(parameters, payload)
+    files = {}
+    for mesh in spec.meshes:
+        name = f"{mesh.name}.obj"
+        files[f"{MESH_FOLDER}/{name}"] = _wavefront(mesh)
+        mesh.file = name
+        mesh.uservert, mesh.userface = [], []
+    spec.meshdir = MESH_FOLDER
+    assets = {name.removeprefix(f"{MESH_FOLDER}/"): text.encode() for name, text in files.items()}
+    spec.assets = assets
     spec.compile()
-    return XML_HEADER + str(spec.to_xml())
+    return {"truck.xml": XML_HEADER + str(spec.to_xml()), **files}
+
+
+def write_model(folder: Path) -> None:
+    """Writes the model's files into `folder` and renews its README's provenance table."""
+    (folder / MESH_FOLDER).mkdir(exist_ok=True)
+    for name, text in model_files().items():
+        (folder / name).write_text(text, encoding="utf-8")
+    readme = folder / "README.md"
+    readme.write_text(readme_text(readme.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 def readme_text(text: str) -> str:
@@ -38,3 +66,12 @@ def readme_text(text: str) -> str:
     rows = ["| figure | value | unit | grade | source |", "|---|---|---|---|---|"]
     rows += [f"| {' | '.join(row)} |" for row in provenance()]
     return "\n".join([head + start, "", *rows, "", end]) + tail
+
+
+def _wavefront(mesh: mujoco.MjsMesh) -> str:
+    """A mesh of vertices and triangles as Wavefront OBJ, to a tenth of a millimetre."""
+    vertices = np.array(mesh.uservert).reshape(-1, 3)
+    faces = np.array(mesh.userface).reshape(-1, 3) + 1
+    lines = [f"v {x:.4f} {y:.4f} {z:.4f}" for x, y, z in vertices]
+    lines += [f"f {a} {b} {c}" for a, b, c in faces]
+    return "\n".join(lines) + "\n"

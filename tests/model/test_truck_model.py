@@ -11,7 +11,7 @@ from iits_mj.assets import mjcf_dir
 from iits_mj.errors import InputError
 from iits_mj.messages import VehicleCommand
 from iits_mj.model.builder import truck_spec
-from iits_mj.model.export import readme_text, truck_xml_text
+from iits_mj.model.export import model_files, readme_text
 from iits_mj.model.statics import static_loads
 from iits_mj.parameters import TruckParameters
 
@@ -42,9 +42,10 @@ def axle_loads(model, data):
     ]
 
 
-def test_shipped_xml_is_what_the_builder_makes():
-    shipped = (mjcf_dir() / "truck.xml").read_text(encoding="utf-8")
-    assert shipped == truck_xml_text(), "run `python -m iits_mj.model`"
+def test_shipped_files_are_what_the_builder_makes():
+    for name, text in model_files().items():
+        shipped = (mjcf_dir() / name).read_text(encoding="utf-8")
+        assert shipped == text, f"{name} is stale: run `python -m iits_mj.model`"
 
 
 def test_provenance_table_of_the_readme_is_current():
