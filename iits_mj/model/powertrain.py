@@ -23,10 +23,6 @@ SIGNALS = (
     "accelerator_pedal_position",
 )
 
-# Rate [N m/s] at which torque returns after a gear change, up to what the charge pressure burns:
-# 1000 N m in a quarter of a second, so that a change takes 0.6 to 1.0 s in all (judgement).
-TORQUE_RECOVERY_RATE = 4000.0
-
 _ENGINE_SCALARS = (
     "idle_speed",
     "governed_speed",
@@ -72,7 +68,6 @@ def config(parameters: TruckParameters) -> dict[str, str]:
     speed, torque = full_load(parameters)
     attributes |= {
         "engine_inertia": _text(engine.inertia),
-        "torque_recovery_rate": _text(TORQUE_RECOVERY_RATE),
         "full_load_speed": _text(speed),
         "full_load_torque": _text(torque),
         "pedal_map_speed": _text(engine.pedal_map.rows),

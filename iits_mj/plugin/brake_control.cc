@@ -12,7 +12,7 @@ namespace {
 
 // Judgement: figures of the deceleration control, which no source gives.
 constexpr double kFilterTime = 0.3;    // of the measured deceleration [s]
-constexpr double kTrimGain = 0.4;      // [1/s]
+constexpr double kTrimGain = 0.6;      // [1/s]
 constexpr double kTrimMax = 0.4;       // [m/s2], plus
 constexpr double kTrimShare = 0.3;     // of the demand
 constexpr double kTrimSpeedMin = 2.0;  // [m/s]
@@ -61,16 +61,16 @@ void BrakeControl::Hold(const BrakeDemand& demand, double h, BrakeControlState* 
 
 // Integral of the deceleration's error against a reference that is as slow as the brakes. It stops
 // when the error says nothing about the brakes: standing, ABS at work, supply still on its way.
-void BrakeControl::Trim(const BrakeDemand& demand, double deceleration, bool settled, double h,
+void BrakeControl::Trim(const BrakeDemand& demand, double deceleration, double supplied, double h,
                         BrakeControlState* s) const {
   double wanted = demand.active ? demand.deceleration : 0;
-  s->reference[0] += (wanted - s->reference[0]) * h / (response_time_ + h);
+  s->reference[0] += (supplied * wanted - s->reference[0]) * h / (response_time_ + h);
   s->reference[1] += (s->reference[0] - s->reference[1]) * h / (kFilterTime + h);
   if (!demand.active) {
     s->trim = 0;
     return;
   }
-  if (demand.speed < kTrimSpeedMin || demand.abs_active || !settled) return;
+  if (demand.speed < kTrimSpeedMin || demand.abs_active || supplied < kSettled) return;
   double limit = kTrimMax + kTrimShare * wanted;
   s->trim += h * kTrimGain * (s->reference[1] - deceleration);
   s->trim = std::clamp(s->trim, -std::min(limit, wanted), limit);
@@ -89,13 +89,13 @@ void BrakeControl::Update(const BrakeDemand& demand, double h, BrakeControlState
   double wanted = 0;
   if (demand.active) wanted = std::max(0.0, demand.deceleration + s->trim);
   if (s->holding != 0) wanted = std::max(wanted, kHoldDemand);
-  bool settled = true;
+  double supplied = 1;  // least share of a circuit's set point that its supply has reached
   for (int i = 0; i < kCircuits; ++i) {
     double target = wanted > 0 ? std::min(pressure_[i](wanted), pressure_max_) : 0;
-    settled = settled && std::abs(target - s->supply[i]) < kSettled;
     s->supply[i] = std::clamp(target, s->supply[i] - h * fall_rate_, s->supply[i] + h * rise_rate_);
+    if (target > 0) supplied = std::min(supplied, s->supply[i] / target);
   }
-  Trim(demand, deceleration, settled, h, s);
+  Trim(demand, deceleration, supplied, h, s);
 }
 
 }  // namespace iits

@@ -41,7 +41,7 @@ class BrakeControl {
 
  private:
   void Hold(const BrakeDemand& demand, double h, BrakeControlState* s) const;
-  void Trim(const BrakeDemand& demand, double deceleration, bool settled, double h,
+  void Trim(const BrakeDemand& demand, double deceleration, double supplied, double h,
             BrakeControlState* s) const;
 
   Curve pressure_[kCircuits];  // over demanded deceleration

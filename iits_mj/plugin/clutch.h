@@ -4,6 +4,7 @@
 #define IITS_MJ_PLUGIN_CLUTCH_H_
 
 #include <algorithm>
+#include <cmath>
 
 namespace iits {
 

@@ -44,7 +44,6 @@ bool Engine::Read(const mjModel* m, int instance) {
       {"torque_fall_rate", 1, 1e6, &fall_rate_},
       {"torque_fall_rate_low", 1, 1e6, &fall_rate_low_},
       {"torque_fall_threshold", 0, 1e5, &fall_threshold_},
-      {"torque_recovery_rate", 1, 1e6, &recovery_rate_},
       {"boost_lag", 0.001, 10, &boost_lag_},
       {"engine_brake_power", 0, 1e7, &brake_power_},
       {"engine_brake_speed", 50, 1000, &brake_speed_},
@@ -115,9 +114,22 @@ void Engine::Synchronize(const EngineRequest& request, double h, EngineState* s)
   s->idle_integral = 0;
 }
 
+// Torque that the air allows: the demand, rate-limited, through the turbocharger's lag. What a
+// naturally aspirated engine can burn is there at once.
+void Engine::UpdateBoost(double demand, double h, EngineState* s) const {
+  double floor = rise_threshold_ + drag_(s->speed);
+  s->boost_demand = std::max(s->boost_demand, floor);
+  s->boost_demand += Clip(demand - s->boost_demand, -h * fall_rate_low_, h * rise_rate_);
+  s->boost_demand = std::max(s->boost_demand, floor);
+  s->boost += (s->boost_demand - s->boost) * h / (boost_lag_ + h);
+  s->boost = std::max(s->boost, floor);
+}
+
 void Engine::Update(const EngineRequest& request, double h, EngineState* s) const {
-  if (request.mode == EngineRequest::kSpeed) return Synchronize(request, h, s);
   double drag = drag_(s->speed);
+  // Unloaded, in a gear change, the turbocharger loses its charge.
+  if (request.mode != EngineRequest::kPedal) UpdateBoost(0, h, s);
+  if (request.mode == EngineRequest::kSpeed) return Synchronize(request, h, s);
   bool braking = request.mode == EngineRequest::kPedal && request.pedal < 0.02;
   double brake = braking ? request.engine_brake * BrakeTorqueMax(s->speed) : 0;
   s->brake_torque += (brake - s->brake_torque) * h / ((braking ? kBrakeLag : 0.05) + h);
@@ -128,13 +140,10 @@ void Engine::Update(const EngineRequest& request, double h, EngineState* s) cons
   double limit = TorqueLimit(s->speed) + drag;
   double wanted = PedalTorque(s->speed, request.pedal) + drag;
   double demand = std::min(limit, std::max(wanted, IdleTorque(h, s)));
-  // The charge pressure follows the demand slowly; through a gear change (kCut, kSpeed) it stays.
-  double boost_rate = Clip((demand - s->boost) / (boost_lag_ + h), -fall_rate_, rise_rate_);
-  s->boost = std::max(s->boost + h * boost_rate, rise_threshold_ + drag);
+  UpdateBoost(demand, h, s);
   double target = std::min(demand, s->boost);
   if (target > s->torque) {
-    double rate = s->torque < rise_threshold_ + drag ? rise_rate_low_ : recovery_rate_;
-    s->torque = std::min(target, s->torque + h * rate);
+    s->torque = std::min(target, s->torque + h * rise_rate_low_);
   } else {
     double rate = s->torque > fall_threshold_ + drag ? fall_rate_ : fall_rate_low_;
     s->torque = std::max(target, s->torque - h * rate);

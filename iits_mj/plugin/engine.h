@@ -12,6 +12,7 @@ namespace iits {
 struct EngineState {
   double speed;          // of the crankshaft [rad/s]
   double torque;         // indicated by combustion, before friction, >= 0 [N m]
+  double boost_demand;   // rate-limited indicated torque that the charge pressure follows [N m]
   double boost;          // indicated torque that the charge pressure can burn now [N m]
   double idle_integral;  // of the idle governor [N m]
   double brake_torque;   // of the engine brake, >= 0 [N m]
@@ -60,12 +61,13 @@ class Engine {
  private:
   double Governor(double speed) const;
   double IdleTorque(double h, EngineState* s) const;
+  void UpdateBoost(double demand, double h, EngineState* s) const;
   double BrakeTorqueMax(double speed) const;
   void Synchronize(const EngineRequest& request, double h, EngineState* s) const;
 
   double idle_speed_, governed_speed_, reference_torque_, inertia_;
   double rise_rate_, rise_rate_low_, rise_threshold_;
-  double fall_rate_, fall_rate_low_, fall_threshold_, recovery_rate_, boost_lag_;
+  double fall_rate_, fall_rate_low_, fall_threshold_, boost_lag_;
   double brake_power_, brake_speed_, idle_fuel_rate_;
   Curve full_load_, drag_;
   Map pedal_map_, fuel_map_;

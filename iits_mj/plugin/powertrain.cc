@@ -18,10 +18,10 @@ const char* const kAttributes[] = {
     // engine
     "idle_speed", "governed_speed", "reference_torque", "engine_inertia", "torque_rise_rate",
     "torque_rise_rate_low", "torque_rise_threshold", "torque_fall_rate", "torque_fall_rate_low",
-    "torque_fall_threshold", "torque_recovery_rate", "boost_lag", "engine_brake_power",
-    "engine_brake_speed", "idle_fuel_rate", "full_load_speed", "full_load_torque", "drag_speed",
-    "drag_torque", "pedal_map_speed", "pedal_map_pedal", "pedal_map_torque", "fuel_map_torque",
-    "fuel_map_speed", "fuel_map_consumption",
+    "torque_fall_threshold", "boost_lag", "engine_brake_power", "engine_brake_speed",
+    "idle_fuel_rate", "full_load_speed", "full_load_torque", "drag_speed", "drag_torque",
+    "pedal_map_speed", "pedal_map_pedal", "pedal_map_torque", "fuel_map_torque", "fuel_map_speed",
+    "fuel_map_consumption",
     // gearbox
     "ratios", "gear_inertias", "reverse_ratio", "final_drive", "efficiency", "start_gear",
     "shift_cut_time", "synchronization_time", "clutch_close_time", "downshift_delay",
