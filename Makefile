@@ -1,0 +1,86 @@
+# `make drive` sets everything up and drives; `make test` is what continuous integration runs.
+
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+OUT    ?= out
+FLAGS  ?=
+JOBS   ?= 2
+
+PLUGIN  := $(wildcard iits_mj/plugin/*.cc iits_mj/plugin/*.h)
+BUILD   := pyproject.toml CMakeLists.txt
+PYTHONS := iits_mj controllers traffic_bridge tests benchmarks
+
+.PHONY: help drive test test-slow lint check format build clean
+
+help:
+	@echo "make drive      set up and drive: video, telemetry, plots and report in $(OUT)/"
+	@echo "                flags of 'iits-mj drive' go into FLAGS, e.g. make drive FLAGS='--seed 3'"
+	@echo "make test       lint, types, layers, C++ format and the tests"
+	@echo "make test-slow  the tests that take minutes"
+	@echo "make format     format Python and C++"
+	@echo "make build      rebuild the engine plugin after a change of its C++"
+	@echo "make clean      remove the build and the virtual environment"
+
+drive: $(VENV)/installed
+	$(BIN)/iits-mj drive --out "$(OUT)" $(FLAGS)
+
+# --- setting up -----------------------------------------------------------------------------
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+	  echo "make: Python 3.11 or newer is needed as '$(PYTHON)': apt-get install python3," \
+	       "or make PYTHON=python3.12" >&2; exit 2; }
+	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { \
+	  echo "make: Python's venv module is missing: apt-get install python3-venv" >&2; exit 2; }
+	$(PYTHON) -m venv $(VENV)
+
+.PHONY: compiler
+compiler:
+	@command -v $${CXX:-c++} >/dev/null || command -v g++ >/dev/null || { \
+	  echo "make: a C++17 compiler is missing: apt-get install g++" >&2; exit 2; }
+
+# Editable, so that changes of Python and MJCF count at once; the plugin is compiled here.
+$(VENV)/installed: $(BUILD) $(PLUGIN) | compiler $(BIN)/python
+	$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/installed-test: $(BUILD) $(PLUGIN) constraints.txt | compiler $(BIN)/python
+	$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt -e '.[test]'
+	@touch $(VENV)/installed $@
+
+$(BIN)/cmake: | $(BIN)/python
+	$(BIN)/pip install -q --disable-pip-version-check cmake ninja
+
+# Compiles only what changed, and puts the library where the editable install has it.
+build: $(VENV)/installed-test $(BIN)/cmake
+	PATH="$(abspath $(BIN)):$$PATH" cmake -S . -B build/plugin -G Ninja -DSKBUILD_STATE=editable \
+	  -DPython3_EXECUTABLE="$(abspath $(BIN))/python" >/dev/null
+	PATH="$(abspath $(BIN)):$$PATH" cmake --build build/plugin
+	PATH="$(abspath $(BIN)):$$PATH" cmake --install build/plugin --prefix \
+	  "$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("platlib"))')" >/dev/null
+
+# --- checking -------------------------------------------------------------------------------
+
+test: lint check
+
+lint: $(VENV)/installed-test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/clang-format --dry-run -Werror $(PLUGIN)
+
+check: $(VENV)/installed-test
+	$(BIN)/pytest -m "not slow" -n $(JOBS)
+
+test-slow: $(VENV)/installed-test
+	$(BIN)/pytest -m slow -n $(JOBS)
+
+format: $(VENV)/installed-test
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+	$(BIN)/clang-format -i $(PLUGIN)
+
+clean:
+	rm -rf build $(VENV)
