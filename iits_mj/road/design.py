@@ -129,8 +129,8 @@ def build(design: Design, tapered: bool = True) -> OpenDriveMap:
     """Map records of a design: one road after the other, linked lane by lane.
 
     SUMO's lanes have one width each, and netconvert lays a tapered lane's neighbours up to 2 m
-    beside their place. Without `tapered` the innermost lane is always there and fully wide, and open to
-    traffic only where the further lane is fully open: netconvert then keeps every lane in place.
+    beside their place. Without `tapered` the innermost lane is always there and fully wide, and
+    open to traffic only where the further lane is fully open: netconvert then keeps all in place.
     """
     ends = [*design.road_ends, design.length]
     starts = [0.0, *design.road_ends]

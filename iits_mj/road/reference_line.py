@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from iits_mj.errors import InputError
 from iits_mj.road.seams import ContinuousChain, X, Y
 
 FloatArray = NDArray[np.float64]
@@ -58,6 +59,7 @@ class ReferenceLine:
         if np.max(np.abs(speed - 1.0)) > ARC_TOLERANCE:
             # Station is arc length: where p is not, resample at even steps of the integral.
             fine = np.linspace(0.0, chain.length, 10 * (p.size - 1) + 1)
+            fine = np.union1d(fine, chain.breaks())
             fine_speed = np.hypot(*chain.state(fine)[1, [X, Y]])
             pieces = 0.5 * np.diff(fine) * (fine_speed[:-1] + fine_speed[1:])
             arc = np.concatenate(([0.0], np.cumsum(pieces)))
@@ -195,7 +197,7 @@ class ReferenceLine:
         line extends along its tangents.
         """
         if not (math.isfinite(x) and math.isfinite(y)):
-            raise ValueError(f"a point must be finite, not ({x}, {y})")
+            raise InputError(f"a point of the map must be finite, not ({x}, {y})")
         if near_station is not None:
             found = self._newton(x, y, near_station)
             if found is not None and abs(found[1]) < _LOST:

@@ -4,7 +4,7 @@ Real maps are dirty: roads overlap or leave gaps of up to a metre, records start
 or milliradians off, elevation records meet with different grades. Here every chain of roads becomes
 a curve over one parameter p (metres of road s travelled) that is continuous with its first
 derivative in x, y, z and superelevation. At a seam each side takes half of the step of value and
-slope, fading out over a window by cubic Hermite polynomials; outside windows the curve is exact.
+slope, fading out over a window by cubic polynomials; outside windows the curve is exact.
 """
 
 from __future__ import annotations
@@ -145,6 +145,12 @@ class ContinuousChain:
         self.seams = tuple(self._find_seams(source))
         self.length = float(self._ends[-1])
 
+    def breaks(self) -> FloatArray:
+        """Chain parameters where a record starts or a road ends, each with a place just before."""
+        places = [piece.p_at(s) for piece in self.pieces for s in piece.breaks()]
+        places = np.array([*places, *self._ends[:-1]])
+        return np.sort(np.concatenate((places, places - 1e-9)))
+
     def piece_index(self, p: ArrayLike) -> NDArray[np.intp]:
         """Index of the piece at chain parameters."""
         index = np.searchsorted(self._ends, np.asarray(p, dtype=float), side="right")
@@ -188,17 +194,20 @@ class ContinuousChain:
         for channel in range(4):
             window = seam.windows[channel]
             tau = np.minimum(np.abs(u) / window, 1.0)
-            sign = np.sign(u)
+            sign = np.where(after, 1.0, -1.0)
             value, slope = seam.step[0, channel], seam.step[1, channel] * speed
-            fade = (1.0 - tau) ** 2
-            result[0, channel, near] += half * (value * fade * (1.0 + 2.0 * tau) + slope * u * fade)
+            # Both sides together make one smooth step 3x^2 - 2x^3 of the value over two windows.
+            x = 0.5 * (1.0 - tau)
+            result[0, channel, near] += half * (
+                value * 2.0 * x**2 * (3.0 - 2.0 * x) + slope * u * (1.0 - tau) ** 2
+            )
             result[1, channel, near] += half * (
-                -6.0 * value * tau * (1.0 - tau) * sign / window
+                -6.0 * value * x * (1.0 - x) * sign / window
                 + slope * (1.0 - tau) * (1.0 - 3.0 * tau)
             )
             inside = half * (tau < 1.0)
             result[2, channel, near] += inside * (
-                value * (12.0 * tau - 6.0) / window**2 + slope * sign * (6.0 * tau - 4.0) / window
+                value * (3.0 - 6.0 * x) / window**2 + slope * sign * (6.0 * tau - 4.0) / window
             )
 
     def _find_seams(self, source: str) -> Iterator[Seam]:
@@ -235,7 +244,7 @@ def _seam(
             f"up to {math.degrees(HEADING_STEP_LIMIT):.0f} are blended"
         )
     side = float(np.hypot(*step[0, :2]))
-    wanted = max(math.sqrt(3.0 * side / BLEND_CURVATURE), 2.0 * turn / BLEND_CURVATURE)
+    wanted = max(math.sqrt(1.5 * side / BLEND_CURVATURE), 2.0 * turn / BLEND_CURVATURE)
     plane = float(np.clip(wanted, 10.0, 40.0))
     height = float(np.clip(0.75 * abs(step[0, Z]) / BLEND_GRADE, 20.0, 100.0))
     yield Seam(p, piece, s, step, (speeds[0], speeds[1]), np.array([plane, plane, height, 20.0]))
