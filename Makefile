@@ -9,7 +9,6 @@ JOBS   ?= 2
 
 PLUGIN  := $(wildcard iits_mj/plugin/*.cc iits_mj/plugin/*.h)
 BUILD   := pyproject.toml CMakeLists.txt
-PYTHONS := iits_mj controllers traffic_bridge tests benchmarks
 
 .PHONY: help drive test test-slow lint check format build clean
 

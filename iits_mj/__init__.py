@@ -4,16 +4,22 @@ Importing the package registers the engine plugin, so that `mujoco.MjModel.from_
 truck's MJCF. SUMO, CasADi and torch are loaded only by the modules that need them.
 """
 
+import warnings
+
 from iits_mj.assets import mjcf_path
-from iits_mj.errors import Error
+from iits_mj.errors import Error, PluginError
 from iits_mj.messages import VehicleCommand
 from iits_mj.parameters import TruckParameters
 from iits_mj.plugin_library import register as _register_plugin
 
 __version__ = "0.1.0"
 
-_register_plugin()
+try:
+    _register_plugin()
+except PluginError as error:
+    # `iits-mj doctor` must be able to say what helps; `Truck.load` raises the same error.
+    warnings.warn(str(error), RuntimeWarning, stacklevel=2)
 
-from iits_mj.truck import Truck  # noqa: E402 - the model needs the plugin
+from iits_mj.truck import Truck
 
 __all__ = ["Error", "Truck", "TruckParameters", "VehicleCommand", "__version__", "mjcf_path"]

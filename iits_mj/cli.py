@@ -71,6 +71,8 @@ def dispatch(argv: Sequence[str]) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point: `dispatch` with every error turned into one line on stderr."""
+    # libsumo would print a warning about an installed pyarrow on stdout, into our JSON.
+    os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
     try:
         code = dispatch(sys.argv[1:] if argv is None else argv)
         sys.stdout.flush()

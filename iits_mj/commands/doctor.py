@@ -1,0 +1,225 @@
+"""Show versions, engine plugin, OpenGL, SUMO and netconvert, each with a remedy.
+
+Exit code 0 when everything that is needed works, 1 otherwise; what is optional never counts.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import json as json_module
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+
+import iits_mj
+from iits_mj import plugin_library
+from iits_mj.errors import Error
+from iits_mj.options import option
+
+MUJOCO_WANTED = "3.17.0"
+_GL_PROBE = """
+import mujoco
+context = mujoco.GLContext(64, 64)
+context.make_current()
+model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
+mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+"""
+_NETCONVERT_REMEDY = "pip install eclipse-sumo==1.28.0"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Flags of `iits-mj doctor`."""
+
+    json: bool = option(False, help="print one JSON object instead of the table")
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One line of the doctor: what was looked at, whether it works, and what helps."""
+
+    name: str
+    ok: bool
+    detail: str
+    remedy: str = ""
+    needed: bool = True
+
+    @property
+    def verdict(self) -> str:
+        """"ok", "MISSING" (needed) or "absent" (optional)."""
+        return "ok" if self.ok else ("MISSING" if self.needed else "absent")
+
+
+def run(options: Options) -> int:
+    """Looks at everything and prints one line each."""
+    findings = [probe() for probe in PROBES]
+    well = all(finding.ok for finding in findings if finding.needed)
+    if options.json:
+        rows = [
+            {
+                "name": f.name,
+                "ok": f.ok,
+                "needed": f.needed,
+                "detail": f.detail,
+                "remedy": "" if f.ok else f.remedy,
+            }
+            for f in findings
+        ]
+        print(json_module.dumps({"command": "doctor", "ok": well, "findings": rows}))
+    else:
+        width = max(len(finding.name) for finding in findings)
+        for finding in findings:
+            line = f"{finding.verdict:8}{finding.name.ljust(width)}  {finding.detail}"
+            if not finding.ok and finding.remedy:
+                line += f"; remedy: {finding.remedy}"
+            print(line)
+    return 0 if well else 1
+
+
+def python() -> Finding:
+    """The interpreter."""
+    return Finding(
+        "Python",
+        sys.version_info >= (3, 11),
+        f"{platform.python_version()} on {platform.system()} {platform.machine()}",
+        "install Python 3.11 or newer",
+    )
+
+
+def package() -> Finding:
+    """This package."""
+    return Finding("iits-mj", True, f"{iits_mj.__version__} in {Path(iits_mj.__file__).parent}")
+
+
+def engine() -> Finding:
+    """MuJoCo, whose plugin interface holds for one exact version."""
+    return Finding(
+        "MuJoCo",
+        mujoco.__version__ == MUJOCO_WANTED,
+        f"{mujoco.__version__}, the plugin is built for {MUJOCO_WANTED}",
+        f"pip install mujoco=={MUJOCO_WANTED}",
+    )
+
+
+def plugin() -> Finding:
+    """The compiled engine plugin."""
+    try:
+        path = plugin_library.register()
+    except Error as error:
+        return Finding("engine plugin", False, str(error), "pip install . (needs g++)")
+    return Finding("engine plugin", True, str(path))
+
+
+def truck() -> Finding:
+    """The truck: 0.2 s of it standing on a plane."""
+    try:
+        standing = iits_mj.Truck.load(visuals=False)
+        standing.step(100)
+    except Error as error:
+        return Finding("truck", False, str(error), "see the engine plugin above")
+    return Finding("truck", True, f"{standing.observe().mass / 1e3:.1f} t, 0.2 s stepped")
+
+
+def opengl() -> Finding:
+    """Offscreen OpenGL, tried in a process of its own since a bad driver may abort it."""
+    backend = os.environ.get("MUJOCO_GL") or "egl"
+    probe = subprocess.run(
+        [sys.executable, "-c", _GL_PROBE],
+        env=os.environ | {"MUJOCO_GL": backend},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    remedy = "apt-get install libegl1 libgl1-mesa-dri libopengl0 (drives work without, videos do not)"
+    if probe.returncode == 0:
+        return Finding("OpenGL", True, f"offscreen pictures through {backend}", needed=False)
+    reason = (probe.stderr.strip().splitlines() or ["the process was aborted"])[-1]
+    return Finding("OpenGL", False, f"no offscreen pictures: {reason}", remedy, needed=False)
+
+
+def ffmpeg() -> Finding:
+    """The video encoder inside the imageio-ffmpeg wheel."""
+    try:
+        imageio_ffmpeg = importlib.import_module("imageio_ffmpeg")
+        path = imageio_ffmpeg.get_ffmpeg_exe()
+    except (ImportError, RuntimeError) as error:
+        return Finding(
+            "ffmpeg", False, str(error), "pip install imageio-ffmpeg", needed=False
+        )
+    return Finding("ffmpeg", True, str(path), needed=False)
+
+
+def display() -> Finding:
+    """A display for `iits-mj view`."""
+    shown = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY") or ""
+    there = bool(shown) or platform.system() != "Linux"
+    return Finding(
+        "display",
+        there,
+        shown or ("native" if there else "none, 'iits-mj view' needs one"),
+        "run from a desktop session or with ssh -X",
+        needed=False,
+    )
+
+
+def sumo() -> Finding:
+    """SUMO as a library."""
+    return _module("libsumo", "SUMO (libsumo)", "pip install libsumo==1.28.0")
+
+
+def netconvert() -> Finding:
+    """SUMO's network converter, which only the eclipse-sumo wheel brings."""
+    try:
+        home = importlib.import_module("sumo").SUMO_HOME
+        program = Path(home) / "bin" / "netconvert"
+        answer = subprocess.run(
+            [program, "--version"], capture_output=True, text=True, timeout=60, check=False
+        )
+    except (ImportError, OSError, subprocess.TimeoutExpired) as error:
+        return Finding("netconvert", False, str(error), _NETCONVERT_REMEDY)
+    first = (answer.stdout.strip().splitlines() or [f"exit code {answer.returncode}"])[0]
+    return Finding("netconvert", answer.returncode == 0, f"{first}, {program}", _NETCONVERT_REMEDY)
+
+
+def casadi() -> Finding:
+    """The solver of the speed planner."""
+    return _module("casadi", "CasADi", "pip install casadi")
+
+
+def torch() -> Finding:
+    """What training needs; driving with trained weights does not."""
+    return _module("torch", "torch (training)", "pip install 'iits-mj[train]'", needed=False)
+
+
+def _module(module: str, name: str, remedy: str, *, needed: bool = True) -> Finding:
+    """A Python package, imported for good: an installed one may still lack a library."""
+    try:
+        importlib.import_module(module)
+        version = importlib.metadata.version(module)
+    except (ImportError, OSError) as error:
+        return Finding(name, False, " ".join(str(error).split()), remedy, needed)
+    return Finding(name, True, version, needed=needed)
+
+
+PROBES: tuple[Callable[[], Finding], ...] = (
+    python,
+    package,
+    engine,
+    plugin,
+    truck,
+    sumo,
+    netconvert,
+    casadi,
+    opengl,
+    ffmpeg,
+    display,
+    torch,
+)
