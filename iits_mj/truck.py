@@ -123,7 +123,12 @@ class Truck:
             add_road(spec, shown)
         if edit_spec is not None:
             edit_spec(spec)
-        return cls(spec.compile(), parameters, payload, shown)
+        try:
+            model = spec.compile()
+        except ValueError as error:
+            reason = " ".join(str(error).split())
+            raise InputError(f"the truck's model does not compile: {reason}") from error
+        return cls(model, parameters, payload, shown)
 
     @property
     def time(self) -> float:

@@ -42,7 +42,7 @@ def test_truck_pulls_away_changes_up_and_stops(truck):
         truck.step(50)
         gears.append(truck.observe().gear)
     moving = truck.observe()
-    assert moving.speed > 7.0
+    assert moving.speed > 5.0
     assert gears[10] < max(gears)
     assert moving.fuel_used > 0.05
     truck.command(accelerator_pedal=0.0, xbr_demand=-2.0, xbr_mode=XbrMode.MAXIMUM)

@@ -183,11 +183,12 @@ def test_wheel_stands_on_the_height_and_normal_of_the_road_table():
 def test_split_friction_brakes_less_on_the_slippery_side():
     rows = [[s, 0, 0, 1, 0, 0, 0, 0, 0.8, 0.2, 0.0] for s in np.arange(-5.0, 30.0)]
     forces = []
-    for y in (1.0, -1.0):
+    # A quarter of the friction peaks at about a quarter of the slip.
+    for y, slip in ((1.0, -0.16), (-1.0, -0.04)):
         model, data = rig(extra=road(rows))
         data.qpos[1] = y
-        forces.append(drive(model, data, load=60e3, speed=15, slip=-0.2, seconds=1.0)[0])
-    assert forces[1] == pytest.approx(0.25 * forces[0], rel=0.15)
+        forces.append(drive(model, data, load=60e3, speed=15, slip=slip, seconds=1.0)[0])
+    assert forces[1] == pytest.approx(0.25 * forces[0], rel=0.05)
 
 
 def test_malformed_road_table_is_refused():
