@@ -61,6 +61,7 @@ class Tractor:
     front_overhang: float
     width: float
     height: float
+    load_equalization: float
     axles: tuple[Axle, ...]
 
 
@@ -78,6 +79,7 @@ class Semitrailer:
     length: float
     width: float
     height: float
+    load_equalization: float
     axles: tuple[Axle, ...]
 
 
@@ -118,6 +120,7 @@ class Steering:
     rate_max: float
     stiffness: float
     damping: float
+    knuckle_inertia: float
     time_constant: float
 
 
@@ -158,6 +161,7 @@ class TireCommon:
 class Aerodynamics:
     """Air drag of the combination."""
 
+    tractor_share: float
     drag_area: float
     side_area: float
     pressure_height: float
