@@ -11,7 +11,8 @@ import tempfile
 from pathlib import Path
 
 from iits_mj.errors import Error, MapError
-from iits_mj.road.design import Design, build
+from iits_mj.road.design import Design
+from iits_mj.road.design_build import build
 from iits_mj.road.elements import OpenDriveMap
 from iits_mj.road.writer import write
 

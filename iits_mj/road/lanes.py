@@ -23,8 +23,8 @@ from iits_mj.road.elements import (
     RoadMark,
     lane_borders,
 )
+from iits_mj.road.pieces import Piece
 from iits_mj.road.polynomials import PiecewiseCubic, combine
-from iits_mj.road.seams import Piece
 
 FloatArray = NDArray[np.float64]
 T = TypeVar("T")

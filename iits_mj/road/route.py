@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from iits_mj.errors import InputError
-from iits_mj.road.elements import DEFAULT_FRICTION, RoadMark, Signal
+from iits_mj.road.elements import DEFAULT_FRICTION, RoadMark
 from iits_mj.road.lanes import LaneBand, RouteLane, lane_bands
 from iits_mj.road.polynomials import PiecewiseCubic
 from iits_mj.road.reference_line import KNOT_SPACING, ReferenceLine, RoadPoint
+from iits_mj.road.roadside import (
+    FrictionPatch,
+    RouteSegment,
+    facing_signals,
+    structure_spans,
+)
 from iits_mj.road.seams import ContinuousChain
 
 if TYPE_CHECKING:
@@ -38,37 +43,6 @@ TABLE_COLUMNS = (
     "friction_right",
     "friction_split",
 )
-
-
-@dataclass(frozen=True)
-class RouteSegment:
-    """A road of the route: driven from `s_start` to `s_end`, entered at `station_start`."""
-
-    road_id: str
-    direction: int
-    s_start: float
-    s_end: float
-    station_start: float
-
-
-@dataclass(frozen=True)
-class RouteSignal:
-    """A sign or light that faces the route's traffic."""
-
-    station: float
-    offset: float
-    signal: Signal
-
-
-@dataclass(frozen=True)
-class FrictionPatch:
-    """Friction over [start, end) of station: `left` of the offset `split`, and `right` of it."""
-
-    start: float
-    end: float
-    left: float
-    right: float
-    split: float = 0.0
 
 
 class Route:
@@ -103,9 +77,9 @@ class Route:
             value for band in self._bands for lane in band.lanes for value in lane.friction.values
         }
         self._uniform_friction = values.pop() if len(values) == 1 else None
-        self.tunnels = self._structures("tunnel")
-        self.bridges = self._structures("bridge")
-        self.signals = self._signals()
+        self.tunnels = structure_spans(chain.pieces, self.line, "tunnel")
+        self.bridges = structure_spans(chain.pieces, self.line, "bridge")
+        self.signals = facing_signals(chain.pieces, self.line)
 
     @classmethod
     def straight(
@@ -317,35 +291,6 @@ class Route:
             if left != right:
                 return left, right, lane.right.at(p)
         return right, right, 0.0
-
-    def _structures(self, kind: str) -> tuple[tuple[float, float], ...]:
-        spans: list[tuple[float, float]] = []
-        for piece in self.chain.pieces:
-            low, high = sorted((piece.s_start, piece.s_end))
-            for item in piece.road.structures:
-                start, end = max(item.s, low), min(item.s + item.length, high)
-                if item.kind == kind and end > start:
-                    ends = sorted(float(self.line.station(piece.p_at(s))) for s in (start, end))
-                    spans.append((ends[0], ends[1]))
-        merged: list[tuple[float, float]] = []
-        for begin, end in sorted(spans):
-            if merged and begin - merged[-1][1] < 1.0:
-                merged[-1] = (merged[-1][0], max(end, merged[-1][1]))
-            else:
-                merged.append((begin, end))
-        return tuple(merged)
-
-    def _signals(self) -> tuple[RouteSignal, ...]:
-        found = []
-        for piece in self.chain.pieces:
-            low, high = sorted((piece.s_start, piece.s_end))
-            facing = ("+", "none") if piece.direction > 0 else ("-", "none")
-            for signal in piece.road.signals:
-                if low <= signal.s <= high and signal.orientation in facing:
-                    station = float(self.line.station(piece.p_at(signal.s)))
-                    offset = piece.direction * signal.t - piece.shift
-                    found.append(RouteSignal(station, offset, signal))
-        return tuple(sorted(found, key=lambda item: item.station))
 
 
 def _lane(band: LaneBand, lane: int) -> RouteLane:

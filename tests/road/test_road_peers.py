@@ -10,7 +10,8 @@ from iits_mj.errors import MapError
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.elements import Road
 from iits_mj.road.geometry import wrap_angle
-from iits_mj.road.seams import ContinuousChain, Piece
+from iits_mj.road.pieces import Piece
+from iits_mj.road.seams import ContinuousChain
 
 DISTANCE = 0.05
 ANGLE = np.radians(0.5)
