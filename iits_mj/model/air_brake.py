@@ -23,8 +23,8 @@ SIGNALS = (
 # torque is met at one pressure only. It is the anchor of the XBR test: -1.5 m/s2 at 50 t.
 ANCHOR_PRESSURE = 150e3
 # Longest time for which the standing truck is kept from rolling back on an upgrade after the
-# demand has ended [s] (judgement: engine torque for a 12 % grade takes 3.5 s to build up).
-HILL_HOLD_TIME = 4.0
+# demand has ended [s] (judgement: torque for a 12 % grade takes 4 s to build up).
+HILL_HOLD_TIME = 5.0
 
 _PER_AXLE = ("dead_time", "build_up_time_constant", "release_time_constant")
 _COMMON = (

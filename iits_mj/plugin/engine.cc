@@ -20,6 +20,7 @@ constexpr double kIdleIntegralMax = 400.0;  // [N m]
 constexpr double kIdleForget = 0.2;         // time constant outside the band [s]
 constexpr double kSpeedLag = 0.08;          // of the speed control while synchronizing [s]
 constexpr double kSpeedTorqueMax = 0.3;     // of the reference torque, while synchronizing
+constexpr double kSpoolTime = 3.0;          // a large step of demand rises faster than the rate [s]
 constexpr double kBrakeLag = 0.25;          // of the engine brake's flaps [s]
 constexpr double kBrakeExponent = 1.3986;   // power law with 55 % of the power at 1500 of 2300 rpm
 constexpr double kBrakeSpeedMin = 85.0;     // no engine brake below [rad/s]; full 20 rad/s above
@@ -117,9 +118,11 @@ void Engine::Synchronize(const EngineRequest& request, double h, EngineState* s)
 // Torque that the air allows: the demand, rate-limited, through the turbocharger's lag. What a
 // naturally aspirated engine can burn is there at once.
 void Engine::UpdateBoost(double demand, double h, EngineState* s) const {
-  double floor = rise_threshold_ + drag_(s->speed);
+  const double floor = rise_threshold_;
   s->boost_demand = std::max(s->boost_demand, floor);
-  s->boost_demand += Clip(demand - s->boost_demand, -h * fall_rate_low_, h * rise_rate_);
+  double gap = demand - s->boost_demand;
+  double rise = h * std::max(rise_rate_, gap / kSpoolTime);
+  s->boost_demand += Clip(gap, -h * fall_rate_low_, rise);
   s->boost_demand = std::max(s->boost_demand, floor);
   s->boost += (s->boost_demand - s->boost) * h / (boost_lag_ + h);
   s->boost = std::max(s->boost, floor);
@@ -145,7 +148,7 @@ void Engine::Update(const EngineRequest& request, double h, EngineState* s) cons
   if (target > s->torque) {
     s->torque = std::min(target, s->torque + h * rise_rate_low_);
   } else {
-    double rate = s->torque > fall_threshold_ + drag ? fall_rate_ : fall_rate_low_;
+    double rate = s->torque > fall_threshold_ ? fall_rate_ : fall_rate_low_;
     s->torque = std::max(target, s->torque - h * rate);
   }
   s->torque = std::min(s->torque, limit);

@@ -4,6 +4,8 @@
 
 #include <mujoco/mujoco.h>
 
+#include <algorithm>
+
 #include "plugin/lookup.h"
 
 namespace iits {
@@ -43,6 +45,11 @@ class Engine {
   double reference_torque() const { return reference_torque_; }
   double inertia() const { return inertia_; }
   double brake_speed() const { return brake_speed_; }
+
+  // Time in which brake torque can rise to this level after a gear change [s].
+  double RecoveryTime(double torque) const {
+    return std::max(0.0, (torque + drag_.y.front() - rise_threshold_) / rise_rate_) + boost_lag_;
+  }
 
   // Friction and pumping torque, >= 0.
   double Drag(double speed) const { return drag_(speed); }

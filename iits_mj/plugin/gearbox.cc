@@ -13,20 +13,24 @@ namespace iits {
 namespace {
 
 // Judgement, all of it: the release's tables say when to shift, not when not to.
-constexpr double kAccelerationLag = 0.25;    // of the shaft's acceleration [s]
-constexpr double kLoadLag = 0.4;             // of the load estimate [s]
-constexpr double kLowSpeedIdle = 1.15;       // lowest engine speed in gear, of idle, pedal up
-constexpr double kLowSpeedPedal = 0.6;       // ... more of it with the pedal down
-constexpr double kUpshiftMargin = 1.05;      // of the lowest speed, after an upshift
-constexpr double kDownshiftMargin = 1.2;     // of the lowest speed, after a downshift
-constexpr double kTorqueReserve = 1.03;      // of the load, after an upshift
-constexpr double kOverspeed = 0.97;          // of the governed speed: change up whatever the pedal
+constexpr double kAccelerationLag = 0.25;  // of the shaft's acceleration [s]
+constexpr double kLoadLag = 0.4;           // of the load estimate [s]
+constexpr double kLowSpeedIdle = 1.15;     // lowest engine speed in gear, of idle, pedal up
+constexpr double kLowSpeedPedal = 0.6;     // ... more of it with the pedal down
+constexpr double kUpshiftMargin = 1.05;    // of the lowest speed, after an upshift
+constexpr double kDownshiftMargin = 1.2;   // of the lowest speed, after a downshift
+constexpr double kTorqueReserve = 1.03;    // of the load, after an upshift
+constexpr double kOverspeed =
+    1.02;  // of the governed speed: the vehicle drives the engine, change up
 constexpr double kDownshiftSpeedMax = 0.85;  // of the governed speed, after a downshift
-constexpr double kPowerSpeed = 2.0;        // of idle: below, a floored pedal asks for a lower gear
+constexpr double kPowerSpeed = 2.0;  // of idle: below, a floored pedal asks for a lower gear
+constexpr double kStuck = 0.15;  // acceleration below which a low engine speed is no start [m/s2]
+constexpr double kFirstGearDelay = 1.5;    // more than the downshift's, before first gear [s]
 constexpr double kSynchronized = 6.0;      // speed difference at which the gear goes in [rad/s]
 constexpr double kSynchronizeLimit = 2.5;  // of the synchronization time, then it goes in anyway
 constexpr double kEngageSpeedMax = 1.0;    // against the direction of travel [m/s]
 constexpr double kPedalUp = 0.02;
+constexpr double kFloored = 0.7;
 constexpr int kSkipUpMax = 2;
 
 }  // namespace
@@ -90,11 +94,10 @@ double Gearbox::LowSpeed(const Engine& engine, double pedal) const {
   return engine.idle_speed() * (kLowSpeedIdle + kLowSpeedPedal * pedal);
 }
 
-double Gearbox::SpeedAfterChange(const GearboxState& s, bool torque_interrupted) const {
+double Gearbox::SpeedAfterChange(const GearboxState& s, bool powered) const {
   double time = cut_time_ + synchronization_time_ + close_time_;
   double coasting = -s.load / vehicle_inertia_;
-  double rate = torque_interrupted ? std::min(coasting, s.acceleration) : s.acceleration;
-  return s.shaft_speed + time * rate;
+  return s.shaft_speed + time * (powered ? std::min(coasting, s.acceleration) : s.acceleration);
 }
 
 int Gearbox::GearForSpeed(const Engine& engine, double shaft_speed) const {
@@ -114,23 +117,23 @@ void Gearbox::Filter(const GearboxInput& in, double h, GearboxState* s) const {
   s->load += (load - s->load) * h / (kLoadLag + h);
 }
 
-// Highest gear within two steps that table, engine speed and torque reserve allow.
+// Highest gear within two steps that table, engine speed and torque reserve allow. The speed is
+// that which is left when the new gear's torque has built up to the load.
 int Gearbox::Upshift(const Engine& engine, const GearboxInput& in, const GearboxState& s,
                      int gear) const {
-  double input_speed = ratios_[gear - 1] * in.shaft_speed;
-  double ceiling =
-      kOverspeed * (in.engine_brake > 0 ? engine.brake_speed() : engine.governed_speed());
-  bool overspeed = input_speed > ceiling;
-  if (overspeed) return gear + 1;
+  double ceiling = in.engine_brake > 0 ? engine.brake_speed() : engine.governed_speed();
+  if (ratios_[gear - 1] * in.shaft_speed > kOverspeed * ceiling) return gear + 1;
   if (in.pedal < kPedalUp) return gear;
   int best = gear;
   double after = SpeedAfterChange(s, true);
+  double coasting = std::max(0.0, s.load) / vehicle_inertia_;
   for (int next = gear + 1; next <= std::min(count(), gear + kSkipUpMax); ++next) {
     if (Speed(in.shaft_speed) < upshift_(next - 1, in.pedal)) break;
-    double speed = ratios_[next - 1] * after;
+    double reduction = ratios_[next - 1] * efficiency_;
+    double recovery = 0.5 * engine.RecoveryTime(s.load / reduction);
+    double speed = ratios_[next - 1] * (after - coasting * recovery);
     if (speed < kUpshiftMargin * LowSpeed(engine, in.pedal)) break;
-    double torque = engine.PedalTorque(speed, in.pedal) * ratios_[next - 1] * efficiency_;
-    if (torque >= kTorqueReserve * s.load) best = next;
+    if (engine.PedalTorque(speed, in.pedal) * reduction >= kTorqueReserve * s.load) best = next;
   }
   return best;
 }
@@ -140,11 +143,16 @@ bool Gearbox::CallsForLower(const Engine& engine, const GearboxInput& in,
   int gear = static_cast<int>(s.gear);
   if (gear < 2) return false;
   double input_speed = ratios_[gear - 1] * in.shaft_speed;
-  if (input_speed < LowSpeed(engine, in.pedal)) return true;
+  double acceleration = s.acceleration * meters_per_radian_;
+  if (gear <= start_gear_) {
+    return in.pedal > kFloored && acceleration < kStuck && input_speed < LowSpeed(engine, in.pedal);
+  }
+  if (input_speed < 1.05 * engine.idle_speed()) return true;
+  if (input_speed < LowSpeed(engine, in.pedal) && acceleration < kStuck) return true;
   if (Speed(in.shaft_speed) < downshift_(gear, in.pedal) - downshift_margin_) return true;
   // Floored pedal, and still losing speed.
-  return in.pedal > 0.8 && input_speed < kPowerSpeed * engine.idle_speed() &&
-         s.acceleration * meters_per_radian_ < -0.03;
+  return in.pedal > kFloored && input_speed < kPowerSpeed * engine.idle_speed() &&
+         acceleration < -0.03;
 }
 
 // Lower gear whose engine speed will be comfortable when the change is over.
@@ -153,7 +161,7 @@ int Gearbox::Downshift(const Engine& engine, const GearboxInput& in, const Gearb
   double ceiling = kDownshiftSpeedMax * engine.governed_speed();
   double after = SpeedAfterChange(s, in.pedal > kPedalUp);
   double wanted = kDownshiftMargin * LowSpeed(engine, in.pedal);
-  int lowest = in.pedal > 0.6 ? 1 : static_cast<int>(start_gear_);
+  int lowest = in.pedal > kFloored ? 1 : static_cast<int>(start_gear_);
   int next = gear;
   while (next > lowest && (next == gear || ratios_[next - 1] * after < wanted) &&
          ratios_[next - 2] * in.shaft_speed < ceiling) {
@@ -181,7 +189,8 @@ int Gearbox::Choose(const Engine& engine, const GearboxInput& in, const GearboxS
     int higher = Upshift(engine, in, s, gear);
     if (higher != gear) return higher;
   }
-  return s.low_time > downshift_delay_ ? Downshift(engine, in, s, gear) : gear;
+  double delay = downshift_delay_ + (gear <= start ? kFirstGearDelay : 0);
+  return s.low_time > delay ? Downshift(engine, in, s, gear) : gear;
 }
 
 void Gearbox::Update(const Engine& engine, const GearboxInput& in, double h,

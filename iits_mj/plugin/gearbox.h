@@ -65,7 +65,7 @@ class Gearbox {
   double LowSpeed(const Engine& engine, double pedal) const;
   double Speed(double shaft_speed) const { return shaft_speed * meters_per_radian_; }
   // Expected shaft speed when a change that begins now is over.
-  double SpeedAfterChange(const GearboxState& s, bool torque_interrupted) const;
+  double SpeedAfterChange(const GearboxState& s, bool powered) const;
 
   double final_drive_, efficiency_, reverse_ratio_;
   double cut_time_, synchronization_time_, close_time_;
