@@ -23,15 +23,17 @@ VISUAL_GROUP = 1
 
 @dataclass(frozen=True)
 class Shape:
-    """A mesh: `vertices` (n, 3) [m], `faces` (m, 3), optional `texture` coordinates (n, 2)."""
+    """A mesh: `vertices` (n, 3) [m], `faces` (m, 3); optionally `texture` (n, 2), `normals` (n, 3)."""
 
     vertices: FloatArray
     faces: IntArray
     texture: FloatArray | None = None
+    normals: FloatArray | None = None
 
     def moved(self, offset: Point) -> Shape:
         """The shape shifted by `offset` [m]."""
-        return Shape(self.vertices + np.asarray(offset, dtype=float), self.faces, self.texture)
+        moved = self.vertices + np.asarray(offset, dtype=float)
+        return Shape(moved, self.faces, self.texture, self.normals)
 
     def mirrored(self) -> Shape:
         """The shape reflected in the plane y = 0, still facing outwards."""
@@ -43,19 +45,23 @@ class Shape:
 
 
 def merge(shapes: Iterable[Shape]) -> Shape:
-    """Several shapes as one mesh; texture coordinates are kept when all have them."""
+    """Several shapes as one mesh; texture coordinates and normals are kept when all have them."""
     parts = list(shapes)
     starts = np.cumsum([0] + [len(part.vertices) for part in parts])
     faces = [part.faces + start for part, start in zip(parts, starts, strict=False)]
     textures = [part.texture for part in parts if part.texture is not None]
+    normals = [part.normals for part in parts if part.normals is not None]
     return Shape(
         np.concatenate([part.vertices for part in parts]),
         np.concatenate(faces).astype(np.int32),
         np.concatenate(textures) if len(textures) == len(parts) else None,
+        np.concatenate(normals) if len(normals) == len(parts) else None,
     )
 
 
-def surface(points: FloatArray, texture: FloatArray | None = None) -> Shape:
+def surface(
+    points: FloatArray, texture: FloatArray | None = None, normals: FloatArray | None = None
+) -> Shape:
     """A smooth sheet through a grid of points (rows, columns, 3).
 
     Seen from outside, rows run upwards and columns to the right.
@@ -67,7 +73,8 @@ def surface(points: FloatArray, texture: FloatArray | None = None) -> Shape:
         [np.stack([a, b, c], axis=-1).reshape(-1, 3), np.stack([a, c, d], axis=-1).reshape(-1, 3)]
     )
     coordinates = None if texture is None else texture.reshape(-1, 2)
-    return Shape(points.reshape(-1, 3), faces.astype(np.int32), coordinates)
+    directions = None if normals is None else normals.reshape(-1, 3)
+    return Shape(points.reshape(-1, 3), faces.astype(np.int32), coordinates, directions)
 
 
 def boxes(items: Iterable[tuple[Point, Point]]) -> Shape:
@@ -76,7 +83,8 @@ def boxes(items: Iterable[tuple[Point, Point]]) -> Shape:
     sides = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
     quads = np.array([corners[list(side)] for side in sides]).reshape(-1, 3)
     start = 4 * np.arange(6)[:, None]
-    faces = np.concatenate([start + [0, 1, 2], start + [0, 2, 3]]).astype(np.int32)
+    faces = np.concatenate([start + np.array(half) for half in ((0, 1, 2), (0, 2, 3))])
+    faces = faces.astype(np.int32)
     return merge(
         Shape(quads * np.asarray(size, dtype=float) + np.asarray(center, dtype=float), faces)
         for center, size in items
@@ -229,3 +237,6 @@ def add_mesh(spec: mujoco.MjSpec, name: str, shape: Shape) -> None:
     if shape.texture is not None:
         mesh.usertexcoord = np.round(shape.texture, 4).ravel()
         mesh.userfacetexcoord = shape.faces.ravel()
+    if shape.normals is not None:
+        mesh.usernormal = shape.normals.ravel()
+        mesh.userfacenormal = shape.faces.ravel()

@@ -1,0 +1,173 @@
+"""Materials, textures, sky and sun of the road scene; the textures are computed, not read."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+ASPHALT_TILE = 8.0  # [m] covered by one repeat of the asphalt texture
+GRASS_TILE = 48.0
+_SKY_SIZE = 256
+
+# name: (red, green, blue), specular, emission
+_PLAIN = {
+    "road_marking": ((0.92, 0.92, 0.90), 0.05, 0.25),
+    "road_marking_yellow": ((0.95, 0.74, 0.12), 0.05, 0.25),
+    "road_gravel": ((0.47, 0.44, 0.39), 0.02, 0.0),
+    "road_steel": ((0.63, 0.66, 0.69), 0.4, 0.05),
+    "road_concrete": ((0.62, 0.61, 0.58), 0.05, 0.0),
+    "road_tunnel_wall": ((0.46, 0.47, 0.46), 0.15, 0.16),
+    "road_tunnel_roof": ((0.20, 0.20, 0.21), 0.02, 0.05),
+    "road_tunnel_light": ((1.0, 0.93, 0.76), 0.0, 1.0),
+    "road_post": ((0.93, 0.93, 0.93), 0.05, 0.1),
+    "road_reflector": ((0.95, 0.30, 0.05), 0.2, 0.4),
+    "road_sign": ((0.02, 0.36, 0.20), 0.1, 0.25),
+    "road_conifer": ((0.10, 0.22, 0.10), 0.0, 0.0),
+    "road_leaves": ((0.20, 0.34, 0.10), 0.0, 0.0),
+    "road_trunk": ((0.24, 0.17, 0.11), 0.0, 0.0),
+}
+_SKY_HORIZON = np.array([0.80, 0.87, 0.93])
+_SKY_ZENITH = np.array([0.22, 0.45, 0.78])
+
+
+def add_road_materials(spec: mujoco.MjSpec) -> None:
+    """Adds the road scene's materials with their textures."""
+    rng = np.random.default_rng(7)
+    _texture(spec, "asphalt", _asphalt(rng))
+    _texture(spec, "grass", _grass(rng))
+    for name, texture, rgb in (
+        ("road_asphalt", "road_asphalt", (1.0, 1.0, 1.0)),
+        ("road_grass", "road_grass", (1.0, 1.0, 1.0)),
+    ):
+        material = spec.add_material(name=name, rgba=[*rgb, 1.0], specular=0.05, shininess=0.1)
+        textures = list(material.textures)
+        textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = texture
+        material.textures = textures
+    for name, (rgb, specular, emission) in _PLAIN.items():
+        spec.add_material(
+            name=name, rgba=[*rgb, 1.0], specular=specular, shininess=0.3, emission=emission
+        )
+
+
+def add_sky(spec: mujoco.MjSpec) -> None:
+    """Adds a sky box with soft clouds, haze, a sun that follows the truck, and a fill light."""
+    texture = spec.add_texture(name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX)
+    faces = _sky_faces()
+    texture.width, texture.height, texture.nchannel = _SKY_SIZE, 6 * _SKY_SIZE, 3
+    texture.data = faces.tobytes()
+    tractor = spec.body("tractor")
+    body = tractor if tractor is not None else spec.worldbody
+    body.add_light(
+        name="sun",
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK,
+        pos=[-18.0, 16.0, 30.0],
+        dir=[0.42, -0.50, -0.95],
+        diffuse=[0.78, 0.75, 0.68],
+        ambient=[0.0, 0.0, 0.0],
+        specular=[0.35, 0.34, 0.30],
+        castshadow=True,
+    )
+    visual = spec.visual
+    visual.headlight.ambient = [0.42, 0.44, 0.48]
+    visual.headlight.diffuse = [0.12, 0.12, 0.12]
+    visual.headlight.specular = [0.05, 0.05, 0.05]
+    visual.rgba.haze = [*_SKY_HORIZON, 1.0]
+    visual.rgba.fog = [*_SKY_HORIZON, 1.0]
+
+
+def set_view(spec: mujoco.MjSpec, center: tuple[float, float, float]) -> None:
+    """Sets extent, clipping planes, fog and shadow map for a truck-sized subject on a long road."""
+    spec.stat.center = list(center)
+    spec.stat.extent = 20.0
+    visual = spec.visual
+    visual.map.znear = 0.01
+    visual.map.zfar = 300.0
+    visual.map.fogstart = 20.0
+    visual.map.fogend = 260.0
+    visual.map.haze = 0.25
+    visual.map.shadowclip = 1.6
+    visual.map.shadowscale = 0.8
+    visual.quality.shadowsize = 4096
+    visual.quality.offsamples = 4
+    visual.global_.offwidth = max(visual.global_.offwidth, 1920)
+    visual.global_.offheight = max(visual.global_.offheight, 1080)
+
+
+def periodic_noise(rng: np.random.Generator, size: int, exponent: float) -> FloatArray:
+    """Tileable noise (size, size) of zero mean and unit deviation, power falling as f^-exponent."""
+    frequency = np.fft.fftfreq(size) * size
+    radius = np.hypot(frequency[:, None], frequency[None, :])
+    radius[0, 0] = 1.0
+    spectrum = np.fft.fft2(rng.standard_normal((size, size))) / radius**exponent
+    spectrum[0, 0] = 0.0
+    noise = np.real(np.fft.ifft2(spectrum))
+    return np.asarray(noise / noise.std())
+
+
+def _texture(spec: mujoco.MjSpec, name: str, image: FloatArray) -> None:
+    pixels = np.clip(np.round(255.0 * image), 0, 255).astype(np.uint8)
+    texture = spec.add_texture(name=f"road_{name}", type=mujoco.mjtTexture.mjTEXTURE_2D)
+    texture.height, texture.width, texture.nchannel = pixels.shape
+    texture.data = pixels.tobytes()
+
+
+def _asphalt(rng: np.random.Generator) -> FloatArray:
+    grain = periodic_noise(rng, 256, 0.15) * 0.028 + periodic_noise(rng, 256, 1.2) * 0.012
+    return np.clip(0.30 + grain, 0.0, 1.0)[..., None] * np.array([0.98, 1.0, 1.03])
+
+
+def _grass(rng: np.random.Generator) -> FloatArray:
+    fine = periodic_noise(rng, 512, 0.4)[..., None]
+    broad = periodic_noise(rng, 512, 1.6)[..., None]
+    base = np.array([0.30, 0.42, 0.17])
+    return base * (1.0 + 0.10 * fine) + broad * np.array([0.035, 0.020, 0.008])
+
+
+def _sky_faces() -> NDArray[np.uint8]:
+    """Cube faces right, left, up, down, front, back stacked, (6 size, size, 3)."""
+    size = _SKY_SIZE
+    u, v = np.meshgrid(
+        (np.arange(size) + 0.5) / size * 2 - 1, (np.arange(size) + 0.5) / size * 2 - 1
+    )
+    one = np.ones_like(u)
+    # Axes of OpenGL cube maps: y is up there, v runs downwards.
+    directions = (
+        (one, -v, -u),
+        (-one, -v, u),
+        (u, one, v),
+        (u, -one, -v),
+        (u, -v, one),
+        (-u, -v, -one),
+    )
+    rng = np.random.default_rng(3)
+    cloud = periodic_noise(rng, 512, 1.75)
+    faces = []
+    for x, y, z in directions:
+        norm = np.sqrt(x * x + y * y + z * z)
+        up = y / norm
+        rise = np.clip(up, 0.0, 1.0)[..., None]
+        color = _SKY_HORIZON + (_SKY_ZENITH - _SKY_HORIZON) * rise**0.55
+        # Clouds on a plane above: they shrink towards the horizon, where they fade.
+        reach = 1.0 / np.maximum(up + 0.08, 0.05)
+        row = (x / norm * reach * 60.0 + 256.0) % 512
+        column = (z / norm * reach * 60.0 + 256.0) % 512
+        density = _bilinear(cloud, row, column)
+        cover = np.clip((density - 0.35) / 1.6, 0.0, 1.0) * np.clip((up - 0.03) / 0.22, 0.0, 1.0)
+        color = color + (1.0 - color) * 0.85 * cover[..., None]
+        color[up < 0.0] = _SKY_HORIZON * 0.96
+        faces.append(color)
+    return np.clip(np.round(255.0 * np.concatenate(faces)), 0, 255).astype(np.uint8)
+
+
+def _bilinear(image: FloatArray, row: FloatArray, column: FloatArray) -> FloatArray:
+    size = image.shape[0]
+    i, j = np.floor(row).astype(int), np.floor(column).astype(int)
+    a, b = row - i, column - j
+    i, j, k, m = i % size, j % size, (i + 1) % size, (j + 1) % size
+    upper = image[i, j] * (1 - b) + image[i, m] * b
+    lower = image[k, j] * (1 - b) + image[k, m] * b
+    return np.asarray(upper * (1 - a) + lower * a)
