@@ -1,0 +1,39 @@
+"""SUMO behind one door: traffic around the truck, in four modes, mirrored into MuJoCo.
+
+    from traffic_bridge import InterSim, TrafficConfig
+
+    with InterSim(route, TrafficConfig(density="medium", speed_limit=15.0), seed=0) as traffic:
+        vehicles = traffic.reset(ego)
+        vehicles = traffic.step(ego)      # every 0.1 s
+
+libsumo is imported when a simulation starts, not before.
+"""
+
+from traffic_bridge.config import DENSITIES, LANE_CHANGE_MODELS, TrafficConfig
+from traffic_bridge.mirror import Mirror
+from traffic_bridge.modes import InterSim, PureSim, Recorder, RepSim, ReSim, Traffic
+from traffic_bridge.network import Network, build_network, cache_dir, find_netconvert
+from traffic_bridge.recording import PoseDigest, Recording
+from traffic_bridge.vehicles import KINDS, VehicleType, default_types
+
+__all__ = [
+    "DENSITIES",
+    "KINDS",
+    "LANE_CHANGE_MODELS",
+    "InterSim",
+    "Mirror",
+    "Network",
+    "PoseDigest",
+    "PureSim",
+    "ReSim",
+    "Recorder",
+    "Recording",
+    "RepSim",
+    "Traffic",
+    "TrafficConfig",
+    "VehicleType",
+    "build_network",
+    "cache_dir",
+    "default_types",
+    "find_netconvert",
+]

@@ -1,0 +1,129 @@
+"""What a traffic simulation is asked for: one frozen dataclass, checked when it is made."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from iits_mj.errors import InputError
+from iits_mj.messages import EgoFootprint
+from traffic_bridge.vehicles import KINDS, VehicleType, default_types
+
+# Spawn probability per second and lane of the paper's three densities (section VI-C).
+DENSITIES = {"dense": 0.05, "medium": 0.02, "sparse": 0.005, "empty": 0.0}
+LANE_CHANGE_MODELS = ("lc2013", "mobil")
+DEFAULT_MIX = (("car", 0.70), ("van", 0.12), ("truck", 0.08), ("articulated", 0.10))
+
+
+@dataclass(frozen=True)
+class TrafficConfig:
+    """Settings of PureSim and InterSim.
+
+    Attributes:
+      density: "dense", "medium", "sparse", "empty", or the spawn probability itself, per second
+        and lane, 0 to 0.5. It also fixes how many vehicles stand on the road at the beginning.
+      speed_limit: maximum speed of the traffic [m/s]; every vehicle's desired speed is a fraction
+        of it (see `VehicleType`). The paper uses 12.5 and 15.
+      lane_change: "lc2013" (SUMO's model) or "mobil" (ours, see `traffic_bridge.mobil`).
+      mix: kind and weight of each kind of vehicle.
+      types: one `VehicleType` a kind.
+      view_range: vehicles within this distance of the ego are reported [m].
+      step_length: [s].
+      lane_change_duration: time in which a lane change is carried out sideways [s]; 0 shows SUMO's
+        instant change.
+      clear_distance: no vehicle appears within this distance of the ego [m].
+      fill_ahead, fill_behind: stretch of road before and behind the ego that is populated at the
+        beginning [m].
+      oncoming: traffic on the opposite lanes of the route's roads too.
+      footprint: size of the ego combination.
+
+    Raises:
+      InputError: a value is out of its range; the message names what is allowed.
+    """
+
+    density: str | float = "medium"
+    speed_limit: float = 15.0
+    lane_change: str = "lc2013"
+    mix: tuple[tuple[str, float], ...] = DEFAULT_MIX
+    types: tuple[VehicleType, ...] = field(default_factory=default_types)
+    view_range: float = 400.0
+    step_length: float = 0.1
+    lane_change_duration: float = 3.5
+    clear_distance: float = 150.0
+    fill_ahead: float = 15_000.0
+    fill_behind: float = 2_000.0
+    oncoming: bool = False
+    footprint: EgoFootprint = field(default_factory=EgoFootprint)
+
+    def __post_init__(self) -> None:
+        """Checks every value; a mapping given as `mix` becomes a tuple."""
+        if isinstance(self.mix, Mapping):
+            object.__setattr__(self, "mix", tuple(self.mix.items()))
+        if isinstance(self.density, str):
+            if self.density not in DENSITIES:
+                raise InputError(
+                    f"density {self.density!r}: allowed are {', '.join(DENSITIES)}, "
+                    "or a probability from 0 to 0.5 per second and lane"
+                )
+        else:
+            _in_range("density", self.density, 0.0, 0.5)
+        if self.lane_change not in LANE_CHANGE_MODELS:
+            raise InputError(
+                f"lane_change {self.lane_change!r}: allowed are {', '.join(LANE_CHANGE_MODELS)}"
+            )
+        _in_range("speed_limit", self.speed_limit, 1.0, 70.0)
+        _in_range("view_range", self.view_range, 10.0, 5_000.0)
+        _in_range("step_length", self.step_length, 0.01, 1.0)
+        _in_range("lane_change_duration", self.lane_change_duration, 0.0, 10.0)
+        _in_range("clear_distance", self.clear_distance, 20.0, 5_000.0)
+        _in_range("fill_ahead", self.fill_ahead, 0.0, 200_000.0)
+        _in_range("fill_behind", self.fill_behind, 0.0, 200_000.0)
+        known = {vehicle_type.kind for vehicle_type in self.types}
+        if not self.mix or any(kind not in known for kind, _ in self.mix):
+            raise InputError(f"mix {self.mix!r}: the kinds are {', '.join(sorted(known))}")
+        if any(not (math.isfinite(w) and w >= 0.0) for _, w in self.mix) or not any(
+            w > 0.0 for _, w in self.mix
+        ):
+            raise InputError(
+                f"mix {self.mix!r}: weights are zero or positive, one at least positive"
+            )
+
+    @property
+    def probability(self) -> float:
+        """Spawn probability per second and lane."""
+        return DENSITIES[self.density] if isinstance(self.density, str) else float(self.density)
+
+    def type_of(self, kind: str) -> VehicleType:
+        """The type of a kind of vehicle."""
+        for vehicle_type in self.types:
+            if vehicle_type.kind == kind:
+                return vehicle_type
+        raise InputError(f"vehicle kind {kind!r}: allowed are {', '.join(KINDS)}")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for a JSON file; `from_dict` is the inverse."""
+        return dataclasses.asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> TrafficConfig:
+        """The configuration written by `as_dict`.
+
+        Raises:
+          InputError: a key is missing, unknown or has an unusable value.
+        """
+        try:
+            given = dict(values)
+            given["types"] = tuple(VehicleType(**entry) for entry in given["types"])
+            given["mix"] = tuple((str(kind), float(weight)) for kind, weight in given["mix"])
+            given["footprint"] = EgoFootprint(**given["footprint"])
+            return cls(**given)
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"stored traffic configuration is not usable: {error}") from error
+
+
+def _in_range(name: str, value: float, low: float, high: float) -> None:
+    if not (isinstance(value, (int, float)) and math.isfinite(value) and low <= value <= high):
+        raise InputError(f"{name} {value!r}: allowed is {low:g} to {high:g}")

@@ -1,0 +1,188 @@
+"""Who drives where: the flow at the beginning of the road, and vehicles already on it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from traffic_bridge.config import TrafficConfig
+from traffic_bridge.lanes import LaneTable, RouteLanes
+from traffic_bridge.session import Session
+from traffic_bridge.vehicles import Vehicles
+
+HEAVY = ("truck", "articulated")
+# Free road kept around the ego in its own lane at the beginning: a minimum and a time [m], [s].
+EGO_GAP = 30.0
+EGO_HEADWAY = 3.0
+NEXT_LANE_GAP = 15.0
+# SUMO's lane-change mode under MOBIL: SUMO itself only leaves lanes that end (bit 0), and carries
+# out our requests where that is not an immediate collision (bit 8).
+MOBIL_MODE = 0b01_0000_0001
+
+
+class Demand:
+    """Puts vehicles on the road.
+
+    Every random number comes from one generator, drawn in a fixed order and number per step, so
+    that the flow is the same whatever the ego does, as long as the entrance is free.
+
+    Args:
+      session: the running SUMO.
+      lanes: of the route.
+      vehicles: where new vehicles are noted.
+      config: density, mix and speeds.
+      rng: the source of randomness.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        lanes: RouteLanes,
+        vehicles: Vehicles,
+        config: TrafficConfig,
+        rng: np.random.Generator,
+    ) -> None:
+        self._session = session
+        self._api = session.api
+        self._lanes = lanes
+        self._vehicles = vehicles
+        self._config = config
+        self._rng = rng
+        self._count = 0
+        kinds, weights = zip(*config.mix, strict=True)
+        self._kinds = list(kinds)
+        self._shares = np.asarray(weights, dtype=float) / sum(weights)
+        self._entrances = [lanes.of_edge(lanes.edges[0])]
+        self._define_routes("along", lanes.edges)
+        if lanes.oncoming_edges:
+            self._entrances.append(lanes.of_edge(lanes.oncoming_edges[0]))
+            self._define_routes("against", lanes.oncoming_edges)
+
+    def fill(self, ego_station: float | None, ego_lane: int, ego_speed: float) -> None:
+        """Populates the road as the flow would have in the long run, with room for the ego.
+
+        Args:
+          ego_station: of the ego's front bumper [m]; None for the beginning of the road.
+          ego_lane: lane of the ego, -1 where there is no ego.
+          ego_speed: [m/s].
+        """
+        config = self._config
+        here = 0.0 if ego_station is None else ego_station
+        low, high = here - config.fill_behind, here + config.fill_ahead
+        for direction, edges in ((1, self._lanes.edges), (-1, self._lanes.oncoming_edges)):
+            for index, edge in enumerate(edges):
+                for table in self._lanes.of_edge(edge):
+                    self._fill_lane(
+                        table, index, direction, low, high, ego_station, ego_lane, ego_speed
+                    )
+
+    def _fill_lane(
+        self,
+        table: LaneTable,
+        index: int,
+        direction: int,
+        low: float,
+        high: float,
+        ego_station: float | None,
+        ego_lane: int,
+        ego_speed: float,
+    ) -> None:
+        config = self._config
+        if config.probability <= 0.0:
+            return
+        # Poisson arrivals of rate p at speed v stand at exponential distances of mean v / p.
+        mean_gap = config.speed_limit * 0.92 / config.probability
+        position = float(self._rng.exponential(mean_gap))
+        while position < table.length:
+            kind, desired = self._draw(table)
+            station, _ = table.at(position)
+            vehicle = config.type_of(kind)
+            inside = low <= station <= high and position > vehicle.length + 1.0
+            if inside and not (
+                direction > 0
+                and self._hits_ego(
+                    station, vehicle.length, table.lane, ego_station, ego_lane, ego_speed
+                )
+            ):
+                route = f"{'along' if direction > 0 else 'against'}.{index}"
+                self._add(kind, desired, route, table, f"{position:.3f}")
+            # The next one far enough that SUMO can insert both at their speeds.
+            least = vehicle.length + vehicle.minimum_gap + 1.5 * config.speed_limit
+            position += max(least, float(self._rng.exponential(mean_gap)))
+
+    def _hits_ego(
+        self,
+        station: float,
+        length: float,
+        lane: int,
+        ego_station: float | None,
+        ego_lane: int,
+        ego_speed: float,
+    ) -> bool:
+        if ego_station is None:
+            return False
+        clear = NEXT_LANE_GAP
+        if lane == ego_lane or ego_lane < 0:
+            clear = max(EGO_GAP, EGO_HEADWAY * max(ego_speed, self._config.speed_limit))
+        rear = ego_station - self._config.footprint.length
+        return station > rear - clear and station - length < ego_station + clear
+
+    def spawn(self, ego_station: float | None) -> None:
+        """Lets arrive who arrives in one step; nobody appears near the ego."""
+        probability = self._config.probability * self._config.step_length
+        if probability <= 0.0:
+            return
+        for way, entrance in enumerate(self._entrances):
+            if not entrance:
+                continue
+            arrivals = self._rng.random(len(entrance)) < probability
+            if not arrivals.any():
+                continue
+            begin = float(entrance[0].station[0])
+            near = ego_station is not None and (
+                abs(ego_station - begin)
+                < self._config.clear_distance + self._config.footprint.length
+            )
+            for table, arrives in zip(entrance, arrivals, strict=True):
+                if arrives:
+                    kind, desired = self._draw(table)
+                    if not near:
+                        route = "along.0" if way == 0 else "against.0"
+                        self._add(kind, desired, route, table, "base")
+
+    def discard_pending(self) -> None:
+        """Takes back vehicles for which SUMO found no room at once."""
+        for name in self._api.simulation.getPendingVehicles():
+            if name in self._vehicles:
+                self._api.vehicle.remove(name)
+                self._vehicles.forget(name)
+
+    def _draw(self, table: LaneTable) -> tuple[str, float]:
+        kind = self._kinds[int(self._rng.choice(len(self._kinds), p=self._shares))]
+        # Heavy vehicles keep off the left lane of three, as the law has it in many countries.
+        if kind in HEAVY and table.lane >= 2 and "car" in self._kinds:
+            kind = "car"
+        vehicle = self._config.type_of(kind)
+        return kind, vehicle.sample_desired_speed(self._config.speed_limit, self._rng)
+
+    def _add(self, kind: str, desired: float, route: str, table: LaneTable, position: str) -> None:
+        name = f"{kind}.{self._count:05d}"
+        self._count += 1
+        desired = self._vehicles.add(name, kind, desired)
+        limit = self._api.lane.getMaxSpeed(table.id)
+        self._api.vehicle.add(
+            name,
+            route,
+            typeID=kind,
+            departLane=str(table.index),
+            departPos=position,
+            # A speed above the lane's limit would inflate the vehicle's speed factor for life.
+            departSpeed=f"{min(desired, limit) * 0.98:.3f}",
+        )
+        self._api.vehicle.setMaxSpeed(name, desired)
+        if self._config.lane_change == "mobil":
+            self._api.vehicle.setLaneChangeMode(name, MOBIL_MODE)
+
+    def _define_routes(self, name: str, edges: tuple[str, ...]) -> None:
+        """One SUMO route from every edge on: vehicles begin on the first edge of their route."""
+        for index in range(len(edges)):
+            self._api.route.add(f"{name}.{index}", list(edges[index:]))

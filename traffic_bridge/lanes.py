@@ -1,0 +1,248 @@
+"""Where SUMO's lanes lie on the ego's route: (lane, position) <-> (station, offset)."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.errors import TrafficError
+from iits_mj.road import Route
+from iits_mj.road.elements import DRIVING_TYPES
+from traffic_bridge.network import Network, lane_kinds
+from traffic_bridge.session import Session
+
+FloatArray = NDArray[np.float64]
+
+SAMPLE_SPACING = 10.0
+MAXIMUM_SAMPLES = 1500  # of a lane: keeps very long roads affordable
+NET_SPEED = 13.89  # [m/s], netconvert's default for OpenDRIVE roads
+UNLIMITED = 70.0  # [m/s], where a road has no speed limit
+
+
+@dataclass(frozen=True, eq=False)
+class LaneTable:
+    """One SUMO lane on the route.
+
+    Attributes:
+      id: SUMO's lane id; edge: its edge; index: SUMO's index from the right.
+      lane: index from the right among the route's driving lanes; -1 for lanes that are none.
+      direction: +1 in the route's direction of travel, -1 for oncoming lanes.
+      length: as SUMO counts positions [m].
+      spacing: between samples, in SUMO's positions [m].
+      station, offset: of the lane's centre at the samples [m], shape (n,).
+    """
+
+    id: str
+    edge: str
+    index: int
+    lane: int
+    direction: int
+    length: float
+    spacing: float
+    station: FloatArray
+    offset: FloatArray
+
+    def at(self, position: float) -> tuple[float, float]:
+        """Station and offset at a position along the lane; beyond its ends extrapolated."""
+        place = position / self.spacing
+        i = min(max(int(place), 0), len(self.station) - 2)
+        part = place - i
+        s, d = self.station, self.offset
+        return (
+            float(s[i] + part * (s[i + 1] - s[i])),
+            float(d[i] + min(max(part, 0.0), 1.0) * (d[i + 1] - d[i])),
+        )
+
+    def position_of(self, station: float) -> float:
+        """Position along the lane of a station, clipped to the lane [m]."""
+        grid = np.arange(len(self.station)) * self.spacing
+        order = slice(None) if self.direction > 0 else slice(None, None, -1)
+        return float(np.interp(station, self.station[order], grid[order]))
+
+
+class RouteLanes:
+    """All lanes of a loaded net that belong to the route, and the edges to drive along.
+
+    Attributes:
+      edges: ids of SUMO's edges in driving order; oncoming_edges: of the way back, or empty.
+      tables: by SUMO lane id, junction-internal lanes included.
+
+    Raises:
+      TrafficError: the net does not hold the route's roads, or they are not connected.
+    """
+
+    def __init__(
+        self, session: Session, network: Network, route: Route, oncoming: bool = False
+    ) -> None:
+        self._session = session
+        self._api = session.api
+        self._offset = network.offset
+        self._route = route
+        self.tables: dict[str, LaneTable] = {}
+        self._kinds: dict[str, str] = {}
+        with session.guard("reading the network"):
+            self.edges = network.route_edges or self._edges_of_segments(1)
+            self._build(self.edges, 1)
+            self.oncoming_edges: tuple[str, ...] = ()
+            if oncoming and not network.route_edges:
+                self._kinds = lane_kinds(network.path)
+                self.oncoming_edges = self._edges_of_segments(-1)
+                self._build(self.oncoming_edges, -1)
+
+    def bind(self, session: Session) -> None:
+        """Takes a new simulation of the same net: the tables stay, the rules are set again."""
+        self._session = session
+        self._api = session.api
+        with session.guard("setting the rules of the lanes"):
+            for table in self.tables.values():
+                self._set_rules(table)
+
+    def of_edge(self, edge: str) -> list[LaneTable]:
+        """Driving lanes of an edge, from the right."""
+        count = self._api.edge.getLaneNumber(edge)
+        tables = (self.tables[f"{edge}_{i}"] for i in range(count))
+        return [table for table in tables if table.lane >= 0 or self._is_oncoming(table)]
+
+    def _is_oncoming(self, table: LaneTable) -> bool:
+        return table.direction < 0 and self._kinds.get(table.id, "driving") in DRIVING_TYPES
+
+    def find(self, lane: int, station: float) -> LaneTable | None:
+        """The (not internal) SUMO lane of a route lane at a station."""
+        for edge in self.edges:
+            for table in self.of_edge(edge):
+                if table.lane == lane and table.station[0] <= station <= table.station[-1]:
+                    return table
+        return None
+
+    def within(self, start: float, end: float, lane: int | None = None) -> list[LaneTable]:
+        """Driving lanes of the route that overlap an interval of station."""
+        return [
+            table
+            for table in self.tables.values()
+            if table.direction > 0
+            and table.lane >= 0
+            and (lane is None or table.lane == lane)
+            and table.station[0] < end
+            and table.station[-1] > start
+        ]
+
+    def to_map(self, x: float, y: float) -> tuple[float, float]:
+        """SUMO's coordinates to the map's."""
+        return x - self._offset[0], y - self._offset[1]
+
+    def to_sumo(self, x: float, y: float) -> tuple[float, float]:
+        """The map's coordinates to SUMO's."""
+        return x + self._offset[0], y + self._offset[1]
+
+    # Inside ------------------------------------------------------------------------------------
+
+    def _edges_of_segments(self, sense: int) -> tuple[str, ...]:
+        known = [edge for edge in self._api.edge.getIDList() if not edge.startswith(":")]
+        segments = self._route.segments if sense > 0 else reversed(self._route.segments)
+        chain: list[str] = []
+        for segment in segments:
+            # A road inside a junction has become internal lanes between two edges.
+            if self._in_junction(segment.road_id):
+                continue
+            base = ("-" if segment.direction * sense > 0 else "") + segment.road_id
+            pieces = [e for e in known if e == base or re.fullmatch(_pieces(base), e)]
+            if not pieces and sense < 0:
+                return ()
+            if not pieces:
+                raise TrafficError(
+                    f"the SUMO net has no edge for road {segment.road_id!r} of the route; "
+                    "was it made from another map?"
+                )
+            chain += self._in_order(pieces)
+        return tuple(dict.fromkeys(chain))
+
+    def _in_junction(self, road_id: str) -> bool:
+        return self._route.road_map.roads[road_id].junction not in (None, "-1", "")
+
+    def _in_order(self, pieces: list[str]) -> list[str]:
+        """Edges that netconvert cut from one road, in driving order (a loop begins anywhere)."""
+        following = {}
+        for edge in pieces:
+            targets = {target for target, _ in self._links(edge)}
+            following[edge] = next((e for e in pieces if e in targets and e != edge), None)
+        reached = set(following.values())
+        first = next((e for e in pieces if e not in reached), min(pieces))
+        ordered = [first]
+        while (after := following[ordered[-1]]) is not None and after not in ordered:
+            ordered.append(after)
+        return ordered
+
+    def _links(self, edge: str) -> list[tuple[str, str]]:
+        """(edge, internal lane or "") that can be reached from an edge."""
+        found = []
+        for i in range(self._api.edge.getLaneNumber(edge)):
+            for link in self._api.lane.getLinks(f"{edge}_{i}"):
+                found.append((link[0].rpartition("_")[0], link[4]))
+        return found
+
+    def _build(self, edges: tuple[str, ...], direction: int) -> None:
+        near = 0.0 if direction > 0 else self._route.length
+        for edge, after in zip(edges, (*edges[1:], None), strict=False):
+            count = self._api.edge.getLaneNumber(edge)
+            tables = [self._table(edge, i, near, direction) for i in range(count)]
+            near = float(tables[0].station[-1])
+            links = self._links(edge)
+            if after is not None and after not in {target for target, _ in links}:
+                raise TrafficError(
+                    f"the SUMO net has no connection from edge {edge!r} to {after!r}, "
+                    "which the route follows"
+                )
+            for target, internal in links:
+                while target == after and internal and internal not in self.tables:
+                    name, _, index = internal.rpartition("_")
+                    self._table(name, int(index), near, direction)
+                    # A long turn is split in two internal lanes.
+                    onward = self._api.lane.getLinks(internal)
+                    internal = onward[0][4] if onward else ""
+
+    def _table(self, edge: str, index: int, near: float, direction: int) -> LaneTable:
+        name = f"{edge}_{index}"
+        length = self._api.lane.getLength(name)
+        shape = np.asarray(self._api.lane.getShape(name), dtype=float)[:, :2] - self._offset
+        way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))))
+        count = int(np.clip(length / SAMPLE_SPACING, 2, MAXIMUM_SAMPLES)) + 1
+        places = np.linspace(0.0, way[-1], count)
+        x, y = (np.interp(places, way, shape[:, axis]) for axis in (0, 1))
+        station, offset = np.empty(count), np.empty(count)
+        for k in range(count):
+            station[k], offset[k] = self._route.locate(x[k], y[k], near)
+            near = station[k]
+        lane = self._route_lane(station, offset) if direction > 0 else -1
+        table = LaneTable(
+            name, edge, index, lane, direction, length, length / (count - 1), station, offset
+        )
+        self.tables[name] = table
+        self._set_rules(table)
+        return table
+
+    def _route_lane(self, station: FloatArray, offset: FloatArray) -> int:
+        """The driving lane a SUMO lane lies on along most of its way, or -1 (a shoulder)."""
+        picks = np.linspace(0, len(station) - 1, 7)[1:-1].astype(int)
+        lanes = [self._route.lane_at(float(station[k]), float(offset[k])) for k in picks]
+        return max(sorted(set(lanes)), key=lanes.count)
+
+    def _set_rules(self, table: LaneTable) -> None:
+        """Speed limit from the map (netconvert drops the road's); no traffic beside the lanes."""
+        drivable = table.lane >= 0 or self._is_oncoming(table)
+        if not drivable and not table.edge.startswith(":"):
+            self._api.lane.setDisallowed(table.id, ["all"])
+            return
+        station = float(table.station[len(table.station) // 2])
+        limit = min(self._route.speed_limit(station, max(table.lane, 0)), UNLIMITED)
+        # Inside a junction netconvert lowers its default speed where a turn is tight: keep that.
+        if table.edge.startswith(":") and self._api.lane.getMaxSpeed(table.id) < NET_SPEED - 0.1:
+            return
+        self._api.lane.setMaxSpeed(table.id, limit)
+
+
+def _pieces(base: str) -> str:
+    """Pattern of the edges netconvert makes when it splits a road: `-1#1`, `-1.250.00`."""
+    return re.escape(base) + r"(#\d+|\.\d+(\.\d+)?)+"
