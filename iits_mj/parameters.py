@@ -1,4 +1,4 @@
-"""The truck's numbers: frozen dataclasses, read from `mjcf/truck.toml` and the CSV tables beside it.
+"""The truck's numbers: frozen dataclasses, from `mjcf/truck.toml` and the CSV tables beside it.
 
 Every quantity of the TOML is `{ value, unit, grade, source }`; an overlay (a file of identified
 parameters, say) may give plain values. Positions are metres behind the steer axle (tractor) or

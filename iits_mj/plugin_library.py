@@ -28,7 +28,8 @@ def library_path() -> Path:
         if path.is_file():
             return path
     raise PluginError(
-        f"{LIBRARY_NAME} is not in {folders}: build it with 'pip install .' (a C++17 compiler is needed)"
+        f"{LIBRARY_NAME} is not in {folders}: "
+        "build it with 'pip install .' (a C++17 compiler is needed)"
     )
 
 
@@ -38,7 +39,7 @@ def register() -> Path:
     Raises:
       PluginError: the library is missing, cannot be loaded, or was built for another MuJoCo.
     """
-    global _registered  # noqa: PLW0603 - MuJoCo's own plugin table is per process, too
+    global _registered
     if _registered is not None:
         return _registered
     path = library_path()

@@ -120,9 +120,7 @@ class Results:
             reference = check.reference
             shown = f"{reference:.4g}" if isinstance(reference, float) else str(reference or "")
             verdict = "ok" if check.ok else "FALLS SHORT"
-            rows.append(
-                (check.name, f"{check.value:.4g}", check.unit, shown, check.must, verdict)
-            )
+            rows.append((check.name, f"{check.value:.4g}", check.unit, shown, check.must, verdict))
         widths = [max(len(row[i]) for row in rows) for i in range(6)]
         lines = [
             "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()

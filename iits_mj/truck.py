@@ -21,6 +21,7 @@ from iits_mj.messages import (
     XbrMode,
 )
 from iits_mj.model.builder import truck_spec
+from iits_mj.model.road_scene import add_road
 from iits_mj.model.road_table import add_road_table
 from iits_mj.parameters import TruckParameters
 from iits_mj.plugin_library import register
@@ -118,7 +119,7 @@ class Truck:
             add_road_table(spec, route)
         shown = route if route is not None else Route.straight()
         if visuals:
-            from iits_mj.model.road_scene import add_road  # noqa: PLC0415
+            from iits_mj.model.road_scene import add_road
 
             add_road(spec, shown)
         if edit_spec is not None:
@@ -139,7 +140,8 @@ class Truck:
         """Puts the truck on its route, aligned with the lane, rolling freely at `speed`.
 
         Args:
-          station, offset: of the steer axle's centre on the route [m].
+          station: of the steer axle's centre on the route [m].
+          offset: of the same, to the left [m].
           speed: along the road [m/s], zero or positive.
 
         Raises:

@@ -1,5 +1,8 @@
 """The Truck as its users meet it: load, command, step, observe."""
 
+import subprocess
+import sys
+
 import mujoco
 import numpy as np
 import pytest
@@ -205,11 +208,9 @@ def test_overlay_of_parameters_changes_the_truck():
 
 
 def test_importing_the_package_is_light():
-    import subprocess
-    import sys
-
     code = (
-        "import sys, iits_mj; heavy = {'libsumo', 'torch', 'casadi', 'matplotlib'} & set(sys.modules);"
+        "import sys, iits_mj;"
+        "heavy = {'libsumo', 'torch', 'casadi', 'matplotlib'} & set(sys.modules);"
         "print(sorted(heavy)); sys.exit(bool(heavy))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

@@ -94,7 +94,9 @@ def sprung(parameters: TruckParameters, unit: Tractor | Semitrailer, payload: fl
     The figures of a unit include its axles and wheels; they are taken off by Steiner's theorem.
     """
     loads = dict(
-        zip((a.name for a in parameters.axles), static_loads(parameters, payload).axles, strict=True)
+        zip(
+            (a.name for a in parameters.axles), static_loads(parameters, payload).axles, strict=True
+        )
     )
     parts = [
         (axle, wheel_height(parameters, axle, loads[axle.name]), axle.unsprung_mass)

@@ -28,8 +28,7 @@ Aerodynamics* Aerodynamics::Create(const mjModel* m, int instance) {
   };
   for (const auto& attribute : attributes) {
     *attribute.value = std::nan("");
-    if (!ReadNumber(m, instance, attribute.name, attribute.low, attribute.high,
-                    attribute.value)) {
+    if (!ReadNumber(m, instance, attribute.name, attribute.low, attribute.high, attribute.value)) {
       return nullptr;
     }
   }

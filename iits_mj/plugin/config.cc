@@ -41,8 +41,9 @@ bool ReadNumbers(const mjModel* m, int instance, const char* name, size_t count_
     char* end = nullptr;
     double value = std::strtod(cursor, &end);
     if (end == cursor || !std::isfinite(value) || value < low || value > high) {
-      mju_warning("plugin instance '%s': attribute '%s' has '%.40s'; allowed are numbers in [%g, %g]",
-                  InstanceName(m, instance).c_str(), name, cursor, low, high);
+      mju_warning(
+          "plugin instance '%s': attribute '%s' has '%.40s'; allowed are numbers in [%g, %g]",
+          InstanceName(m, instance).c_str(), name, cursor, low, high);
       return false;
     }
     values.push_back(value);

@@ -18,7 +18,8 @@ inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
 bool ReadNumbers(const mjModel* m, int instance, const char* name, size_t count_min,
                  size_t count_max, double low, double high, std::vector<double>* out);
 
-// The same for one number; `*out` holds the default unless it is NaN (then the attribute must be given).
+// The same for one number; `*out` holds the default unless it is NaN (then the attribute must be
+// given).
 bool ReadNumber(const mjModel* m, int instance, const char* name, double low, double high,
                 double* out);
 

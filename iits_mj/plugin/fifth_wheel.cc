@@ -61,8 +61,7 @@ void FifthWheel::Passive(const mjModel* m, mjData* d, int instance) const {
   d->qfrc_passive[roll_dof] += torque;
 
   int yaw_dof = m->jnt_dofadr[yaw_];
-  s->next_wind_up =
-      std::clamp(s->wind_up + m->opt.timestep * d->qvel[yaw_dof], -kWindUp, kWindUp);
+  s->next_wind_up = std::clamp(s->wind_up + m->opt.timestep * d->qvel[yaw_dof], -kWindUp, kWindUp);
   d->qfrc_passive[yaw_dof] -= yaw_friction_ * s->next_wind_up / kWindUp;
 }
 

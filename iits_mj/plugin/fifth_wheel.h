@@ -6,7 +6,8 @@
 
 namespace iits {
 
-// The semitrailer's body references the instance; its three hinges are yaw (z), pitch (y), roll (x).
+// The semitrailer's body references the instance; its three hinges are yaw (z), pitch (y), roll
+// (x).
 class FifthWheel {
  public:
   struct State {

@@ -139,8 +139,8 @@ RoadPoint Road::Evaluate(const mjModel* m, double x, double y, double station_hi
   point.normal[0] = nx * norm;
   point.normal[1] = ny * norm;
   point.normal[2] = norm;
-  point.friction = offset < r0[kSplit] ? v * r0[kMuRight] + u * r1[kMuRight]
-                                       : v * r0[kMuLeft] + u * r1[kMuLeft];
+  point.friction =
+      offset < r0[kSplit] ? v * r0[kMuRight] + u * r1[kMuRight] : v * r0[kMuLeft] + u * r1[kMuLeft];
   return point;
 }
 

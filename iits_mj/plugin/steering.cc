@@ -25,14 +25,10 @@ Steering* Steering::Create(const mjModel* m, int instance) {
     double low, high;
     double* value;
   } attributes[] = {
-      {"ratio", 1, 100, &s->ratio_},
-      {"dead_band", 0, 1, &s->dead_band_},
-      {"angle_max", 0.1, 100, &s->angle_max_},
-      {"rate_max", 0.01, 1000, &s->rate_max_},
-      {"stiffness", 1, 1e8, &s->stiffness_},
-      {"time_constant", 0, 10, &s->time_constant_},
-      {"wheelbase", 0.5, 20, &s->wheelbase_},
-      {"track", 0.1, 5, &s->track_},
+      {"ratio", 1, 100, &s->ratio_},           {"dead_band", 0, 1, &s->dead_band_},
+      {"angle_max", 0.1, 100, &s->angle_max_}, {"rate_max", 0.01, 1000, &s->rate_max_},
+      {"stiffness", 1, 1e8, &s->stiffness_},   {"time_constant", 0, 10, &s->time_constant_},
+      {"wheelbase", 0.5, 20, &s->wheelbase_},  {"track", 0.1, 5, &s->track_},
   };
   for (const auto& a : attributes) {
     *a.value = std::nan("");
@@ -83,9 +79,8 @@ void Steering::Actuator(const mjModel* m, mjData* d, int instance) const {
   double follow = time_constant_ > 0 ? 1 - std::exp(-h / time_constant_) : 1;
   double change = std::clamp(follow * (demand - s->wheel_angle), -h * rate_max_, h * rate_max_);
   s->next_wheel_angle = s->wheel_angle + change;
-  s->next_pitman_angle =
-      std::clamp(s->pitman_angle, s->next_wheel_angle - 0.5 * dead_band_,
-                 s->next_wheel_angle + 0.5 * dead_band_);
+  s->next_pitman_angle = std::clamp(s->pitman_angle, s->next_wheel_angle - 0.5 * dead_band_,
+                                    s->next_wheel_angle + 0.5 * dead_band_);
   d->actuator_force[m->actuator_outadr[actuator_]] = 0;
 }
 

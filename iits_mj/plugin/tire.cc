@@ -46,9 +46,7 @@ bool EndsWith(const std::string& text, const std::string& tail) {
          text.compare(text.size() - tail.size(), tail.size(), tail) == 0;
 }
 
-double Dot(const mjtNum a[3], const mjtNum b[3]) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
+double Dot(const mjtNum a[3], const mjtNum b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 void Cross(const mjtNum a[3], const mjtNum b[3], mjtNum out[3]) {
   out[0] = a[1] * b[2] - a[2] * b[1];
@@ -114,8 +112,7 @@ Tire* Tire::Create(const mjModel* m, int instance) {
   for (int i = 0; i < m->nsensor; ++i) {
     if (m->sensor_plugin[i] != instance) continue;
     std::string name = m->names + m->name_sensoradr[i];
-    Sensor sensor = {m->sensor_adr[i], -1, EndsWith(name, "_tire_slip") ? 4 : 0,
-                     m->sensor_dim[i]};
+    Sensor sensor = {m->sensor_adr[i], -1, EndsWith(name, "_tire_slip") ? 4 : 0, m->sensor_dim[i]};
     for (size_t w = 0; w < t->wheels_.size(); ++w) {
       if (m->sensor_objtype[i] == mjOBJ_BODY && m->sensor_objid[i] == t->wheels_[w].body) {
         sensor.wheel = static_cast<int>(w);
@@ -184,8 +181,8 @@ void Tire::WheelForces(const mjModel* m, mjData* d, const Wheel& wheel, State* s
   double deflection = free_radius_ - distance;
   double load = 0;
   if (deflection > 0) {
-    load = count_ * (vertical_stiffness_ * deflection -
-                     vertical_damping_ * Dot(linear, road.normal));
+    load =
+        count_ * (vertical_stiffness_ * deflection - vertical_damping_ * Dot(linear, road.normal));
   }
   if (!(load > 1)) {
     // In the air: the tread forgets.
@@ -214,8 +211,8 @@ void Tire::WheelForces(const mjModel* m, mjData* d, const Wheel& wheel, State* s
 
   // Relaxation: dz/dt = -Vs - |Vr| z / sigma, semi-implicit, so that it holds at standstill.
   double relative = load / (count_ * nominal_load_);
-  double sigma_y = std::max(
-      0.1, relaxation_lateral_ * std::pow(relative, relaxation_load_exponent_));
+  double sigma_y =
+      std::max(0.1, relaxation_lateral_ * std::pow(relative, relaxation_load_exponent_));
   double sigma_x = relaxation_longitudinal_;
   double zx = (s->bristle_x - h * slip_vx) / (1 + h * transport / sigma_x);
   double zy = (s->bristle_y - h * slip_vy) / (1 + h * transport / sigma_y);

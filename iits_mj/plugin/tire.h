@@ -41,8 +41,8 @@ class Tire {
     int address, wheel, first, count;
   };
   struct Slip {
-    double sx, sy;   // theoretical slips [1]
-    double fx, fy;   // forces [N]
+    double sx, sy;      // theoretical slips [1]
+    double fx, fy;      // forces [N]
     double saturation;  // normalised slip; full sliding near 3
   };
 
