@@ -119,8 +119,6 @@ class Truck:
             add_road_table(spec, route)
         shown = route if route is not None else Route.straight()
         if visuals:
-            from iits_mj.model.road_scene import add_road
-
             add_road(spec, shown)
         if edit_spec is not None:
             edit_spec(spec)
