@@ -131,13 +131,28 @@ def _read_road(reader: Reader, item: Element, notes: list[str]) -> Road:
         signals=read_signals(place, item.find("signals")),
         structures=read_structures(place, item.find("objects")),
     )
+    _check_plan(place, road)
+    return road
+
+
+def _check_plan(place: Reader, road: Road) -> None:
+    """The records must cover the road and meet, but for what can be blended."""
+    ends = [*(geometry.s for geometry in road.geometries[1:]), road.length]
+    for geometry, end in zip(road.geometries, ends, strict=True):
+        missing = end - geometry.s - geometry.length
+        if missing > PLAN_JUMP_LIMIT:
+            place.fail(
+                f"the geometry at s = {geometry.s:g} is {geometry.length:g} m long and ends "
+                f"{missing:g} m before s = {end:g}, where the next one or the road's end is"
+            )
+    if road.geometries[0].s > PLAN_JUMP_LIMIT:
+        place.fail(f"its first geometry starts at s = {road.geometries[0].s:g} instead of 0")
     for jump in road.plan.jumps():
         if math.hypot(jump.dx, jump.dy) > PLAN_JUMP_LIMIT:
             place.fail(
                 f"the plan view jumps by {math.hypot(jump.dx, jump.dy):.1f} m at s = {jump.s:g}; "
                 f"up to {PLAN_JUMP_LIMIT:g} m are blended"
             )
-    return road
 
 
 def _read_plan(place: Reader, item: Element) -> tuple[Geometry, ...]:

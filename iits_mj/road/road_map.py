@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -89,5 +90,13 @@ class RoadMap:
             )
             for piece in pieces
         )
-        scale = min(1.0, superelevation_limit / steepest) if steepest > 0.0 else 1.0
-        return Route(self, ContinuousChain(pieces, source, scale), knot_spacing)
+        notes = self.notes
+        scale = 1.0
+        if steepest > superelevation_limit:
+            scale = superelevation_limit / steepest
+            notes = (
+                *notes,
+                f"cross slopes up to {math.degrees(steepest):.1f} degrees are scaled down to "
+                f"{math.degrees(superelevation_limit):.1f}, at which a truck stays upright",
+            )
+        return Route(self, ContinuousChain(pieces, source, scale), knot_spacing, notes)

@@ -46,21 +46,31 @@ TABLE_COLUMNS = (
 
 
 class Route:
-    """A chain of roads as one continuous road. Stations beyond the ends extend along tangents."""
+    """A chain of roads as one continuous road. Stations beyond the ends extend along tangents.
+
+    Attributes:
+      road_map: the map it runs through.
+      length: [m], horizontal.
+      segments: the roads in the order of travel.
+      tunnels, bridges: (start, end) stations of each.
+      signals: signs and lights that face the route, by station.
+      notes: what of the map is not used or was changed, in words.
+    """
 
     def __init__(
         self,
         road_map: RoadMap,
         chain: ContinuousChain,
         knot_spacing: float = KNOT_SPACING,
-        patches: tuple[FrictionPatch, ...] = (),
+        notes: tuple[str, ...] = (),
     ) -> None:
         """Use `RoadMap.route` or `Route.straight`."""
         self.road_map = road_map
         self.line = ReferenceLine(chain, knot_spacing)
         self.length = self.line.length
         self.chain = chain
-        self.patches = patches
+        self.notes = notes
+        self.patches: tuple[FrictionPatch, ...] = ()
         self._bands = [band for piece in chain.pieces for band in lane_bands(piece)]
         self._starts = [band.p_start for band in self._bands]
         self.segments = tuple(

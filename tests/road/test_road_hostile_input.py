@@ -1,11 +1,14 @@
 from __future__ import annotations
 
 import os
+import re
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from opendrive_text import LANES, LINE, document, line, road, successor
+from test_road_route import PROFILES, SPIRAL, WIDE
 
 from iits_mj.errors import MapError
 from iits_mj.road import RoadMap
@@ -54,6 +57,11 @@ BAD = {
             road(geometry=line(0.0) + LINE.replace('s="0" x="0"', 's="100" x="150"'), length=200)
         ),
         "jumps by 50.0 m",
+    ),
+    "plan view that ends early": (document(road(length=1000)), "900 m before s = 1000"),
+    "plan view that starts late": (
+        document(road(geometry=LINE.replace('s="0"', 's="50"'), length=150)),
+        "starts at s = 50",
     ),
     "left-hand traffic": (document(road(attributes='rule="LHT"')), "left-hand"),
     "direct junction": (
@@ -125,6 +133,24 @@ def test_unknown_encoding_and_zero_bytes_are_refused():
     for content in (b'<?xml version="1.0" encoding="klingon"?><a/>', b"\x00\x01\x02", b"\xff" * 9):
         with pytest.raises(MapError):
             parse(content, "x")
+
+
+NASTY = ["", "0", "-1", "7", "1e9", "-1e9", "1e-9", "nan", "inf", "1e300", "abc", "start", "99"]
+
+
+@settings(max_examples=150, deadline=None)
+@given(data=st.data())
+def test_a_map_with_wrong_attributes_gives_a_finite_route_or_map_error(data):
+    text = document(road(geometry=SPIRAL, lanes=WIDE, link=successor("2"), **PROFILES), road("2"))
+    for _ in range(data.draw(st.integers(1, 3))):
+        chosen = data.draw(st.sampled_from(list(re.finditer(r'="([^"]*)"', text))))
+        text = text[: chosen.start(1)] + data.draw(st.sampled_from(NASTY)) + text[chosen.end(1) :]
+    try:
+        route = RoadMap(parse(text.encode(), "wrong"), "wrong").route()
+    except MapError as error:
+        assert "wrong" in str(error)  # noqa: PT017 - either outcome is right
+    else:
+        assert np.isfinite(route.table(1.0)).all()
 
 
 @settings(max_examples=150, deadline=None)

@@ -231,3 +231,5 @@ def test_steep_cross_slopes_are_scaled_to_what_a_truck_can_stand():
     s = np.linspace(0.0, 100.0, 101)
     exact = content.roads["1"].superelevation.evaluate(s)
     assert np.allclose(route.evaluate(s).superelevation, exact * 0.5, atol=1e-6)
+    assert "3.4 degrees are scaled down to 1.7" in route.notes[0]
+    assert FORTH.notes == ()
