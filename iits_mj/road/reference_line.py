@@ -2,7 +2,8 @@
 
 Knots are exact (see `seams`) and uniform in station, which is the horizontal arc length. Between
 them x, y, z and superelevation are cubic Hermite polynomials, so position and height are C1, and
-heading and grade continuous; at 0.5 m spacing they lie within 0.1 mm of the exact curve.
+heading and grade continuous; at 0.5 m spacing they lie within 3 um of the exact curve on roads, and
+within 0.4 mm beside a step of curvature in a town's corner.
 """
 
 from __future__ import annotations

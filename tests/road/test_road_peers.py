@@ -121,6 +121,20 @@ def test_direct_junction_is_refused_in_one_line_that_says_what_to_do():
         RoadMap.from_opendrive(SODERLEDEN)
 
 
+@pytest.mark.parametrize("path", ALL, ids=lambda path: path.stem)
+def test_route_lies_within_a_millimetre_of_the_exact_records(path):
+    route = RoadMap.from_opendrive(path).route()
+    seams = np.array([seam.p for seam in route.chain.seams])
+    for piece in route.chain.pieces:
+        p = np.linspace(piece.p_start + 0.1, piece.p_end - 0.1, 777)
+        p = p[np.min(np.abs(p[:, None] - seams), axis=1, initial=np.inf) > 50.0]
+        s = piece.s_at(p)
+        exact = piece.road.plan.evaluate(s)
+        point = route.evaluate(route.line.station(p), piece.shift * -1.0)
+        assert np.hypot(point.x - exact.x, point.y - exact.y).max(initial=0.0) < 1e-3
+        assert np.abs(point.z - piece.road.elevation.evaluate(s)).max(initial=0.0) < 1e-3
+
+
 @pytest.mark.parametrize("path", MAPS, ids=lambda path: path.stem)
 def test_real_map_gives_a_smooth_drivable_route(path):
     route = RoadMap.from_opendrive(path).route()
