@@ -10,7 +10,7 @@ JOBS   ?= 2
 PLUGIN  := $(wildcard iits_mj/plugin/*.cc iits_mj/plugin/*.h)
 BUILD   := pyproject.toml CMakeLists.txt
 
-.PHONY: help drive test test-slow lint check format build clean
+.PHONY: help drive test test-slow lint check check-mujoco4 format build clean
 
 help:
 	@echo "make drive      set up and drive: video, telemetry, plots and report in $(OUT)/"
@@ -19,6 +19,7 @@ help:
 	@echo "make test-slow  the tests that take minutes"
 	@echo "make format     format Python and C++"
 	@echo "make build      rebuild the engine plugin after a change of its C++"
+	@echo "make check-mujoco4  compile the plugin's sources against MuJoCo 4.0.0, too"
 	@echo "make clean      remove the build and the virtual environment"
 
 drive: $(VENV)/installed
@@ -75,6 +76,15 @@ check: $(VENV)/installed-test
 
 test-slow: $(VENV)/installed-test
 	$(BIN)/pytest -m slow -n $(JOBS)
+
+# The plugin runs with the pinned MuJoCo; its sources must compile against the next one as well.
+check-mujoco4: $(BIN)/cmake
+	$(BIN)/pip download -q --disable-pip-version-check --no-deps -d build/mujoco4 mujoco-core==4.0.0
+	$(BIN)/python -m zipfile -e build/mujoco4/mujoco_core-4.0.0-*.whl build/mujoco4
+	PATH="$(abspath $(BIN)):$$PATH" cmake -S . -B build/plugin4 -G Ninja \
+	  -DPython3_EXECUTABLE="$(abspath $(BIN))/python" \
+	  -DMUJOCO_ROOT="$(abspath build/mujoco4/mujoco)" >/dev/null
+	PATH="$(abspath $(BIN)):$$PATH" cmake --build build/plugin4
 
 format: $(VENV)/installed-test
 	$(BIN)/ruff check --fix .
