@@ -1,0 +1,152 @@
+"""Longitudinal planning: how fast, behind whom.
+
+Car following is the Intelligent Driver Model in its improved form (Treiber and Kesting, Traffic
+Flow Dynamics, 2013, ch. 11.3.7) with the constant-acceleration heuristic of their ACC model: the
+truck does not brake when the leader is faster, far, or has cut in without danger. Limits ahead
+(speed limits, curves, ends) become one profile by braking backward at a comfortable rate.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FollowingConfig:
+    """How the truck follows and keeps its speed.
+
+    Attributes:
+      time_gap: to the leader, bumper to bumper [s].
+      standstill_gap: to a standing leader [m].
+      acceleration_max: [m/s2], also limited by engine power.
+      deceleration: comfortable, positive [m/s2]; of the IDM.
+      deceleration_max: of the plan outside emergencies, positive [m/s2].
+      preview_deceleration: towards lower limits ahead, positive [m/s2].
+      jerk_max: [m/s3], when braking; building up drive takes half of it.
+      coolness: weight of the constant-acceleration heuristic, 0 to 1.
+      exponent: of the free road term.
+    """
+
+    time_gap: float = 1.5
+    standstill_gap: float = 4.0
+    acceleration_max: float = 1.0
+    deceleration: float = 1.3
+    deceleration_max: float = 3.5
+    preview_deceleration: float = 0.5
+    jerk_max: float = 2.0
+    coolness: float = 0.95
+    exponent: float = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Lead:
+    """A vehicle to follow, predicted at constant acceleration until it stands.
+
+    Attributes:
+      gap: bumper to bumper now [m]; speed: [m/s]; acceleration: [m/s2].
+      until: time from now when it no longer matters [s].
+    """
+
+    gap: float
+    speed: float
+    acceleration: float = 0.0
+    until: float = math.inf
+
+    def at(self, time: float) -> tuple[float, float]:
+        """Way gone since now [m] and speed [m/s], for an acceleration that fades over 2 s."""
+        # a(t) = a exp(-t / 2 s), stopped at standstill.
+        fade = 2.0 * (1.0 - math.exp(-0.5 * time))
+        speed = self.speed + self.acceleration * fade
+        if speed <= 0.0 < -self.acceleration:
+            return self.speed**2 / max(-2.0 * self.acceleration, 1e-3), 0.0
+        way = self.speed * time + self.acceleration * 2.0 * (time - fade)
+        return max(way, 0.0), max(speed, 0.0)
+
+
+def idm_acceleration(
+    speed: float, desired: float, gap: float, lead_speed: float, config: FollowingConfig
+) -> float:
+    """Improved IDM: acceleration [m/s2] at a bumper gap [m] behind a leader.
+
+    Args:
+      speed: own [m/s].
+      desired: speed on the free road [m/s], positive.
+      gap: [m]; infinite on the free road.
+      lead_speed: [m/s].
+      config: parameters.
+    """
+    a, b = config.acceleration_max, config.deceleration
+    desired = max(desired, 0.1)
+    if speed <= desired:
+        free = a * (1.0 - (speed / desired) ** config.exponent)
+    else:
+        free = -b * (1.0 - (desired / speed) ** (a * config.exponent / b))
+    wanted = config.standstill_gap + max(
+        0.0,
+        speed * config.time_gap + speed * (speed - lead_speed) / (2.0 * math.sqrt(a * b)),
+    )
+    ratio = wanted / max(gap, 0.1)
+    if ratio >= 1.0:
+        return a * (1.0 - ratio**2) + min(free, 0.0)
+    if speed > desired or free <= 1e-6:
+        return free
+    return free * (1.0 - ratio ** (2.0 * a / free))
+
+
+def follow_acceleration(
+    speed: float,
+    desired: float,
+    gap: float,
+    lead_speed: float,
+    lead_acceleration: float,
+    config: FollowingConfig,
+) -> float:
+    """IDM tempered by the constant-acceleration heuristic: the ACC model.
+
+    Source: Kesting, Treiber and Helbing, Phil. Trans. R. Soc. A 368 (2010), equations 2.6 to 2.8.
+    """
+    idm = idm_acceleration(speed, desired, gap, lead_speed, config)
+    if not math.isfinite(gap):
+        return idm
+    # The heuristic, too, shall stop at the standstill gap: source has the bare gap.
+    gap = max(gap - config.standstill_gap, 0.1)
+    lead = min(lead_acceleration, config.acceleration_max)
+    closing = speed - lead_speed
+    if lead_speed * closing <= -2.0 * gap * lead:
+        below = lead_speed**2 - 2.0 * gap * lead
+        heuristic = speed**2 * lead / below if below > 1e-6 else lead
+    else:
+        heuristic = lead - max(closing, 0.0) ** 2 / (2.0 * gap)
+    if idm >= heuristic:
+        return idm
+    tempered = heuristic + config.deceleration * math.tanh((idm - heuristic) / config.deceleration)
+    return (1.0 - config.coolness) * idm + config.coolness * tempered
+
+
+def braking_profile(station: FloatArray, limit: FloatArray, deceleration: float) -> FloatArray:
+    """Highest speed that meets every limit further on at a deceleration, shape as station.
+
+    `v(s)^2 = min over s' >= s of limit(s')^2 + 2 b (s' - s)`.
+    """
+    lifted = np.minimum(limit, 100.0) ** 2 + 2.0 * deceleration * station
+    ahead = np.minimum.accumulate(lifted[::-1])[::-1]
+    return np.sqrt(np.maximum(ahead - 2.0 * deceleration * station, 0.0))
+
+
+def curve_speed(curvature: FloatArray, lateral_acceleration: float) -> FloatArray:
+    """Greatest speed at a lateral acceleration, `sqrt(a / |kappa|)`, shape as curvature [m/s]."""
+    return np.asarray(np.sqrt(lateral_acceleration / np.maximum(np.abs(curvature), 1e-6)))
+
+
+def required_deceleration(gap: float, speed: float, lead_speed: float, margin: float) -> float:
+    """Constant deceleration that just avoids closing the gap to `margin`, positive [m/s2]."""
+    closing = speed - lead_speed
+    if closing <= 0.0:
+        return 0.0
+    return closing**2 / (2.0 * max(gap - margin, 0.1))

@@ -1,0 +1,121 @@
+"""Quintic polynomials across the road: lane changes, aborts and recoveries.
+
+The polynomial is a function of station, so that the path on the road does not depend on how the
+speed goes on (Piazzi, Lo Bianco, Bertozzi, Fascioli and Broggi 2002). It starts from any offset,
+slope and second derivative and ends flat on the target lane's middle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from iits_mj.errors import InputError
+
+FloatArray = NDArray[np.float64]
+_SAMPLES = np.linspace(0.0, 1.0, 41)
+
+
+@dataclass(frozen=True)
+class Quintic:
+    """`q(s)` on [start, start + length]; before it the start's value, after it zero.
+
+    Attributes:
+      start: station [m]; length: [m].
+      coefficients: of powers 0 to 5 of (s - start) / length, shape (6,) [m].
+    """
+
+    start: float
+    length: float
+    coefficients: tuple[float, ...]
+
+    @classmethod
+    def to_zero(
+        cls, start: float, length: float, value: float, slope: float = 0.0, bend: float = 0.0
+    ) -> Quintic:
+        """From value [m], slope [1] and second derivative [1/m] to zero in all three.
+
+        Raises:
+          InputError: length not positive, or a value that is not finite.
+        """
+        if not (length > 0.0 and np.isfinite([start, length, value, slope, bend]).all()):
+            raise InputError(
+                f"quintic from {value} m, slope {slope}, bend {bend} over {length} m: "
+                "all must be finite and the length positive"
+            )
+        a0, a1, a2 = value, slope * length, 0.5 * bend * length**2
+        # Three end conditions q = q' = q'' = 0 at 1 give the upper three coefficients.
+        a3 = -10.0 * a0 - 6.0 * a1 - 3.0 * a2
+        a4 = 15.0 * a0 + 8.0 * a1 + 3.0 * a2
+        a5 = -6.0 * a0 - 3.0 * a1 - a2
+        return cls(start, length, (a0, a1, a2, a3, a4, a5))
+
+    @property
+    def end(self) -> float:
+        """Station of the end [m]."""
+        return self.start + self.length
+
+    def evaluate(self, station: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Value [m] and first three derivatives over station, each of station's shape."""
+        t = np.clip((np.asarray(station, dtype=float) - self.start) / self.length, 0.0, 1.0)
+        a0, a1, a2, a3, a4, a5 = self.coefficients
+        inside = (t > 0.0) & (t < 1.0)
+        value = a0 + t * (a1 + t * (a2 + t * (a3 + t * (a4 + t * a5))))
+        first = a1 + t * (2 * a2 + t * (3 * a3 + t * (4 * a4 + t * 5 * a5)))
+        second = 2 * a2 + t * (6 * a3 + t * (12 * a4 + t * 20 * a5))
+        third = 6 * a3 + t * (24 * a4 + t * 60 * a5)
+        flat = np.where(t >= 1.0, 0.0, 1.0)
+        return (
+            value * flat,
+            first / self.length * flat,
+            second / self.length**2 * flat,
+            np.where(inside, third / self.length**3, 0.0),
+        )
+
+    def peak_lateral(self, speed: float) -> tuple[float, float]:
+        """Greatest lateral acceleration [m/s2] and jerk [m/s3] when driven at a speed [m/s]."""
+        _, _, second, _ = self.evaluate(self.start + _SAMPLES * self.length)
+        t = _SAMPLES
+        _, _, _, a3, a4, a5 = self.coefficients
+        third = (6 * a3 + t * (24 * a4 + t * 60 * a5)) / self.length**3
+        return float(np.abs(second).max()) * speed**2, float(np.abs(third).max()) * speed**3
+
+
+def shortest_to_zero(
+    start: float,
+    value: float,
+    slope: float,
+    bend: float,
+    speed: float,
+    acceleration_max: float,
+    jerk_max: float,
+    duration_min: float,
+    duration_max: float,
+    length_min: float,
+) -> Quintic | None:
+    """The shortest quintic to zero within lateral limits, or None when none is short enough.
+
+    Args:
+      start: station [m].
+      value: initial value [m], see `Quintic.to_zero`.
+      slope: initial slope [1].
+      bend: initial second derivative [1/m].
+      speed: greatest speed during the manoeuvre [m/s].
+      acceleration_max: lateral [m/s2].
+      jerk_max: lateral [m/s3].
+      duration_min: [s].
+      duration_max: [s].
+      length_min: [m], for slow driving.
+    """
+    # A bend that exists already cannot be avoided: it counts only from 5 % above it.
+    acceleration_max = max(acceleration_max, 1.05 * abs(bend) * speed**2)
+    duration = duration_min
+    while duration <= duration_max + 1e-9:
+        quintic = Quintic.to_zero(start, max(speed * duration, length_min), value, slope, bend)
+        acceleration, jerk = quintic.peak_lateral(speed)
+        if acceleration <= acceleration_max and jerk <= jerk_max:
+            return quintic
+        duration += 0.1
+    return None

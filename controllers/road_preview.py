@@ -1,0 +1,144 @@
+"""The road as the planner wants it: tables over station, made once for a route.
+
+Lanes are followed physically: where a lane appears or ends on the right, the indices of all lanes
+shift, but the truck's lane goes on. `RoadPreview.follow` walks along the lane it is in.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from iits_mj.road import Route
+
+FloatArray = NDArray[np.float64]
+STEP = 5.0
+WIDTH_MIN = 2.75
+SAME_LANE = 0.6
+
+
+@dataclass(frozen=True)
+class LanePath:
+    """The middle of one lane, followed forward and backward from where it was asked for.
+
+    Attributes:
+      station: of shape (n,), uniform [m].
+      offset: of the lane's middle, shape (n,) [m]; held constant beyond the lane's end.
+      speed_limit: of the lane, shape (n,) [m/s].
+      half_width: of the lane at the start [m].
+      end: station at which the lane or the road ends, or infinity when not within sight.
+      lane: index at the start.
+    """
+
+    station: FloatArray
+    offset: FloatArray
+    speed_limit: FloatArray
+    half_width: float
+    end: float
+    lane: int
+
+    def offset_at(self, station: FloatArray | float) -> FloatArray:
+        """Offset of the lane's middle [m], same shape as station."""
+        return np.asarray(np.interp(station, self.station, self.offset))
+
+
+class RoadPreview:
+    """Lane offsets, speed limits, curvature and grade of a route, every 5 m (coarser beyond 50 km).
+
+    Args:
+      route: the truck's road.
+    """
+
+    def __init__(self, route: Route) -> None:
+        self.route = route
+        count = max(2, math.floor(route.length / max(STEP, route.length / 10_000.0)) + 1)
+        self.station = np.linspace(0.0, route.length, count)
+        self.step = float(self.station[1])
+        self.lane_counts = np.array([route.lane_count(float(s)) for s in self.station], dtype=int)
+        lanes = max(1, int(self.lane_counts.max()))
+        exists = np.arange(lanes)[:, None] < self.lane_counts[None, :]
+        width = np.array([route.lane_width(lane, self.station) for lane in range(lanes)])
+        width[~exists] = 0.0
+        # Too narrow for the truck is no lane, unless nothing wider is there.
+        usable = exists & (width >= np.minimum(WIDTH_MIN, width.max(axis=0)))
+        offset = np.array([route.lane_offset(lane, self.station) for lane in range(lanes)])
+        self.offset = np.where(usable, offset, np.nan)
+        self.half_width = 0.5 * width
+        self.speed_limit = np.array(
+            [[route.speed_limit(float(s), lane) for s in self.station] for lane in range(lanes)]
+        )
+        # Averaged over 25 m: seams of real maps carry spikes that no truck drives.
+        raw = np.asarray(route.evaluate(self.station, 0.0).curvature, dtype=float)
+        self.curvature = np.convolve(np.pad(raw, 2, mode="edge"), np.full(5, 0.2), mode="valid")
+        self.grade = np.asarray(route.smoothed_grade(self.station), dtype=float)
+
+    def index(self, station: float) -> int:
+        """Nearest row of the tables."""
+        return int(np.clip(round(station / self.step), 0, len(self.station) - 1))
+
+    def nearest_lane(self, station: float, offset: float) -> int:
+        """Index of the lane whose middle is nearest to an offset; -1 where there is none."""
+        column = np.abs(self.offset[:, self.index(station)] - offset)
+        return -1 if np.all(np.isnan(column)) else int(np.nanargmin(column))
+
+    def lane_exists(self, lane: int, station: float) -> bool:
+        """True when the route has this lane here, wide enough for the truck."""
+        inside = 0 <= lane < self.offset.shape[0]
+        return inside and bool(np.isfinite(self.offset[lane, self.index(station)]))
+
+    def follow(self, lane: int, station: float, ahead: float, behind: float = 100.0) -> LanePath:
+        """The lane's path from `behind` metres back to `ahead` metres on."""
+        here = self.index(station)
+        first = max(0, here - round(behind / self.step))
+        last = min(len(self.station) - 1, here + math.ceil(ahead / self.step))
+        offsets = np.empty(last - first + 1)
+        limits = np.empty(last - first + 1)
+        end_forward = self._walk(lane, here, range(here, last + 1), first, offsets, limits)
+        self._walk(lane, here, range(here, first - 1, -1), first, offsets, limits)
+        end = math.inf
+        if end_forward <= last:
+            end = float(self.station[end_forward])
+        elif last == len(self.station) - 1:
+            end = float(self.station[-1])
+        return LanePath(
+            station=self.station[first : last + 1],
+            offset=offsets,
+            speed_limit=limits,
+            half_width=float(self.half_width[max(lane, 0), here]),
+            end=end,
+            lane=lane,
+        )
+
+    def _walk(
+        self,
+        lane: int,
+        here: int,
+        columns: range,
+        first: int,
+        offsets: FloatArray,
+        limits: FloatArray,
+    ) -> int:
+        """Fills offsets and limits along columns; returns the first column without the lane."""
+        row, value = lane, float(self.offset[lane, here])
+        limit = float(self.speed_limit[lane, here])
+        ended = len(self.station)
+        for column in columns:
+            if ended == len(self.station):
+                candidate = float(self.offset[row, column])
+                if not abs(candidate - value) < SAME_LANE * 2.0:
+                    distance = np.abs(self.offset[:, column] - value)
+                    near = int(np.nanargmin(distance)) if not np.all(np.isnan(distance)) else -1
+                    if near >= 0 and distance[near] < SAME_LANE * 2.0:
+                        row, candidate = near, float(self.offset[near, column])
+                    else:
+                        ended = column
+                if ended != column:
+                    value, limit = candidate, float(self.speed_limit[row, column])
+            offsets[column - first] = value
+            limits[column - first] = limit
+        return ended

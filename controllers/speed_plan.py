@@ -1,0 +1,205 @@
+"""Speed over the coming seconds: limits ahead, leaders, the engine's power, emergencies."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.following import (
+    FollowingConfig,
+    Lead,
+    braking_profile,
+    curve_speed,
+    follow_acceleration,
+    required_deceleration,
+)
+from controllers.road_preview import LanePath, RoadPreview
+from iits_mj.messages import SpeedProfile
+
+FloatArray = NDArray[np.float64]
+GRAVITY = 9.81
+_TRACK_TIME = 1.0
+
+
+@dataclass(frozen=True)
+class SpeedConfig:
+    """Longitudinal limits of the plan.
+
+    Attributes:
+      cruise_speed: wanted where no profile is given [m/s]; the paper's 60 km/h.
+      curve_acceleration: lateral acceleration that bounds the speed in curves [m/s2].
+      preview: how far ahead limits are looked up [m].
+      stop_gap: left before the end of the lane or of the road, from the front bumper [m].
+      power: at the wheels, for the acceleration that can be promised [W].
+      rolling_resistance: [1].
+      drag: 0.5 rho CdA [kg/m].
+      emergency_onset: required deceleration that calls the last layer [m/s2].
+      emergency_release: required deceleration that ends it [m/s2].
+      emergency_deceleration: demanded then [m/s2].
+      emergency_margin: gap wanted after an emergency stop [m].
+      reaction_time: of the brakes, for the required deceleration [s].
+      following: see `FollowingConfig`.
+    """
+
+    cruise_speed: float = 16.67
+    curve_acceleration: float = 1.3
+    preview: float = 400.0
+    stop_gap: float = 8.0
+    power: float = 330e3
+    rolling_resistance: float = 0.006
+    drag: float = 3.81
+    emergency_onset: float = 2.8
+    emergency_release: float = 0.8
+    emergency_deceleration: float = 6.5
+    emergency_margin: float = 2.0
+    reaction_time: float = 0.5
+    following: FollowingConfig = field(default_factory=FollowingConfig)
+
+
+def speed_cap(
+    path: LanePath,
+    preview: RoadPreview,
+    front_overhang: float,
+    config: SpeedConfig,
+    profile: SpeedProfile | None = None,
+) -> FloatArray:
+    """Highest comfortable speed along a path, shape of path.station [m/s].
+
+    The least of cruise speed or profile, the lane's limit, curve speed, and a stop before the end
+    of lane or road, each approached at the preview deceleration.
+    """
+    station = path.station
+    curvature = np.interp(station, preview.station, preview.curvature)
+    wanted = (
+        np.full(len(station), config.cruise_speed)
+        if profile is None
+        else np.interp(station, profile.station, profile.speed)
+    )
+    cap = np.minimum(wanted, path.speed_limit)
+    cap = np.minimum(cap, curve_speed(curvature, config.curve_acceleration))
+    deceleration = config.following.preview_deceleration
+    cap = braking_profile(station, cap, deceleration)
+    stop = path.end - config.stop_gap - front_overhang
+    to_stop = np.sqrt(2.0 * deceleration * np.maximum(stop - station, 0.0))
+    return np.asarray(np.minimum(cap, to_stop))
+
+
+def most_urgent(leads: list[Lead], speed: float, config: SpeedConfig) -> float:
+    """Greatest deceleration that any leader requires of the truck now, positive [m/s2].
+
+    A braking leader counts with the speed that it will have after the brakes' reaction time, and
+    must not be reached even if it stops.
+    """
+    worst = 0.0
+    for lead in leads:
+        way, lead_speed = lead.at(config.reaction_time)
+        gap = lead.gap + way - speed * config.reaction_time
+        needed = required_deceleration(gap, speed, lead_speed, config.emergency_margin)
+        if lead.acceleration < -1.0:
+            # Both stop: the leader's own stopping way is room, too.
+            room = gap - config.emergency_margin + lead_speed**2 / (-2.0 * lead.acceleration)
+            needed = max(needed, speed**2 / (2.0 * max(room, 0.1)))
+        worst = max(worst, needed)
+    return worst
+
+
+@dataclass(frozen=True)
+class SpeedState:
+    """Where the speed plan begins: station [m], speed [m/s], acceleration [m/s2]."""
+
+    station: float
+    speed: float
+    acceleration: float
+
+
+def roll_out(
+    start: SpeedState,
+    path: LanePath,
+    cap: FloatArray,
+    leads: list[Lead],
+    mass: float,
+    preview: RoadPreview,
+    steps: int,
+    step: float,
+    config: SpeedConfig,
+    emergency: bool = False,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Station, speed and acceleration at steps + 1 instants, the first being now.
+
+    Args:
+      start: initial state.
+      path: gives the stations of cap.
+      cap: from `speed_cap`.
+      leads: vehicles to follow.
+      mass: of the combination [kg].
+      preview: gives the grade, for the power that is left to accelerate.
+      steps: number of steps.
+      step: [s].
+      config: limits.
+      emergency: brake as hard as allowed instead of following.
+    """
+    following = config.following
+    station = np.empty(steps + 1)
+    speed = np.empty(steps + 1)
+    acceleration = np.empty(steps + 1)
+    s, v, a = start.station, max(start.speed, 0.0), start.acceleration
+    grade = float(np.interp(s, preview.station, preview.grade))
+    first, inverse = float(path.station[0]), 1.0 / preview.step
+    caps, last = cap.tolist(), len(cap) - 1
+
+    def cap_at(place: float) -> float:
+        position = min(max((place - first) * inverse, 0.0), last - 1e-6)
+        row = int(position)
+        share = position - row
+        return float(caps[row] + share * (caps[row + 1] - caps[row]))
+
+    for k in range(steps + 1):
+        time = k * step
+        if k:
+            moved = max(0.0, v * step + 0.5 * a * step * step)
+            v_next = max(0.0, v + a * step)
+            # Standing still within the step: the way to the stop, not beyond.
+            s += moved if v_next > 0.0 or a >= 0.0 else min(moved, v * v / max(-2.0 * a, 1e-6))
+            v = v_next
+        wanted = -config.emergency_deceleration
+        if not emergency:
+            ahead = cap_at(s + v * _TRACK_TIME)
+            wanted = _wanted(v, s - start.station, time, cap_at(s), ahead, leads, following)
+            wanted = max(wanted, -following.deceleration_max)
+            resistance = GRAVITY * (grade + config.rolling_resistance) + config.drag * v * v / mass
+            wanted = min(wanted, max(config.power / (mass * max(v, 3.0)) - resistance, 0.05))
+            down = following.jerk_max * step
+            wanted = min(max(wanted, a - down), a + 0.5 * down)
+        a = wanted
+        if v <= 0.0 and a < 0.0:
+            a = 0.0
+        station[k], speed[k], acceleration[k] = s, v, a
+    return station, speed, acceleration
+
+
+def _wanted(
+    v: float,
+    way: float,
+    time: float,
+    cap_here: float,
+    cap_ahead: float,
+    leads: list[Lead],
+    following: FollowingConfig,
+) -> float:
+    """Acceleration that the limits and every leader allow [m/s2]."""
+    wanted = min(
+        follow_acceleration(v, cap_here, math.inf, 0.0, 0.0, following),
+        (cap_ahead - v) / _TRACK_TIME,
+    )
+    for lead in leads:
+        if time > lead.until:
+            continue
+        lead_way, lead_speed = lead.at(time)
+        fading = lead.acceleration * math.exp(-0.5 * time) if lead_speed > 0.0 else 0.0
+        gap = lead.gap + lead_way - way
+        behind = follow_acceleration(v, cap_here, gap, lead_speed, fading, following)
+        wanted = min(wanted, behind)
+    return wanted
