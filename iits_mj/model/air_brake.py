@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from iits_mj.parameters import GRAVITY, FloatArray, TruckParameters
+from iits_mj.parameters import GRAVITY, RPM, FloatArray, TruckParameters
 
 # Local names of the sensors that the plugin knows, in the order of the model.
 SIGNALS = (
@@ -78,8 +78,9 @@ def pressure_table(parameters: TruckParameters, gross_mass: float) -> tuple[Floa
     """Demanded deceleration [m/s2], shape (n,), and the circuits' pressure [Pa], shape (n, 3).
 
     The release's tables, interpolated in mass, give the share of each circuit. Their level is
-    scaled so that the wheels' torque gives the demand: m_eff a = sum(T) / r + m g f_r, where m_eff
-    counts the wheels' spin. The last row doubles the table's last demand, in proportion.
+    scaled so that the wheels' torque gives the demand: m_eff a = sum(T) / r + m g f_r + F_d, where
+    m_eff counts the wheels' spin and F_d is the engine's drag, since a braking truck has its pedal
+    up. The last row doubles the table's last demand, in proportion.
     """
     brake = parameters.air_brake
     share = (gross_mass - brake.mass_light) / (brake.mass_heavy - brake.mass_light)
@@ -96,12 +97,22 @@ def pressure_table(parameters: TruckParameters, gross_mass: float) -> tuple[Floa
         force_slope, circuits(parameters), 2.0 * np.asarray(brake.torque_per_pressure) / radius
     )
     rolling = gross_mass * GRAVITY * parameters.tire_common.rolling_resistance
-    wanted = np.maximum(0.0, mass * demand - rolling)
+    wanted = np.maximum(0.0, mass * demand - rolling - overrun_force(parameters))
     level = wanted / (table @ force_slope)
     effective = table * level[:, np.newaxis]
     secant = ANCHOR_PRESSURE / (ANCHOR_PRESSURE - brake.push_out_pressure)
     pressure = brake.push_out_pressure + effective / secant
     return demand, np.minimum(np.maximum.accumulate(pressure), brake.pressure_max)
+
+
+def overrun_force(parameters: TruckParameters) -> float:
+    """Drag of the motored engine at the driven wheels [N], in the last gear but one at 1100 rpm."""
+    engine, gearbox = parameters.engine, parameters.gearbox
+    driven = next(axle for axle in parameters.tractor.axles if axle.tire == "drive")
+    torque = float(np.interp(1100.0 * RPM, engine.drag_speed, engine.drag_torque))
+    reduction = float(gearbox.ratios[-2]) * gearbox.final_drive
+    losses = gearbox.efficiency * gearbox.driveline_efficiency
+    return torque * reduction / losses / parameters.tires[driven.tire].rolling_radius
 
 
 def _text(values: ArrayLike) -> str:

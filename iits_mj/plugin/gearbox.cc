@@ -13,15 +13,14 @@ namespace iits {
 namespace {
 
 // Judgement, all of it: the release's tables say when to shift, not when not to.
-constexpr double kAccelerationLag = 0.25;  // of the shaft's acceleration [s]
-constexpr double kLoadLag = 0.4;           // of the load estimate [s]
-constexpr double kLowSpeedIdle = 1.15;     // lowest engine speed in gear, of idle, pedal up
-constexpr double kLowSpeedPedal = 0.6;     // ... more of it with the pedal down
-constexpr double kUpshiftMargin = 1.05;    // of the lowest speed, after an upshift
-constexpr double kDownshiftMargin = 1.2;   // of the lowest speed, after a downshift
-constexpr double kTorqueReserve = 1.03;    // of the load, after an upshift
-constexpr double kOverspeed =
-    1.02;  // of the governed speed: the vehicle drives the engine, change up
+constexpr double kAccelerationLag = 0.25;    // of the shaft's acceleration [s]
+constexpr double kLoadLag = 0.4;             // of the load estimate [s]
+constexpr double kLowSpeedIdle = 1.15;       // lowest engine speed in gear, of idle, pedal up
+constexpr double kLowSpeedPedal = 0.6;       // ... more of it with the pedal down
+constexpr double kUpshiftMargin = 1.05;      // of the lowest speed, after an upshift
+constexpr double kDownshiftMargin = 1.2;     // of the lowest speed, after a downshift
+constexpr double kTorqueReserve = 1.03;      // of the load, after an upshift
+constexpr double kOverspeed = 1.08;          // of the governed speed: driven beyond, shift up
 constexpr double kDownshiftSpeedMax = 0.85;  // of the governed speed, after a downshift
 constexpr double kPowerSpeed = 2.0;  // of idle: below, a floored pedal asks for a lower gear
 constexpr double kStuck = 0.15;  // acceleration below which a low engine speed is no start [m/s2]
@@ -121,8 +120,9 @@ void Gearbox::Filter(const GearboxInput& in, double h, GearboxState* s) const {
 // that which is left when the new gear's torque has built up to the load.
 int Gearbox::Upshift(const Engine& engine, const GearboxInput& in, const GearboxState& s,
                      int gear) const {
-  double ceiling = in.engine_brake > 0 ? engine.brake_speed() : engine.governed_speed();
-  if (ratios_[gear - 1] * in.shaft_speed > kOverspeed * ceiling) return gear + 1;
+  double ceiling = kOverspeed * engine.governed_speed();
+  if (in.engine_brake > 0) ceiling = std::max(ceiling, engine.brake_speed());
+  if (ratios_[gear - 1] * in.shaft_speed > ceiling) return gear + 1;
   if (in.pedal < kPedalUp) return gear;
   int best = gear;
   double after = SpeedAfterChange(s, true);
@@ -183,7 +183,7 @@ int Gearbox::Choose(const Engine& engine, const GearboxInput& in, const GearboxS
   int start = static_cast<int>(start_gear_);
   bool standing = ratios_[start - 1] * in.shaft_speed < engine.idle_speed();
   if (standing && in.clutch_open && gear > start) return start;
-  bool overspeed = ratios_[gear - 1] * in.shaft_speed > engine.brake_speed();
+  bool overspeed = ratios_[gear - 1] * in.shaft_speed > 1.05 * engine.brake_speed();
   if (s.gear_time < min_gear_time_ && !overspeed) return gear;
   if (gear < count()) {
     int higher = Upshift(engine, in, s, gear);

@@ -193,7 +193,10 @@ void Powertrain::Step(const Controls& controls, double shaft_speed, double h, Co
     core->torsion = core->engagement = 0;
     engine->speed = std::max(0.0, engine->speed + h * torque / inertia);
   } else {
-    if (gearbox->phase == Gearbox::kClose) {
+    if (gearbox->phase == Gearbox::kCut) {
+      // With the torque, so that a clutch that still slips does not drag the engine down.
+      core->engagement -= core->engagement * std::min(1.0, h / std::max(request.time_left, h));
+    } else if (gearbox->phase == Gearbox::kClose) {
       core->engagement = std::min(1.0, gearbox->phase_time / gearbox_.close_time());
     } else if (gearbox->phase == Gearbox::kInGear) {
       core->engagement =

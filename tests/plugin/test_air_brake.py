@@ -1,0 +1,232 @@
+"""The air-brake plugin on a sled: demand, pneumatics, holding, ABS, parking brake, robustness."""
+
+import mujoco
+import numpy as np
+import pytest
+from vehicle_sled import KMH, PARAMETERS, Sled, sled_xml
+
+from iits_mj.model.air_brake import overrun_force, pressure_table, torque_slope
+from iits_mj.parameters import GRAVITY
+
+FULL_PHYSICS = mujoco.mjtState.mjSTATE_FULLPHYSICS
+BRAKE = PARAMETERS.air_brake
+TRAILER = "brake_pressure_trailer"
+XBR = {"xbr_mode": 2.0}
+
+
+@pytest.mark.parametrize("mass", [18_000.0, 19_000.0, 50_000.0, 55_000.0])
+@pytest.mark.parametrize("demand", [0.7, 1.5, 3.0])
+def test_mean_deceleration_meets_the_demand_within_5_percent(mass, demand):
+    sled = Sled(mass, speed=60 * KMH).run(1.0)
+    sled.run(2.5, xbr_demand=-demand, **XBR)
+    before = sled["speed"]
+    seconds = 0.8 * before / demand
+    sled.run(seconds)
+    assert (before - sled["speed"]) / seconds == pytest.approx(demand, rel=0.05)
+
+
+def test_demand_of_1_5_at_50_t_needs_about_150_kpa():
+    sled = Sled(50_000.0, speed=60 * KMH).run(5.0, xbr_demand=-1.5, **XBR)
+    circuits = ("front_left", "rear_left", "trailer")
+    pressure = np.array([sled[f"brake_pressure_{name}"] for name in circuits])
+    assert pressure @ [1, 2, 3] / 6 == pytest.approx(140e3, rel=0.15)
+    assert 140e3 < pressure[2] < 185e3
+
+
+def test_build_up_has_its_dead_time_then_its_time_constant():
+    sled = Sled(50_000.0, speed=60 * KMH, timestep=0.001).run(0.5)
+    names = ("brake_pressure_front_left", "brake_pressure_rear_left")
+    rows = sled.record(3.0, *names, xbr_demand=-1.0, **XBR)
+    # Pressure shows two steps after the cause: the supply moves, then the chamber.
+    first = [np.argmax(rows[:, i] > 0) for i in range(2)]
+    assert first[0] * 1e-3 == pytest.approx(BRAKE.dead_time[0], abs=0.004)
+    assert first[1] * 1e-3 == pytest.approx(BRAKE.dead_time[1], abs=0.004)
+    level = rows[-1, 1]
+    to_63_percent = np.argmax(rows[:, 1] > 0.632 * level) * 1e-3
+    # The supply's ramp of 500 kPa/s comes on top of dead time and time constant.
+    ramp = level / BRAKE.supply_rise_rate
+    expected = BRAKE.dead_time[1] + BRAKE.build_up_time_constant[1] + 0.5 * ramp
+    assert to_63_percent == pytest.approx(expected, abs=0.06)
+
+
+@pytest.mark.parametrize("controls", [{"xbr_demand": -3.0, "xbr_mode": 0.0}, {"xbr_mode": 2.0}])
+def test_no_mode_or_no_demand_means_no_pressure(controls):
+    sled = Sled(speed=60 * KMH)
+    rows = sled.record(2.0, TRAILER, "xbr_active", **controls)
+    assert np.all(rows == 0)
+
+
+def test_addition_and_maximum_act_alike_without_a_driver():
+    speeds = [
+        Sled(speed=60 * KMH).run(4.0, xbr_demand=-2.0, xbr_mode=mode)["speed"] for mode in (1, 2)
+    ]
+    assert speeds[0] == speeds[1] < 55 * KMH
+
+
+def test_not_a_number_on_the_controls_does_not_brake():
+    sled = Sled(speed=60 * KMH)
+    sled.command(xbr_demand=np.nan, xbr_mode=np.nan, parking_brake=np.nan)
+    mujoco.mj_forward(sled.model, sled.data)
+    assert np.isfinite(sled.data.qacc).all()
+    assert sled["xbr_active"] == 0
+
+
+@pytest.mark.parametrize("grade", [0.08, -0.08])
+def test_laden_truck_is_held_on_an_8_percent_grade_without_creep(grade):
+    sled = Sled(55_000.0, grade=grade, rolling=False)
+    sled.run(2.0, parking_brake=1.0, xbr_demand=-0.3, **XBR).run(5.0, parking_brake=0.0)
+    start = sled["position"]
+    rows = sled.record(20.0, "position", "speed")
+    assert np.abs(rows[:, 0] - start).max() < 1e-4
+    assert abs(rows[-1, 0] - rows[-2500, 0]) < 1e-7
+
+
+def test_parking_brake_holds_on_a_12_percent_grade_and_lets_go():
+    sled = Sled(55_000.0, grade=-0.12, rolling=False)
+    rows = sled.record(20.0, "position", parking_brake=1.0)
+    assert abs(rows[-1, 0] - rows[2500, 0]) < 1e-5
+    sled.run(3.0, parking_brake=0.0)
+    assert sled["speed"] > 1.0
+
+
+def test_hill_hold_keeps_the_truck_for_some_seconds_on_an_upgrade_only():
+    held, free = (
+        Sled(55_000.0, grade=grade, speed=3.0).run(8.0, xbr_demand=-1.0, **XBR)
+        for grade in (0.06, -0.06)
+    )
+    for sled in (held, free):
+        sled.run(3.0, xbr_demand=0.0)
+    assert abs(held["speed"]) < 1e-3
+    assert free["speed"] > 0.5
+    held.run(5.0)
+    assert held["speed"] < -0.3
+
+
+def test_holding_a_standing_truck_winds_nothing_up():
+    sled = Sled(19_000.0, speed=3.0).run(20.0, xbr_demand=-0.5, **XBR)
+    before = sled[TRAILER]
+    sled.run(60.0)
+    assert sled[TRAILER] == pytest.approx(before, rel=0.001)
+    sled.run(2.0, xbr_demand=0.0)
+    assert sled[TRAILER] < 0.02 * before
+
+
+def test_release_is_gradual():
+    sled = Sled(55_000.0, speed=20.0).run(4.0, xbr_demand=-2.0, **XBR)
+    rows = sled.record(3.0, TRAILER, xbr_demand=0.0)[:, 0]
+    assert rows[50] > 0.8 * rows[0]
+    assert np.all(np.diff(rows[50:]) <= 0)
+    assert rows[-1] < 0.01 * rows[0]
+
+
+def test_abs_keeps_the_wheels_turning_on_a_slippery_road():
+    sled = Sled(19_000.0, speed=70 * KMH, grip=0.2)
+    dof = sled.model.joint("tractor_axle2_left_spin").dofadr[0]
+    radius = PARAMETERS.tires["drive"].rolling_radius
+    sled.command(xbr_demand=-6.0, **XBR)
+    slips, active = [], []
+    while sled["speed"] > 1.5 * BRAKE.abs_speed_min:
+        sled.run(0.002)
+        slips.append(1 - sled.data.qvel[dof] * radius / sled["speed"])
+        active.append(sled["abs_active"])
+    assert sum(active) > 0
+    assert np.mean(np.array(slips) > 0.9) < 0.05
+    # Dry friction gives its all at any slip: cycling may cost a third of it.
+    deceleration = 70 * KMH / (0.002 * len(slips))
+    assert deceleration > 0.65 * 0.2 * GRAVITY
+
+
+def test_truck_stops_from_80_km_h_in_a_full_brake_application():
+    sled = Sled(55_000.0, speed=80 * KMH)
+    start = sled["position"]
+    sled.run(8.0, xbr_demand=-7.0, **XBR)
+    assert sled["speed"] == pytest.approx(0, abs=1e-3)
+    assert sled["position"] - start < 70.0
+
+
+def test_pressure_table_gives_the_force_that_the_demand_takes():
+    mass = 50_000.0
+    demand, pressure = pressure_table(PARAMETERS, mass)
+    row = int(np.argmin(np.abs(demand - 2.0)))
+    radius = np.array([PARAMETERS.tires[a.tire].rolling_radius for a in PARAMETERS.axles])
+    circuit = [0, 1, 1, 2, 2, 2]
+    torque = 2 * torque_slope(PARAMETERS) * (pressure[row, circuit] - BRAKE.push_out_pressure)
+    force = np.sum(torque / radius) + overrun_force(PARAMETERS)
+    force += mass * GRAVITY * PARAMETERS.tire_common.rolling_resistance
+    spin = sum(
+        2 * a.wheel_inertia_spin / r**2 for a, r in zip(PARAMETERS.axles, radius, strict=True)
+    )
+    assert force / (mass + spin) == pytest.approx(demand[row], rel=1e-6)
+
+
+def test_pressure_table_rises_with_demand_and_with_mass():
+    _, light = pressure_table(PARAMETERS, 19_000.0)
+    _, heavy = pressure_table(PARAMETERS, 55_000.0)
+    for table in (light, heavy):
+        assert np.all(np.diff(table, axis=0) >= 0)
+        assert table.max() <= BRAKE.pressure_max
+    assert np.all(heavy[5:] >= light[5:])
+
+
+def test_result_does_not_depend_on_the_time_step():
+    results = []
+    for timestep in (0.001, 0.002, 0.005):
+        sled = Sled(50_000.0, speed=60 * KMH, timestep=timestep)
+        sled.run(5.0, xbr_demand=-1.5, **XBR)
+        results.append([sled["speed"], sled[TRAILER], sled["position"]])
+    np.testing.assert_allclose(results[1], results[0], rtol=2e-3)
+    np.testing.assert_allclose(results[2], results[0], rtol=5e-3)
+
+
+def test_dead_time_survives_a_change_of_the_time_step_and_of_the_clock():
+    results = []
+    for disturb in (False, True):
+        sled = Sled(50_000.0, speed=60 * KMH).run(0.1, xbr_demand=-1.5, **XBR)
+        if disturb:
+            sled.model.opt.timestep = 0.001
+            sled.data.time = 0.0
+        sled.run(1.0)
+        results.append(sled[TRAILER])
+    assert results[1] == pytest.approx(results[0], rel=0.01)
+
+
+def test_braking_is_bit_identical_from_a_restored_state():
+    def stop(sled):
+        for demand in (-3.0, -0.5, -6.0, 0.0):
+            sled.run(1.0, xbr_demand=demand, **XBR)
+        state = np.zeros(mujoco.mj_stateSize(sled.model, FULL_PHYSICS))
+        mujoco.mj_getState(sled.model, sled.data, state, FULL_PHYSICS)
+        return state
+
+    sled = Sled(speed=20.0, grip=0.3).run(0.55, xbr_demand=-4.0, **XBR)
+    state = np.zeros(mujoco.mj_stateSize(sled.model, FULL_PHYSICS))
+    mujoco.mj_getState(sled.model, sled.data, state, FULL_PHYSICS)
+    warmstart = sled.data.qacc_warmstart.copy()
+    other = Sled(speed=3.0, grip=0.3).run(1.0, xbr_demand=-1.0, **XBR)
+    mujoco.mj_setState(other.model, other.data, state, FULL_PHYSICS)
+    other.data.qacc_warmstart[:] = warmstart
+    assert np.array_equal(stop(sled), stop(other))
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value"),
+    [
+        ("dead_time", "0.05"),
+        ("circuit", "0 1 1 2 2 3"),
+        ("abs_release_slip", "2"),
+        ("demand", "1 0.5 2"),
+        ("pressure_trailer", "1"),
+        ("stiffness", "inf"),
+        ("supply_rise_rate", ""),
+    ],
+)
+def test_bad_attribute_is_refused_by_name(attribute, value):
+    with pytest.raises(ValueError, match=attribute):
+        mujoco.MjModel.from_xml_string(
+            sled_xml(19_000.0, changes={("air_brake", attribute): value})
+        )
+
+
+def test_unknown_sensor_is_refused_with_the_known_names():
+    with pytest.raises(ValueError, match=r"brake_pressure_spare.*brake_pressure_trailer"):
+        Sled(sensors=[("brake_pressure_spare", "air_brake")])
