@@ -1,0 +1,1 @@
+"""What people see: films, pictures with instruments, plots and reports."""

@@ -1,0 +1,132 @@
+"""Cameras that follow the truck: free cameras that we move, smooth whatever the truck does."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class View:
+    """Where a camera stands, relative to the (smoothed) heading of the unit it follows.
+
+    Attributes:
+      distance: from the point looked at [m]; azimuth, elevation: viewing direction [deg].
+      ahead, left, up: point looked at, in the frame of the unit [m].
+      time_constant: of the smoothing of the heading [s].
+      follows: "tractor" or "trailer".
+      outside: stands so high or far aside that a tunnel would hide the truck.
+      slopes: whether the elevation follows the grade of the road.
+    """
+
+    distance: float
+    azimuth: float
+    elevation: float
+    ahead: float
+    left: float
+    up: float
+    time_constant: float
+    follows: str = "tractor"
+    outside: bool = True
+    slopes: bool = True
+
+
+VIEWS = {
+    "chase": View(31.0, -7.0, -14.0, 3.0, 0.0, 1.2, 0.7),
+    "side": View(21.0, -76.0, -9.0, -6.5, 0.0, 1.7, 0.5),
+    "front": View(17.0, 157.0, -7.0, -2.0, 0.0, 1.8, 0.5),
+    "top": View(62.0, 0.0, -89.0, 2.0, 0.0, 0.0, 0.9, slopes=False),
+    "cab": View(1.0, 0.0, -3.0, 1.72, 0.45, 2.42, 0.0, outside=False),
+    "trailer": View(13.0, 24.0, -9.0, -6.5, 0.0, 1.2, 0.3, follows="trailer"),
+    "aerial": View(115.0, -28.0, -27.0, 25.0, 0.0, 0.0, 1.2, slopes=False),
+}
+CAMERAS = tuple(VIEWS)
+# Inside a tunnel the outside cameras come down to this one.
+_TUNNEL = View(25.0, -4.0, -5.0, 2.0, 0.6, 2.4, 0.7)
+_TUNNEL_NEAR, _TUNNEL_TIME = 75.0, 1.2
+
+
+class FollowCamera:
+    """One of `CAMERAS`, moved frame by frame.
+
+    Args:
+      name: of the view.
+      tunnels: station intervals in which the road is covered.
+
+    Raises:
+      InputError: unknown name.
+    """
+
+    def __init__(self, name: str, tunnels: tuple[tuple[float, float], ...] = ()) -> None:
+        if name not in VIEWS:
+            raise InputError(f"camera {name!r} is not known; there are {', '.join(CAMERAS)}")
+        self.view = VIEWS[name]
+        self.camera = mujoco.MjvCamera()
+        self.camera.type = mujoco.mjtCamera.mjCAMERA_FREE
+        self._tunnels = tunnels
+        self._time: float | None = None
+        self._heading = self._slope = self._cover = 0.0
+
+    def follow(self, data: mujoco.MjData, station: float | None = None) -> mujoco.MjvCamera:
+        """The camera at this instant.
+
+        Args:
+          data: of a model with the bodies `tractor` and `trailer`, positions up to date.
+          station: of the truck on its route, to come down in tunnels.
+        """
+        view = self.view
+        body = data.body(view.follows)
+        forward = np.array(body.xmat).reshape(3, 3)[:, 0]
+        heading = math.atan2(forward[1], forward[0])
+        slope = math.asin(max(-1.0, min(1.0, float(forward[2])))) if view.slopes else 0.0
+        cover = float(view.outside and self._covered(station))
+        elapsed = 0.0 if self._time is None else float(data.time) - self._time
+        if self._time is None or elapsed < 0.0:
+            self._heading, self._slope, self._cover = heading, slope, cover
+        else:
+            turn = math.remainder(heading - self._heading, 2.0 * math.pi)
+            self._heading += _share(elapsed, view.time_constant) * turn
+            self._slope += _share(elapsed, max(view.time_constant, 0.05)) * (slope - self._slope)
+            self._cover += _share(elapsed, _TUNNEL_TIME) * (cover - self._cover)
+        self._time = float(data.time)
+        self._place(np.array(body.xpos))
+        return self.camera
+
+    def _covered(self, station: float | None) -> bool:
+        if station is None:
+            return False
+        return any(a - _TUNNEL_NEAR < station < b + 12.0 for a, b in self._tunnels)
+
+    def _place(self, position: FloatArray) -> None:
+        view, share = self.view, self._cover
+
+        def blend(name: str) -> float:
+            outside, inside = float(getattr(view, name)), float(getattr(_TUNNEL, name))
+            return outside + share * (inside - outside)
+
+        c, s = math.cos(self._heading), math.sin(self._heading)
+        slope = math.tan(self._slope)
+        ahead, left = blend("ahead"), blend("left")
+        camera = self.camera
+        camera.lookat[0] = position[0] + c * ahead - s * left
+        camera.lookat[1] = position[1] + s * ahead + c * left
+        camera.lookat[2] = position[2] + blend("up") + slope * ahead
+        camera.distance = blend("distance")
+        azimuth = blend("azimuth")
+        camera.azimuth = math.degrees(self._heading) + azimuth
+        # Looking along the road the camera tilts with it, looking across it does not.
+        tilt = math.degrees(self._slope) * math.cos(math.radians(azimuth))
+        camera.elevation = max(blend("elevation") + tilt, -89.0)
+
+
+def _share(elapsed: float, time_constant: float) -> float:
+    """How far a first-order lag moves in a time."""
+    return 1.0 if time_constant <= 0.0 else 1.0 - math.exp(-elapsed / time_constant)

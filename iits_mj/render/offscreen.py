@@ -1,0 +1,190 @@
+"""Pictures of a model without a window: an EGL context, a scene, and culling of what is far."""
+
+from __future__ import annotations
+
+import copy
+import math
+import os
+from types import TracebackType
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.errors import InputError, RenderError
+
+PACKAGES = "libegl1 libgl1-mesa-dri libopengl0"
+SIZE_MIN, SIZE_MAX = 64, 4096
+MAX_GEOMS = 6000
+# Static geoms farther away than this are not drawn, nor are those behind the camera [m].
+DRAW_DISTANCE = {"fine": 900.0, "coarse": 4000.0}
+_FINE = ("steel", "post", "reflector", "trunk", "conifer", "leaves", "gravel", "marking")
+_HIDDEN_GROUP = 5
+
+
+def check_size(size: tuple[int, int]) -> tuple[int, int]:
+    """Width and height as even numbers, as the video's pixel format wants them.
+
+    Raises:
+      InputError: not two whole numbers between 64 and 4096.
+    """
+    try:
+        width, height = (int(value) for value in size)
+    except (TypeError, ValueError):
+        raise InputError(f"size {size!r} is not allowed: use two numbers, (960, 540)") from None
+    for value in (width, height):
+        if not SIZE_MIN <= value <= SIZE_MAX:
+            raise InputError(
+                f"size {width}x{height} is not allowed: use {SIZE_MIN} to {SIZE_MAX} pixels a side"
+            )
+    return width - width % 2, height - height % 2
+
+
+def make_context(width: int, height: int) -> Any:
+    """An OpenGL context of its own, by EGL unless the variable MUJOCO_GL asks for another.
+
+    Raises:
+      RenderError: there is no OpenGL here; names the Debian packages that bring it.
+    """
+    wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
+    if wanted in ("disable", "disabled", "off", "false", "0"):
+        raise RenderError(f"MUJOCO_GL={wanted} switches pictures off: set MUJOCO_GL=egl")
+    try:
+        if wanted == "osmesa":
+            from mujoco.osmesa import GLContext
+        else:
+            from mujoco.egl import GLContext
+        context = GLContext(width, height)
+        context.make_current()
+    # PyOpenGL raises whatever it meets first: AttributeError on None, ImportError, GLError.
+    except Exception as error:
+        raise RenderError(
+            f"no offscreen OpenGL ({type(error).__name__}: {error}); "
+            f"on Debian or Ubuntu: apt-get install {PACKAGES}"
+        ) from error
+    return context
+
+
+class Offscreen:
+    """Draws a model's data into arrays of pixels.
+
+    It keeps a copy of the model, whose far geoms it hides from frame to frame; the model given is
+    never changed.
+
+    Attributes:
+      scene: MuJoCo's scene; `update` fills it, then others may add geoms to it.
+    """
+
+    def __init__(self, model: mujoco.MjModel, size: tuple[int, int]) -> None:
+        """Makes context and scene.
+
+        Raises:
+          InputError: the size is out of range. RenderError: there is no OpenGL.
+        """
+        self.width, self.height = check_size(size)
+        self._gl: Any = None
+        self._mjr: Any = None
+        self._gl = make_context(self.width, self.height)
+        self._model = copy.copy(model)
+        visual = self._model.vis.global_
+        visual.offwidth, visual.offheight = self.width, self.height
+        try:
+            self._mjr = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        except mujoco.FatalError as error:
+            self.close()
+            raise RenderError(
+                f"OpenGL refuses a {self.width}x{self.height} picture: {error}"
+            ) from error
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._mjr)
+        self.scene = mujoco.MjvScene(self._model, maxgeom=MAX_GEOMS)
+        flags = self.scene.flags
+        flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
+        flags[mujoco.mjtRndFlag.mjRND_FOG] = 1
+        flags[mujoco.mjtRndFlag.mjRND_HAZE] = 0
+        self._option = mujoco.MjvOption()
+        self._option.geomgroup[:] = [1, 1, 1, 0, 0, 0]
+        self._perturb = mujoco.MjvPerturb()
+        self._rect = mujoco.MjrRect(0, 0, self.width, self.height)
+        self._pixels = np.empty((self.height, self.width, 3), dtype=np.uint8)
+        self._prepare_culling()
+
+    def _prepare_culling(self) -> None:
+        model = self._model
+        planes = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+        self._static = np.flatnonzero((model.geom_bodyid == 0) & ~planes)
+        names = [model.geom(int(i)).name for i in self._static]
+        fine = [any(word in name for word in _FINE) for name in names]
+        reach = np.where(fine, DRAW_DISTANCE["fine"], DRAW_DISTANCE["coarse"])
+        self._radius = model.geom_rbound[self._static]
+        self._reach = reach + self._radius
+        self._group = model.geom_group[self._static].copy()
+
+    def update(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> None:
+        """Fills the scene with the model as it is in `data`, seen by `camera`."""
+        self._cull(data, camera)
+        mujoco.mjv_updateScene(
+            self._model,
+            data,
+            self._option,
+            self._perturb,
+            camera,
+            mujoco.mjtCatBit.mjCAT_ALL.value,
+            self.scene,
+        )
+
+    def draw(self) -> NDArray[np.uint8]:
+        """The scene as pixels (height, width, 3), top row first; a new array each time."""
+        self._gl.make_current()
+        mujoco.mjr_render(self._rect, self.scene, self._mjr)
+        mujoco.mjr_readPixels(self._pixels, None, self._rect, self._mjr)
+        return np.ascontiguousarray(self._pixels[::-1])
+
+    def close(self) -> None:
+        """Frees the context; may be called twice."""
+        if self._mjr is not None:
+            self._gl.make_current()
+            self._mjr.free()
+            self._mjr = None
+        if self._gl is not None:
+            self._gl.free()
+            self._gl = None
+
+    def __enter__(self) -> Offscreen:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _cull(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> None:
+        """Hides static geoms that are far away or outside the cone of view."""
+        eye, forward = camera_pose(camera)
+        relative = data.geom_xpos[self._static] - eye
+        along = relative @ forward
+        distance = np.sqrt(np.einsum("ij,ij->i", relative, relative))
+        beside = np.sqrt(np.maximum(distance**2 - along**2, 0.0))
+        half = math.radians(0.5 * self._model.vis.global_.fovy)
+        aspect = self.width / self.height
+        cone = math.atan(math.tan(half) * math.hypot(1.0, aspect)) + 0.05
+        # Outside when the sphere lies wholly beyond the cone's flank; 40 m are kept for shadows.
+        gap = beside * math.cos(cone) - along * math.sin(cone)
+        hidden = (distance > self._reach) | (gap > self._radius + 40.0)
+        self._model.geom_group[self._static] = np.where(hidden, _HIDDEN_GROUP, self._group)
+
+
+def camera_pose(camera: mujoco.MjvCamera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Position and viewing direction of a free camera."""
+    azimuth, elevation = math.radians(camera.azimuth), math.radians(camera.elevation)
+    forward = np.array(
+        [
+            math.cos(elevation) * math.cos(azimuth),
+            math.cos(elevation) * math.sin(azimuth),
+            math.sin(elevation),
+        ]
+    )
+    return np.asarray(camera.lookat) - camera.distance * forward, forward

@@ -1,0 +1,205 @@
+"""A film of a drive: the truck, traffic and plan from a following camera, with instruments.
+
+with VideoObserver("drive.mp4", truck, size=(960, 540), camera="chase", fps=20) as video:
+    simulation.run([video])
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.errors import InputError
+from iits_mj.messages import Trajectory
+from iits_mj.render.cameras import FollowCamera
+from iits_mj.render.encoder import Mp4Encoder
+from iits_mj.render.offscreen import Offscreen, check_size
+from iits_mj.render.overlay import Overlay
+from iits_mj.render.trajectory import add_trajectory
+
+if TYPE_CHECKING:
+    from iits_mj.simulation import Frame, Simulation
+    from iits_mj.truck import Truck
+
+TIMESTEP = 0.002
+
+
+class VideoWriter:
+    """A film of any model that has the bodies `tractor` and `trailer`.
+
+    Args:
+      path: of the MP4 file; it appears whole when the writer is closed without an error.
+      model: to draw.
+      size: width and height in pixels, made even.
+      fps: pictures per second.
+      camera: one of `iits_mj.render.cameras.CAMERAS`.
+      tunnels: station intervals where the camera has to come down.
+
+    Raises:
+      InputError: unknown camera, size or path not allowed. RenderError: no OpenGL, no ffmpeg.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        model: mujoco.MjModel,
+        size: tuple[int, int] = (960, 540),
+        fps: float = 20.0,
+        camera: str = "chase",
+        tunnels: tuple[tuple[float, float], ...] = (),
+    ) -> None:
+        self.size = check_size(size)
+        self.fps = fps
+        self._camera = FollowCamera(camera, tunnels)
+        self._encoder = Mp4Encoder(path, self.size, fps)
+        try:
+            self._offscreen = Offscreen(model, self.size)
+        except BaseException:
+            self._encoder.abandon()
+            raise
+
+    @property
+    def path(self) -> Path:
+        """Where the film will be."""
+        return self._encoder.path
+
+    @property
+    def frames(self) -> int:
+        """Pictures so far."""
+        return self._encoder.frames
+
+    def picture(
+        self,
+        data: mujoco.MjData,
+        trajectory: Trajectory | None = None,
+        station: float | None = None,
+    ) -> NDArray[np.uint8]:
+        """One picture (height, width, 3), not yet part of the film."""
+        self._offscreen.update(data, self._camera.follow(data, station))
+        if trajectory is not None:
+            add_trajectory(self._offscreen.scene, trajectory, float(data.time))
+        return self._offscreen.draw()
+
+    def append(self, picture: NDArray[np.uint8]) -> None:
+        """Adds a picture to the film."""
+        self._encoder.add(picture)
+
+    def add(
+        self,
+        data: mujoco.MjData,
+        trajectory: Trajectory | None = None,
+        station: float | None = None,
+    ) -> None:
+        """Draws a picture of `data` and adds it to the film."""
+        self.append(self.picture(data, trajectory, station))
+
+    def close(self) -> None:
+        """Ends the film and frees the context."""
+        self._offscreen.close()
+        self._encoder.close()
+
+    def abandon(self) -> None:
+        """Frees everything and leaves no film."""
+        self._offscreen.close()
+        self._encoder.abandon()
+
+    def __enter__(self) -> VideoWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.abandon()
+
+
+class VideoObserver:
+    """Watches a drive and films it with the instrument panel.
+
+    Args:
+      path, size, camera: see `VideoWriter`.
+      truck: whose model and data are drawn.
+      fps: pictures per second; rounded to a whole number of 2 ms steps between pictures.
+      overlay: whether to draw the instruments.
+
+    Attributes:
+      period: time between pictures [s].
+
+    Raises:
+      InputError, RenderError: see `VideoWriter`.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        truck: Truck,
+        size: tuple[int, int] = (960, 540),
+        camera: str = "chase",
+        fps: float = 20.0,
+        *,
+        overlay: bool = True,
+    ) -> None:
+        if not 1.0 <= fps <= 50.0:
+            raise InputError(f"fps {fps!r} is not allowed: use 1 to 50")
+        self.period = round(1.0 / fps / TIMESTEP) * TIMESTEP
+        self._truck = truck
+        self._writer = VideoWriter(
+            path, truck.model, size, 1.0 / self.period, camera, truck.route.tunnels
+        )
+        self._overlay = Overlay(self._writer.size, truck.route) if overlay else None
+        self.last: NDArray[np.uint8] | None = None
+
+    @property
+    def path(self) -> Path:
+        """Where the film will be."""
+        return self._writer.path
+
+    @property
+    def frames(self) -> int:
+        """Pictures so far."""
+        return self._writer.frames
+
+    def observe(self, simulation: Simulation | None, frame: Frame) -> None:
+        """Adds a picture of this instant. `simulation` is not needed: the truck is known."""
+        del simulation
+        picture = self._writer.picture(self._truck.data, frame.trajectory, frame.ego.station)
+        if self._overlay is not None:
+            picture = self._overlay.draw(picture, frame)
+        self._writer.append(picture)
+        self.last = picture
+
+    def __call__(self, frame: Frame) -> None:
+        """The same as `observe`."""
+        self.observe(None, frame)
+
+    def close(self) -> None:
+        """Ends the film."""
+        self._writer.close()
+
+    def abandon(self) -> None:
+        """Ends without a film."""
+        self._writer.abandon()
+
+    def __enter__(self) -> VideoObserver:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.abandon()
