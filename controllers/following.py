@@ -118,9 +118,8 @@ def follow_acceleration(
     gap = max(gap - config.standstill_gap, 0.1)
     lead = min(lead_acceleration, config.acceleration_max)
     closing = speed - lead_speed
-    if lead_speed * closing <= -2.0 * gap * lead:
-        below = lead_speed**2 - 2.0 * gap * lead
-        heuristic = speed**2 * lead / below if below > 1e-6 else lead
+    if lead < 0.0 and lead_speed * closing <= -2.0 * gap * lead:
+        heuristic = speed**2 * lead / (lead_speed**2 - 2.0 * gap * lead)
     else:
         heuristic = lead - max(closing, 0.0) ** 2 / (2.0 * gap)
     if idm >= heuristic:
