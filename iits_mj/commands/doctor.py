@@ -53,7 +53,7 @@ class Finding:
 
     @property
     def verdict(self) -> str:
-        """"ok", "MISSING" (needed) or "absent" (optional)."""
+        """One word: ok, MISSING (needed) or absent (optional)."""
         return "ok" if self.ok else ("MISSING" if self.needed else "absent")
 
 
@@ -138,7 +138,9 @@ def opengl() -> Finding:
         timeout=120,
         check=False,
     )
-    remedy = "apt-get install libegl1 libgl1-mesa-dri libopengl0 (drives work without, videos do not)"
+    remedy = (
+        "apt-get install libegl1 libgl1-mesa-dri libopengl0 (drives work without, videos do not)"
+    )
     if probe.returncode == 0:
         return Finding("OpenGL", True, f"offscreen pictures through {backend}", needed=False)
     reason = (probe.stderr.strip().splitlines() or ["the process was aborted"])[-1]
@@ -151,9 +153,7 @@ def ffmpeg() -> Finding:
         imageio_ffmpeg = importlib.import_module("imageio_ffmpeg")
         path = imageio_ffmpeg.get_ffmpeg_exe()
     except (ImportError, RuntimeError) as error:
-        return Finding(
-            "ffmpeg", False, str(error), "pip install imageio-ffmpeg", needed=False
-        )
+        return Finding("ffmpeg", False, str(error), "pip install imageio-ffmpeg", needed=False)
     return Finding("ffmpeg", True, str(path), needed=False)
 
 

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from tqdm import tqdm
 
 import iits_mj
 from iits_mj.errors import InputError
 from iits_mj.results import Results
+
+if TYPE_CHECKING:
+    from iits_mj.simulation import Frame
 
 
 def prepare_folder(folder: Path, name: str = "out") -> Path:
@@ -35,6 +42,24 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
     from iits_mj.render.plots import write_whole
 
     write_whole(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode())
+
+
+@contextlib.contextmanager
+def progress_bar(duration: float) -> Iterator[Callable[[Frame], None]]:
+    """A bar on stderr over the simulated time [s]; silent when stderr is not a terminal."""
+    bar = tqdm(
+        total=round(duration, 1),
+        unit="s",
+        disable=None,
+        bar_format="{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s [{elapsed}<{remaining}]",
+    )
+
+    def progress(frame: Frame) -> None:
+        bar.set_description_str(f"{frame.ego.speed * 3.6:3.0f} km/h", refresh=False)
+        bar.update(max(0.0, min(frame.time, bar.total) - bar.n))
+
+    with bar:
+        yield progress
 
 
 def show_results(results: Results, *, as_json: bool, report: Path | None) -> int:

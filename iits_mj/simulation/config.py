@@ -10,7 +10,7 @@ from iits_mj.options import option
 
 DENSITIES = ("dense", "medium", "sparse", "empty")
 DECISIONS = ("keep", "conservative", "neutral", "aggressive", "mobil", "lookahead", "ddqn")
-TRAFFIC_MODES = ("inter", "none")
+TRAFFIC_MODES = ("inter", "pure", "none")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,8 +35,14 @@ class DriveConfig:
     )
     traffic_mode: str = option(
         "inter",
-        help="inter: SUMO traffic that reacts to the truck; none: an empty road, without SUMO",
+        help="inter: SUMO traffic that reacts to the truck; pure: SUMO traffic that does not see "
+        "it; none: an empty road, without SUMO",
         choices=TRAFFIC_MODES,
+    )
+    recording: Path | None = option(
+        None,
+        help="recorded traffic to drive in, instead of SUMO; it reacts to nothing",
+        metavar="FILE.npz",
     )
     speed: float = option(
         60.0 / 3.6,

@@ -99,7 +99,9 @@ def lateral(telemetry: Telemetry) -> list[Panel]:
                     degrees * column("command_steering_wheel_angle [rad]"),
                     "reference",
                 ),
-                Line("actual", station, degrees * column("steering_wheel_angle [rad]"), "simulation"),
+                Line(
+                    "actual", station, degrees * column("steering_wheel_angle [rad]"), "simulation"
+                ),
             ),
         ),
     ]

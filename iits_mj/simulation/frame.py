@@ -58,4 +58,4 @@ class Observer(Protocol):
     period: float
 
     def observe(self, simulation: Simulation, frame: Frame) -> None:
-        """Called at the start and after every period; must not change the simulation."""
+        """Called at the start and after every period; may only call `simulation.stop`."""

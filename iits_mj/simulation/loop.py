@@ -6,21 +6,22 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from types import TracebackType
 
 import mujoco
-
 from controllers.stack import Stack
+
 from iits_mj.errors import Error, InputError
 from iits_mj.messages import EgoState, Scene, TrackedVehicle, VehicleCommand
-from iits_mj.road import RoadMap, Route
+from iits_mj.road import Route
 from iits_mj.simulation import gaps
 from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.frame import Frame, Observer
-from iits_mj.simulation.parts import make_stack, make_traffic
+from iits_mj.simulation.parts import load_map, make_stack, make_traffic
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
 from iits_mj.truck import Truck
-from traffic_bridge import Mirror
+from traffic_bridge import Mirror, Recorder
 
 TIMESTEP = 0.002
 CONTROL_STEPS = 10
@@ -37,9 +38,11 @@ class Simulation:
       config: what to drive.
       edit_spec: called on the model's `MjSpec` before it is compiled, for cameras and the size of
         the offscreen buffer.
+      record: keep the traffic for `save_recording`.
+      visuals: adds what is only seen (road, landscape); the physics is the same without.
 
     Attributes:
-      config, route, truck, mirror, stack: the parts; vehicles: the traffic now.
+      config, route, truck, mirror, traffic, stack: the parts; vehicles: the traffic now.
       ended: why the drive is over, "" while it is not.
 
     Raises:
@@ -52,21 +55,27 @@ class Simulation:
         config: DriveConfig,
         *,
         edit_spec: Callable[[mujoco.MjSpec], None] | None = None,
+        record: bool = False,
+        visuals: bool = True,
     ) -> None:
         self.config = config
-        road_map = RoadMap.builtin() if config.map is None else RoadMap.from_opendrive(config.map)
-        self.route: Route = road_map.route()
-        self.mirror = Mirror()
+        self.route: Route = load_map(config.map).route()
+        self.mirror = Mirror(self.route)
 
         def edit(spec: mujoco.MjSpec) -> None:
             self.mirror.add_to(spec)
             if edit_spec is not None:
                 edit_spec(spec)
 
-        self.truck = Truck.load(config.payload, route=self.route, timestep=TIMESTEP, edit_spec=edit)
-        self.mirror.bind(self.truck.model)
+        self.truck = Truck.load(
+            config.payload,
+            route=self.route,
+            timestep=TIMESTEP,
+            visuals=visuals,
+            edit_spec=edit,
+        )
         self._check_start()
-        self.traffic = make_traffic(config, self.route, self.truck.footprint)
+        self.traffic = make_traffic(config, self.route, self.truck.footprint, record=record)
         try:
             self.reset()
         except BaseException:
@@ -97,11 +106,11 @@ class Simulation:
             offset=offset,
             speed=min(config.start_speed, config.speed),
         )
+        self.mirror.bind(self.truck.model)
         self.stack: Stack = make_stack(config, self.route)
         self.vehicles: tuple[TrackedVehicle, ...] = ()
         if self.traffic is not None:
-            self.traffic.reset(ego)
-            self.vehicles = tuple(self.traffic.vehicles)
+            self.vehicles = tuple(self.traffic.reset(ego))
         self.ended = ""
         self.collision = False
         self._summary = SummaryBuilder()
@@ -110,7 +119,7 @@ class Simulation:
         self._distance, self._odometer_time, self._odometer_speed = 0.0, 0.0, ego.speed
         self._wall_start = time.perf_counter()
         self._command = VehicleCommand()
-        self._follow_traffic()
+        self._mirror(new=True)
         self._plan(ego)
         self.frame = self._frame(ego)
         return self.frame
@@ -133,7 +142,7 @@ class Simulation:
             self._drive_on(ego)
             self._command = self.stack.control(ego)
             self.truck.command(self._command)
-            self._follow_traffic()
+            self._mirror()
             end = self._steps + CONTROL_STEPS
             while self._steps < end:
                 due = [period - self._steps % period for _, period in schedule]
@@ -146,7 +155,7 @@ class Simulation:
         self._drive_on(ego)
         if self.traffic is not None:
             self.vehicles = tuple(self.traffic.step(ego))
-        self._follow_traffic()
+        self._mirror(new=True)
         self._plan(ego)
         self.frame = self._frame(ego)
         self._summary.add(self.frame)
@@ -189,6 +198,20 @@ class Simulation:
             warnings=warnings,
         )
 
+    def stop(self, reason: str) -> None:
+        """Ends the drive after the present cycle, for an observer that has seen enough."""
+        self.ended = self.ended or reason
+
+    def save_recording(self, path: Path) -> Path:
+        """Writes the traffic and the truck's way through it; see `traffic_bridge.recording`.
+
+        Raises:
+          InputError: the simulation does not record, or the file cannot be written.
+        """
+        if not isinstance(self.traffic, Recorder):
+            raise InputError("this simulation does not record: make it with record=True")
+        return self.traffic.save(path)
+
     def close(self) -> None:
         """Ends SUMO."""
         if self.traffic is not None:
@@ -224,7 +247,7 @@ class Simulation:
             frame = dataclasses.replace(
                 frame, time=self.time, ego=self.truck.observe(), command=self._command
             )
-            self._follow_traffic()
+            self._mirror()
         for observer in due:
             observer.observe(self, frame)
 
@@ -232,12 +255,16 @@ class Simulation:
         self.scene = Scene(ego.time, ego, self.vehicles, self.truck.footprint)
         self.trajectory = self.stack.plan(self.scene)
 
-    def _follow_traffic(self) -> None:
-        """Moves the traffic's bodies to where the vehicles are at this instant."""
-        data = self.truck.data
-        tractor = data.body("tractor").xpos
-        alpha = self._steps % CYCLE_STEPS / CYCLE_STEPS
-        self.mirror.update(data, self.vehicles, (float(tractor[0]), float(tractor[1])), alpha)
+    def _mirror(self, *, new: bool = False) -> None:
+        """Moves the traffic's bodies to where they are now; `new` after a step of the traffic."""
+        ego_xy = self.truck.data.body("tractor").xpos[:2]
+        elapsed = self._steps % CYCLE_STEPS * TIMESTEP
+        self.mirror.update(
+            self.truck.data,
+            self.vehicles if new else None,
+            (float(ego_xy[0]), float(ego_xy[1])),
+            elapsed,
+        )
 
     def _frame(self, ego: EgoState) -> Frame:
         route = self.route
@@ -274,9 +301,11 @@ class Simulation:
 
     def _judge_end(self, ego: EgoState) -> None:
         front = ego.station + self.truck.footprint.front_overhang
-        if self.frame.box_distance == 0.0:
+        touched = self.mirror.contacts(self.truck.data)
+        if touched or self.frame.box_distance == 0.0:
+            who = f"{touched[0][0]} at the {touched[0][1]}" if touched else "another vehicle"
             self.collision = True
-            self.ended = f"collision with another vehicle at t = {self.time:.1f} s"
+            self.ended = f"collision with {who} at t = {self.time:.1f} s"
         elif front >= self.route.length - END_MARGIN:
             self.ended = "reached the end of the route"
         elif self.time >= self.config.duration - 0.5 * TIMESTEP:

@@ -1,23 +1,46 @@
-"""Makes the parts of a simulation from its configuration: the traffic and the stack."""
+"""Makes the parts of a simulation from its configuration: map, traffic and stack."""
 
 from __future__ import annotations
 
-from controllers import decision
+from pathlib import Path
+
 from controllers.stack import Stack
+
+from controllers import decision
+from iits_mj.errors import InputError
 from iits_mj.messages import EgoFootprint
-from iits_mj.road import Route
+from iits_mj.road import RoadMap, Route
 from iits_mj.simulation.config import DriveConfig
-from traffic_bridge import InterSim, TrafficConfig
+from traffic_bridge import InterSim, PureSim, Recorder, RepSim, Traffic, TrafficConfig
 
 
-def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> InterSim | None:
-    """SUMO's traffic on the route, None for an empty road."""
-    if config.traffic_mode == "none":
-        return None
-    traffic = TrafficConfig(
-        density=config.density, speed_limit=config.traffic_speed, footprint=footprint
-    )
-    return InterSim(route, traffic, seed=config.seed)
+def load_map(path: Path | None) -> RoadMap:
+    """The map of a file, or the built-in highway.
+
+    Raises:
+      MapError: the file cannot be used.
+    """
+    return RoadMap.builtin() if path is None else RoadMap.from_opendrive(path)
+
+
+def make_traffic(
+    config: DriveConfig, route: Route, footprint: EgoFootprint, *, record: bool = False
+) -> Traffic | None:
+    """The traffic on the route, None for an empty road.
+
+    Raises:
+      InputError: the recording cannot be used, or there is no SUMO traffic to record.
+    """
+    if config.recording is None and config.traffic_mode != "none":
+        settings = TrafficConfig(
+            density=config.density, speed_limit=config.traffic_speed, footprint=footprint
+        )
+        mode = InterSim if config.traffic_mode == "inter" else PureSim
+        traffic = mode(route, settings, seed=config.seed)
+        return Recorder(traffic) if record else traffic
+    if record:
+        raise InputError("only SUMO traffic can be recorded; use traffic-mode inter or pure")
+    return RepSim(route, config.recording) if config.recording is not None else None
 
 
 def make_stack(config: DriveConfig, route: Route) -> Stack:

@@ -1,0 +1,76 @@
+"""Show the same drive live in MuJoCo's interactive viewer.
+
+Space and the mouse work as in MuJoCo's own viewer; closing the window ends the drive.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco.viewer
+
+from iits_mj.errors import RenderError
+from iits_mj.options import option
+from iits_mj.simulation import DriveConfig, Frame, Simulation
+
+PERIOD = 0.02
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(DriveConfig):
+    """Flags of `iits-mj view`."""
+
+    pace: float = option(
+        1.0, help="simulated time over wall time", low=0.1, high=20.0, metavar="FACTOR"
+    )
+
+
+class _Window:
+    """Observer that shows each instant and waits for the wall clock."""
+
+    period = PERIOD
+
+    def __init__(self, window: Any, pace: float) -> None:
+        self._window = window
+        self._pace = pace
+        self._start = time.perf_counter()
+
+    def observe(self, simulation: Simulation, frame: Frame) -> None:
+        """Draws the frame when its time has come."""
+        if not self._window.is_running():
+            simulation.stop("the window was closed")
+            return
+        self._window.sync()
+        ahead = frame.time / self._pace - (time.perf_counter() - self._start)
+        if ahead > 0.0:
+            time.sleep(ahead)
+
+
+def run(options: Options) -> int:
+    """Opens the window and drives.
+
+    Raises:
+      RenderError: there is no display.
+    """
+    shown = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if platform.system() == "Linux" and not shown:
+        raise RenderError(
+            "there is no display for the viewer (DISPLAY and WAYLAND_DISPLAY are not set); run it "
+            "from a desktop session, or make a video with 'iits-mj drive'"
+        )
+    with Simulation(options) as simulation:
+        truck = simulation.truck
+        with mujoco.viewer.launch_passive(truck.model, truck.data) as window:
+            window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
+            window.cam.trackbodyid = truck.model.body("trailer").id
+            window.cam.distance, window.cam.elevation = 28.0, -18.0
+            window.cam.azimuth = 180.0
+            summary = simulation.run([_Window(window, options.pace)])
+    print(summary.to_text())
+    sys.stdout.flush()
+    return 0
