@@ -22,7 +22,8 @@ constexpr double kDownshiftMargin = 1.2;     // of the lowest speed, after a dow
 constexpr double kTorqueReserve = 1.03;      // of the load, after an upshift
 constexpr double kOverspeed = 1.08;          // of the governed speed: driven beyond, shift up
 constexpr double kDownshiftSpeedMax = 0.85;  // of the governed speed, after a downshift
-constexpr double kPowerSpeed = 2.0;  // of idle: below, a floored pedal asks for a lower gear
+constexpr double kPowerSpeed = 2.0;   // of idle: below, a floored pedal asks for a lower gear
+constexpr double kFullTorque = 0.85;  // of the pedal's torque: it has built up
 constexpr double kStuck = 0.15;  // acceleration below which a low engine speed is no start [m/s2]
 constexpr double kFirstGearDelay = 1.5;    // more than the downshift's, before first gear [s]
 constexpr double kSynchronized = 6.0;      // speed difference at which the gear goes in [rad/s]
@@ -150,9 +151,10 @@ bool Gearbox::CallsForLower(const Engine& engine, const GearboxInput& in,
   if (input_speed < 1.05 * engine.idle_speed()) return true;
   if (input_speed < LowSpeed(engine, in.pedal) && acceleration < kStuck) return true;
   if (Speed(in.shaft_speed) < downshift_(gear, in.pedal) - downshift_margin_) return true;
-  // Floored pedal, and still losing speed.
-  return in.pedal > kFloored && input_speed < kPowerSpeed * engine.idle_speed() &&
-         acceleration < -0.03;
+  // Floored pedal, the engine gives what it has, and still speed is lost.
+  double full = engine.PedalTorque(input_speed, in.pedal) * ratios_[gear - 1] * efficiency_;
+  return in.pedal > kFloored && in.shaft_torque > kFullTorque * full &&
+         input_speed < kPowerSpeed * engine.idle_speed() && acceleration < -0.03;
 }
 
 // Lower gear whose engine speed will be comfortable when the change is over.
