@@ -18,8 +18,10 @@ from iits_mj import options as option_fields
 from iits_mj.commands.output import prepare_folder, progress_bar, write_json
 from iits_mj.errors import RenderError
 from iits_mj.options import option
-from iits_mj.render import plots, video
+from iits_mj.render import plots
+from iits_mj.render.cameras import CAMERAS
 from iits_mj.render.report import Report
+from iits_mj.render.video import VideoObserver
 from iits_mj.simulation import DriveConfig, DriveSummary, Observer, Simulation, Telemetry
 from iits_mj.simulation.figures import drive_figures
 
@@ -38,8 +40,8 @@ class Options(DriveConfig):
     out: Path = option(Path("out"), help="folder for everything that is made", metavar="DIR")
     video: bool = option(True, help="make drive.mp4")
     size: tuple[int, int] = option((960, 540), help="picture size", metavar="WxH")
-    camera: str = option("chase", help="view of the video", choices=video.CAMERAS)
-    fps: int = option(20, help="pictures per second of the video", choices=video.FRAME_RATES)
+    camera: str = option("chase", help="view of the video", choices=CAMERAS)
+    fps: int = option(20, help="pictures per second of the video", low=5, high=50)
     json: bool = option(False, help="print the summary as one JSON object")
 
 
@@ -72,18 +74,11 @@ def run(options: Options) -> int:
 
 def _drive(options: Options) -> tuple[Outcome, bool]:
     """Runs the simulation; True when it was interrupted."""
-    notes: list[str] = []
     interrupted = False
     with ExitStack() as stack:
-        film = _open_video(options, notes)
-        simulation = stack.enter_context(
-            Simulation(
-                options,
-                edit_spec=film.edit_spec if film else None,
-                visuals=film is not None,
-            )
-        )
+        simulation = stack.enter_context(Simulation(options, visuals=options.video))
         telemetry = stack.enter_context(Telemetry(options.out / "telemetry.csv"))
+        film, notes = _open_film(options, simulation)
         observers: list[Observer] = [telemetry]
         if film is not None:
             observers.append(stack.enter_context(film))
@@ -93,22 +88,23 @@ def _drive(options: Options) -> tuple[Outcome, bool]:
         except KeyboardInterrupt:
             interrupted = True
             summary = simulation.summary("interrupted")
-    made = film.path if film is not None and film.path.is_file() else None
-    return Outcome(summary, telemetry, made, tuple(notes)), interrupted
+    return Outcome(summary, telemetry, film.path if film else None, notes), interrupted
 
 
-def _open_video(options: Options, notes: list[str]) -> video.Video | None:
+def _open_film(
+    options: Options, simulation: Simulation
+) -> tuple[VideoObserver | None, tuple[str, ...]]:
     """The video's writer; None, with a note that says why, where pictures cannot be made."""
     if not options.video:
-        return None
+        return None, ()
     try:
-        return video.Video(
-            options.out / "drive.mp4", size=options.size, camera=options.camera, fps=options.fps
+        film = VideoObserver(
+            options.out / "drive.mp4", simulation.truck, options.size, options.camera, options.fps
         )
     except RenderError as error:
-        notes.append(f"There is no video: {error}")
-        print(f"iits-mj: no video: {error}", file=sys.stderr)
-        return None
+        print(f"iits-mj: driving without a video: {error}", file=sys.stderr)
+        return None, (f"There is no video: {error}",)
+    return film, ()
 
 
 def _write(options: Options, outcome: Outcome) -> list[tuple[str, Path]]:

@@ -71,7 +71,7 @@ def _draw_panel(ax: Axes, panel: Panel) -> None:
         x = np.asarray(line.x, dtype=float)
         marker = {"marker": "o", "markersize": 4} if x.size <= 2 else {}
         ax.plot(x, np.asarray(line.y, dtype=float), label=line.label, **style, **marker)
-    ax.set_title(panel.title, loc="left", fontsize=10, color=INK, fontweight="semibold")
+    ax.set_title(panel.title, loc="left", fontsize=10, color=INK, fontweight="bold")
     ax.set_ylabel(panel.y_label, color=INK)
     ax.grid(True, color=GRID, linewidth=0.7)
     ax.set_axisbelow(True)

@@ -1,0 +1,73 @@
+import math
+
+import numpy as np
+import pytest
+
+from iits_mj.messages import EgoFootprint, EgoState, TrackedVehicle
+from iits_mj.parameters import TruckParameters
+from iits_mj.simulation import gaps
+
+FOOTPRINT = EgoFootprint()
+
+
+def square(x: float, y: float, yaw: float = 0.0, half: float = 1.0) -> np.ndarray:
+    corners = half * np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]], dtype=float)
+    c, s = math.cos(yaw), math.sin(yaw)
+    return corners @ np.array([[c, s], [-s, c]]) + [x, y]
+
+
+@pytest.mark.parametrize(
+    ("other", "distance"),
+    [
+        (square(5.0, 0.0), 3.0),
+        (square(4.0, 5.0), math.hypot(2.0, 3.0)),
+        (square(5.0, 0.0, yaw=math.pi / 4), 4.0 - math.sqrt(2.0)),
+        (square(1.5, 0.3), 0.0),
+        (square(0.0, 0.0, half=0.2), 0.0),
+    ],
+)
+def test_box_distance_of_known_squares(other: np.ndarray, distance: float) -> None:
+    assert gaps.box_distance(square(0.0, 0.0), other) == pytest.approx(distance, abs=1e-12)
+    assert gaps.box_distance(other, square(0.0, 0.0)) == pytest.approx(distance, abs=1e-12)
+
+
+def test_crossing_boxes_overlap_though_no_corner_lies_inside() -> None:
+    long = square(0.0, 0.0) * [10.0, 0.1]
+    assert gaps.box_distance(long, long[:, ::-1].copy()) == 0.0
+
+
+def test_lane_gap_is_bumper_to_bumper() -> None:
+    ego = EgoState(station=100.0)
+    ahead = TrackedVehicle("a", station=150.0, length=5.0)
+    behind = TrackedVehicle("b", station=60.0, length=4.0)
+    front, rear = gaps.lane_gaps(ego, 0, (ahead, behind), FOOTPRINT)
+    assert front == pytest.approx(150.0 - 2.5 - (100.0 + 1.4))
+    assert rear == pytest.approx((100.0 + 1.4 - 16.5) - 62.0)
+
+
+def test_vehicle_in_the_next_lane_is_no_leader_until_it_reaches_into_the_trucks_width() -> None:
+    ego = EgoState(station=100.0, offset=0.0)
+    beside = TrackedVehicle("a", station=130.0, offset=4.0, lane=1, width=1.9)
+    cutting_in = TrackedVehicle("a", station=130.0, offset=2.0, lane=1, width=1.9)
+    assert gaps.lane_gaps(ego, 0, (beside,), FOOTPRINT) == (math.inf, math.inf)
+    assert gaps.lane_gaps(ego, 0, (cutting_in,), FOOTPRINT)[0] < 30.0
+
+
+def test_truck_boxes_have_the_legal_length_when_straight_and_bend_at_the_kingpin() -> None:
+    parameters = TruckParameters.load()
+    tractor, trailer = gaps.truck_boxes(EgoState(), parameters)
+    both = np.vstack([tractor, trailer])
+    assert np.ptp(both[:, 0]) == pytest.approx(16.5, abs=0.02)
+    assert np.ptp(both[:, 1]) == pytest.approx(2.55, abs=0.1)
+    # Tractor turned to the left against the trailer: the trailer's tail stays to the right of
+    # where the tractor's axis would take it.
+    _, bent = gaps.truck_boxes(EgoState(yaw=0.3, articulation=0.3), parameters)
+    assert np.ptp(bent[:, 1]) == pytest.approx(2.55, abs=1e-9)
+
+
+def test_nearest_box_distance_sees_a_car_beside_the_trailer() -> None:
+    parameters = TruckParameters.load()
+    car = TrackedVehicle("a", x=-8.0, y=4.0, width=1.9, length=4.8)
+    distance = gaps.nearest_box_distance(EgoState(), (car,), parameters)
+    assert distance == pytest.approx(4.0 - 0.95 - 1.275, abs=1e-6)
+    assert gaps.nearest_box_distance(EgoState(), (), parameters) == math.inf

@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from iits_mj import options
+from iits_mj.commands import arguments
+from iits_mj.errors import InputError
+from iits_mj.options import option
+
+
+@dataclass(frozen=True, kw_only=True)
+class Example:
+    file: Path = option(help="a file", positional=True)
+    speed: float = option(10.0, help="a speed", unit="m/s", low=0.0, high=40.0)
+    count: int = option(3, help="a count", low=1)
+    name: str = option("a", help="a name", choices=("a", "b"))
+    there: bool = option(True, help="a switch")
+    size: tuple[int, int] = option((64, 64), help="a size")
+    log: Path | None = option(None, help="a log")
+
+    def __post_init__(self) -> None:
+        options.check(self)
+
+
+def parse(*words: str) -> Example:
+    return arguments.parse(Example, words, "example", "An example.")
+
+
+def test_defaults_come_from_the_dataclass() -> None:
+    assert parse("x.csv") == Example(file=Path("x.csv"))
+
+
+def test_every_kind_of_value_is_parsed() -> None:
+    parsed = parse(
+        *("x.csv", "--speed", "2e1", "--count", "7", "--name", "b", "--no-there"),
+        *("--size", "640x480", "--log", "out/log"),
+    )
+    assert parsed == Example(
+        file=Path("x.csv"),
+        speed=20.0,
+        count=7,
+        name="b",
+        there=False,
+        size=(640, 480),
+        log=Path("out/log"),
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ((), "required: FILE"),
+        (("x", "--speed", "fast"), "--speed: 'fast' is not a number"),
+        (("x", "--speed", "nan"), "nan is not a finite number"),
+        (("x", "--speed", "inf"), "inf is not a finite number"),
+        (("x", "--speed", "-1"), "--speed -1 is not allowed; use 0 to 40 m/s"),
+        (("x", "--speed", "41"), "use 0 to 40 m/s"),
+        (("x", "--speed"), "--speed"),
+        (("x", "--count", "1.5"), "'1.5' is not a whole number"),
+        (("x", "--count", "0"), "use 1 or more"),
+        (("x", "--name", "c"), "use one of: a, b"),
+        (("x", "--nam", "a"), "unrecognized arguments"),
+        (("x", "y"), "unrecognized arguments: y"),
+        (("x", "--size", "0x0"), "size '0x0'"),
+        (("x", "--size", "640"), "WIDTHxHEIGHT"),
+        (("x", "--size", "641x480"), "even"),
+        (("x", "--size", "99999999x2"), "even numbers from"),
+        (("x", "--size", "-64x64"), "size"),
+    ],
+)
+def test_wrong_use_is_told_in_one_sentence(words: tuple[str, ...], told: str) -> None:
+    with pytest.raises(InputError) as error:
+        parse(*words)
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_python_callers_meet_the_same_bounds() -> None:
+    with pytest.raises(InputError, match="speed 50 is not allowed"):
+        Example(file=Path("x"), speed=50.0)
+    with pytest.raises(InputError, match="name 'z'"):
+        dataclasses.replace(Example(file=Path("x")), name="z")
+
+
+def test_help_names_unit_bounds_choices_and_default() -> None:
+    text = " ".join(arguments.build_parser(Example, "example", "").format_help().split())
+    assert "a speed; 0 to 40 m/s; default 10" in text
+    assert "one of a, b; default a" in text
+    assert "--there, --no-there" in text
