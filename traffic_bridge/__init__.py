@@ -11,8 +11,9 @@ libsumo is imported when a simulation starts, not before.
 
 from traffic_bridge.config import DENSITIES, LANE_CHANGE_MODELS, TrafficConfig
 from traffic_bridge.mirror import Mirror
-from traffic_bridge.modes import InterSim, PureSim, Recorder, RepSim, ReSim, Traffic
+from traffic_bridge.modes import InterSim, PureSim, Traffic
 from traffic_bridge.network import Network, build_network, cache_dir, find_netconvert
+from traffic_bridge.recorded import Recorder, RepSim, ReSim
 from traffic_bridge.recording import PoseDigest, Recording
 from traffic_bridge.vehicles import KINDS, VehicleType, default_types
 

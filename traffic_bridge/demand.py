@@ -14,6 +14,7 @@ HEAVY = ("truck", "articulated")
 EGO_GAP = 30.0
 EGO_HEADWAY = 3.0
 NEXT_LANE_GAP = 15.0
+LANE_END = 200.0  # [m] before the end of a lane that closes: nobody begins there
 # SUMO's lane-change mode under MOBIL: SUMO itself only leaves lanes that end (bit 0), and carries
 # out our requests where that is not an immediate collision (bit 8).
 MOBIL_MODE = 0b01_0000_0001
@@ -92,7 +93,8 @@ class Demand:
         # Poisson arrivals of rate p at speed v stand at exponential distances of mean v / p.
         mean_gap = config.speed_limit * 0.92 / config.probability
         position = float(self._rng.exponential(mean_gap))
-        while position < table.length:
+        end = table.length - (0.0 if self._lanes.goes_on(table) else LANE_END)
+        while position < end:
             kind, desired = self._draw(table)
             station, _ = table.at(position)
             vehicle = config.type_of(kind)

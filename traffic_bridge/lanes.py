@@ -100,6 +100,15 @@ class RouteLanes:
             for table in self.tables.values():
                 self._set_rules(table)
 
+    def goes_on(self, table: LaneTable) -> bool:
+        """Whether a lane leads on along the route; the last edge's lanes do, too (they end)."""
+        edges = self.edges if table.direction > 0 else self.oncoming_edges
+        place = edges.index(table.edge)
+        if place + 1 == len(edges):
+            return True
+        links = self._api.lane.getLinks(table.id)
+        return any(link[0].rpartition("_")[0] == edges[place + 1] for link in links)
+
     def of_edge(self, edge: str) -> list[LaneTable]:
         """Driving lanes of an edge, from the right."""
         count = self._api.edge.getLaneNumber(edge)

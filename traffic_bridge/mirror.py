@@ -17,14 +17,13 @@ from numpy.typing import NDArray
 
 from iits_mj.errors import InputError
 from iits_mj.messages import TrackedVehicle
-from iits_mj.road import Route
-from traffic_bridge.bodies import add_vehicle
+from iits_mj.road import RoadPoint, Route
+from traffic_bridge.bodies import PREFIX, add_assets, add_vehicle
 from traffic_bridge.vehicles import KINDS, VehicleType, default_types
 
 FloatArray = NDArray[np.float64]
 
 DEFAULT_POOL = {"car": 14, "van": 5, "truck": 4, "articulated": 4}
-PREFIX = "traffic"
 PARKING_DEPTH = -500.0  # [m]: unused slots wait here, out of every camera's reach
 PARKING_SPACING = 25.0  # [m]: stacked bodies would be slow in collision detection
 # A vehicle with a slot counts as this much nearer, so that two at the edge do not take turns.
@@ -86,6 +85,7 @@ class Mirror:
                 place = (PARKING_SPACING * len(self._slots), 0.0, PARKING_DEPTH)
                 self._slots.append(_Slot(f"{PREFIX}_{kind}_{index}", kind, place))
         self._shown: list[tuple[_Slot, TrackedVehicle]] = []
+        self._here: RoadPoint | None = None
         self._geom_slot: dict[int, _Slot] = {}
         self._body_name: list[str] = []
         self._truck_geom: NDArray[np.bool_] = np.zeros(0, dtype=bool)
@@ -95,6 +95,8 @@ class Mirror:
 
     def add_to(self, spec: mujoco.MjSpec) -> None:
         """Adds the pool to a specification, parked."""
+        kinds = {slot.kind for slot in self._slots}
+        add_assets(spec, [kind for name, kind in self._types.items() if name in kinds])
         for number, slot in enumerate(self._slots):
             body = spec.worldbody.add_body(name=slot.name, mocap=True, pos=list(slot.parking))
             add_vehicle(body, slot.name, self._types[slot.kind], number)
@@ -155,9 +157,8 @@ class Mirror:
             self._assign(data, vehicles, ego_xy)
         if self._shown:
             position, quaternion = self._poses(elapsed)
-            index = [slot.mocap for slot, _ in self._shown]
-            data.mocap_pos[index] = position
-            data.mocap_quat[index] = quaternion
+            data.mocap_pos[self._index] = position
+            data.mocap_quat[self._index] = quaternion
         return len(self._shown)
 
     def slot_of(self, vehicle: str) -> str | None:
@@ -192,51 +193,47 @@ class Mirror:
                 slot = holders.get(name) or next(free)
                 slot.vehicle = name
                 self._shown.append((slot, vehicle))
+        self._take()
+
+    def _take(self) -> None:
+        """Reads the shown vehicles into arrays and finds how they lie on the road."""
+        fields = ("x", "y", "z", "yaw", "speed", "acceleration", "lateral_speed")
+        rows = [vehicle for _, vehicle in self._shown]
+        self._index = np.array([slot.mocap for slot, _ in self._shown], dtype=np.intp)
+        self._columns = np.array([[getattr(v, name) for v in rows] for name in fields])
+        self._station = np.array([v.station for v in rows])
+        self._offset = np.array([v.offset for v in rows])
+        self._here = None
+        if self.route is not None and rows:
+            self._here = here = self.route.evaluate(self._station, self._offset)
+            # The vehicle's own heading against the road's: a lane change, or oncoming.
+            self._turn = self._columns[3] - here.heading
+            self._forward = np.where(np.cos(self._turn) >= 0.0, 1.0, -1.0)
+            self._stretch = np.maximum(1.0 - here.curvature * self._offset, 0.2)
 
     def _poses(self, elapsed: float) -> tuple[FloatArray, FloatArray]:
         """Positions (n, 3) and quaternions (n, 4) of the shown vehicles."""
-        seen = [vehicle for _, vehicle in self._shown]
-        columns = np.array(
-            [
-                (
-                    v.x,
-                    v.y,
-                    v.z,
-                    v.yaw,
-                    v.speed,
-                    v.acceleration,
-                    v.lateral_speed,
-                    v.station,
-                    v.offset,
-                )
-                for v in seen
-            ]
-        )
-        x, y, z, yaw, speed, acceleration, lateral, station, offset = columns.T
-        # Nobody rolls backwards because of the braking of the last step.
-        way = elapsed * np.maximum(
-            speed + 0.5 * elapsed * acceleration, 0.0 if elapsed > 0 else -99
-        )
+        x, y, z, yaw, speed, acceleration, lateral = self._columns
+        # Braking ends at standstill: nobody rolls backwards because of the last step.
+        slowest = 0.0 if elapsed > 0.0 else -np.inf
+        way = elapsed * np.maximum(speed + 0.5 * elapsed * acceleration, slowest)
         side = np.where(speed > STANDING, elapsed * lateral, 0.0)
-        if self.route is None:
+        if self.route is None or self._here is None:
+            cosine, sine = np.cos(yaw), np.sin(yaw)
+            flat = np.zeros_like(yaw)
             position = np.column_stack(
-                (
-                    x + way * np.cos(yaw) - side * np.sin(yaw),
-                    y + way * np.sin(yaw) + side * np.cos(yaw),
-                    z,
-                )
+                (x + way * cosine - side * sine, y + way * sine + side * cosine, z)
             )
-            return position, _quaternions(yaw, np.zeros_like(yaw), np.zeros_like(yaw))
-        here = self.route.evaluate(station, offset)
-        # The vehicle's own heading against the road's: a lane change, or the oncoming direction.
-        turn = yaw - here.heading
-        forward = np.where(np.cos(turn) >= 0.0, 1.0, -1.0)
-        stretch = np.maximum(1.0 - here.curvature * offset, 0.2)
-        point = self.route.evaluate(station + forward * way / stretch, offset + forward * side)
+            return position, _quaternions(yaw, flat, flat)
+        point, forward = self._here, self._forward
+        if elapsed != 0.0:
+            point = self.route.evaluate(
+                self._station + forward * way / self._stretch, self._offset + forward * side
+            )
         position = np.column_stack((point.x, point.y, point.z))
         slope, bank = np.arctan(point.grade), point.superelevation
         # Pitch is positive nose down (ISO 8855); both turn over with the direction of travel.
-        return position, _quaternions(point.heading + turn, -forward * slope, forward * bank)
+        return position, _quaternions(point.heading + self._turn, -forward * slope, forward * bank)
 
     # Contact -----------------------------------------------------------------------------------
 
