@@ -8,6 +8,7 @@ from iits_mj.analytic.kinematic import Kinematic
 from iits_mj.analytic.loads import (
     LadenTrailer,
     axle_cornering_stiffness,
+    cruise_axle_loads,
     kingpin_load,
     laden_trailer,
     static_axle_loads,
@@ -35,6 +36,7 @@ __all__ = [
     "YawSideslip",
     "axle_cornering_stiffness",
     "critical_speed",
+    "cruise_axle_loads",
     "kingpin_load",
     "laden_trailer",
     "rearward_amplification",

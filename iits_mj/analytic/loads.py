@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.parameters import GRAVITY, TruckParameters
+from iits_mj.parameters import GRAVITY, Axle, TruckParameters
 from iits_mj.tire_law import cornering_stiffness
 
 FloatArray = NDArray[np.float64]
@@ -66,6 +66,49 @@ def static_axle_loads(parameters: TruckParameters, payload: float) -> FloatArray
     steer = tractor.mass * GRAVITY + kingpin - drive_group
     loads = [steer, *([drive_group / len(drive)] * len(drive))]
     return np.array(loads + [per_trailer_axle] * len(trailer_axles))
+
+
+def cruise_axle_loads(parameters: TruckParameters, payload: float, speed: float) -> FloatArray:
+    """Axle loads at constant speed [m/s] on a level road [N], shape (6,), front to rear.
+
+    Statics of the two units with air drag at its height, the pull at the fifth wheel's, rolling
+    resistance as a forward shift of each wheel's load, and the drive force at the ground: the drive
+    axles carry more and the steer axle less than at rest. Group loads are shared equally.
+    """
+    air, tires = parameters.aerodynamics, parameters.tires
+    rolling = parameters.tire_common.rolling_resistance
+    drag = 0.5 * air.density * air.drag_area * speed**2
+    drag_tractor, drag_trailer = air.tractor_share * drag, (1.0 - air.tractor_share) * drag
+    trailer, tractor, fifth = (
+        laden_trailer(parameters, payload),
+        parameters.tractor,
+        parameters.fifth_wheel,
+    )
+    front, *drive = tractor.axles
+
+    def lever(axles: tuple[Axle, ...] | list[Axle]) -> float:
+        shift = rolling * tires[axles[0].tire].rolling_radius
+        return float(np.mean([axle.position for axle in axles])) - shift
+
+    weight = trailer.mass * GRAVITY
+    # Moments about the kingpin: the trailer's rolling resistance pulls at the ground, below it.
+    group = (weight * trailer.cg_position + drag_trailer * (air.pressure_height - fifth.height)) / (
+        lever(parameters.semitrailer.axles) + rolling * fifth.height
+    )
+    kingpin = weight - group
+    pull = drag_trailer + rolling * group
+    moment = (
+        tractor.mass * GRAVITY * (tractor.cg_position - front.position)
+        + kingpin * (fifth.position - front.position)
+        + pull * fifth.height
+        + drag_tractor * air.pressure_height
+    )
+    total = tractor.mass * GRAVITY + kingpin
+    front_lever, rear_lever = lever([front]) - front.position, lever(drive) - front.position
+    rear = (moment - total * front_lever) / (rear_lever - front_lever)
+    number = len(parameters.semitrailer.axles)
+    loads = [total - rear, *([rear / len(drive)] * len(drive)), *([group / number] * number)]
+    return np.array(loads)
 
 
 def axle_cornering_stiffness(parameters: TruckParameters, loads: FloatArray) -> FloatArray:

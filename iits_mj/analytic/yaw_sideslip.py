@@ -47,7 +47,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.analytic.loads import axle_cornering_stiffness, laden_trailer, static_axle_loads
+from iits_mj.analytic.loads import (
+    axle_cornering_stiffness,
+    cruise_axle_loads,
+    laden_trailer,
+    static_axle_loads,
+)
 from iits_mj.errors import InputError
 from iits_mj.parameters import TruckParameters
 
@@ -86,13 +91,30 @@ class YawSideslip:
 
     @classmethod
     def from_parameters(
-        cls, parameters: TruckParameters, payload: float, pneumatic_trail: bool = True
+        cls,
+        parameters: TruckParameters,
+        payload: float,
+        *,
+        cruise_speed: float = 0.0,
+        pneumatic_trail: bool = True,
     ) -> YawSideslip:
-        """Computes the model from the truck's parameters and payload [kg]."""
+        """Computes the model from the truck's parameters.
+
+        Args:
+          parameters: of the truck.
+          payload: on the semitrailer [kg].
+          cruise_speed: the tires' stiffness is that of the axle loads at this constant speed [m/s],
+            which drag and rolling resistance shift to the rear; 0: loads at rest.
+          pneumatic_trail: see the module's text.
+        """
         tractor, fifth_wheel = parameters.tractor, parameters.fifth_wheel
         trailer = laden_trailer(parameters, payload)
         front, *drive = tractor.axles
-        stiffness = axle_cornering_stiffness(parameters, static_axle_loads(parameters, payload))
+        if cruise_speed > 0.0:
+            loads = cruise_axle_loads(parameters, payload, cruise_speed)
+        else:
+            loads = static_axle_loads(parameters, payload)
+        stiffness = axle_cornering_stiffness(parameters, loads)
         trails = [
             parameters.tires[axle.tire].pneumatic_trail if pneumatic_trail else 0.0
             for axle in (front, drive[0], parameters.semitrailer.axles[0])

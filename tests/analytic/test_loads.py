@@ -1,7 +1,12 @@
 import numpy as np
 import pytest
 
-from iits_mj.analytic import axle_cornering_stiffness, laden_trailer, static_axle_loads
+from iits_mj.analytic import (
+    axle_cornering_stiffness,
+    cruise_axle_loads,
+    laden_trailer,
+    static_axle_loads,
+)
 from iits_mj.errors import InputError
 from iits_mj.parameters import GRAVITY, TruckParameters
 from iits_mj.tire_law import cornering_stiffness, friction
@@ -33,6 +38,17 @@ def test_laden_trailer_has_the_published_mass_cg_and_inertia():
     assert trailer.cg_position == pytest.approx(5.05, abs=1e-3)
     assert trailer.cg_height == pytest.approx(2.05, abs=1e-3)
     assert trailer.inertia_z == pytest.approx(683_000.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("payload", [0.0, 36_000.0])
+def test_cruising_unloads_the_steer_axle_and_keeps_the_weight(payload):
+    rest = static_axle_loads(PARAMETERS, payload)
+    cruise = cruise_axle_loads(PARAMETERS, payload, 22.0)
+    assert cruise.sum() == pytest.approx(rest.sum(), rel=1e-12)
+    assert 0.0 < rest[0] - cruise[0] < 0.05 * rest[0]
+    assert cruise[1] > rest[1]
+    slow = cruise_axle_loads(PARAMETERS, payload, 0.1)
+    np.testing.assert_allclose(slow, rest, rtol=0.02)
 
 
 @pytest.mark.parametrize("payload", [-1.0, 36_000.1, float("nan")])

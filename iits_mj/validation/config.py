@@ -1,0 +1,33 @@
+"""Options of `iits-mj validate`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from iits_mj import options
+from iits_mj.options import option
+
+
+@dataclass(frozen=True, kw_only=True)
+class ValidateConfig:
+    """How to validate the truck."""
+
+    payload: float | None = option(
+        None,
+        help="only this load on the semitrailer; without it laden and empty",
+        unit="kg",
+        low=0.0,
+        high=36_000.0,
+        metavar="KG",
+    )
+    timestep: float = option(
+        0.001, help="time step of the physics", unit="s", low=0.0005, high=0.005, metavar="S"
+    )
+    quick: bool = option(False, help="a shorter form that ends within a minute")
+
+    def __post_init__(self) -> None:
+        options.check(self)
+
+    def payloads(self) -> tuple[float, ...]:
+        """The loads to test [kg], the greatest first."""
+        return (36_000.0, 0.0) if self.payload is None else (self.payload,)

@@ -1,0 +1,73 @@
+"""`iits-mj validate lateral`: the truck against the analytic models of the paper, corrected."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from iits_mj.parameters import GRAVITY
+from iits_mj.results import Check, Line, Panel, Results
+from iits_mj.validation import frequency, low_speed, step_steer
+from iits_mj.validation.circle import RADIUS, circle
+from iits_mj.validation.config import ValidateConfig
+
+
+def run(config: ValidateConfig) -> Results:
+    """Step steers, frequency response, 90 degree turn and steady circle."""
+    results = Results("validate lateral")
+    for payload in config.payloads():
+        load = f"{payload / 1e3:g}t"
+        for degrees, must in ((15.0, ">= 97"), (3.0, ">= 99")):
+            checks, panels = step_steer.compare(payload, degrees, config.timestep, must)
+            results.checks += checks
+            results.figures[f"step_steer_{degrees:g}deg_{load}"] = panels
+        if not config.quick:
+            results.checks += step_steer.friction_effect(payload, 15.0, config.timestep)
+        checks, panels = frequency.compare(payload, config.timestep)
+        results.checks += checks
+        results.figures[f"frequency_response_{load}"] = panels
+    _turn(results, config.payloads()[0], config)
+    _circle(results, config.payloads()[0], config)
+    results.notes.append(
+        "The yaw-sideslip model has a frictionless hitch; so has the truck when compared with it."
+    )
+    return results
+
+
+def _turn(results: Results, payload: float, config: ValidateConfig) -> None:
+    turn = low_speed.turn(payload, config.timestep)
+    label = f"90 deg turn of {low_speed.RADIUS:g} m, {payload / 1e3:g} t"
+    results.checks += [
+        Check(
+            f"{label}: path of the trailer", turn.path_error(), "m", "kinematic trailer", "<= 0.1"
+        ),
+        Check(f"{label}: off-tracking", turn.off_tracking(), "m", turn.kinematic_off_tracking()),
+    ]
+    record = turn.recording
+    lines = (
+        Line("steer axle", record.x, record.y),
+        Line(
+            "trailer, kinematic", turn.kinematic_rear[:, 0], turn.kinematic_rear[:, 1], "reference"
+        ),
+        Line("trailer, truck", record.rear_x, record.rear_y, "simulation"),
+    )
+    results.figures["swept_path"] = [Panel(label, "x [m]", "y [m]", lines)]
+
+
+def _circle(results: Results, payload: float, config: ValidateConfig) -> None:
+    speeds = (7.0, 10.0, 14.1) if config.quick else (6.0, 8.0, 10.0, 11.5, 13.0, 14.1)
+    found = circle(payload, config.timestep, speeds)
+    scale = float(np.rad2deg(GRAVITY))
+    error = 100.0 * abs(found.gradient / found.reference - 1.0)
+    label = f"steady circle of {RADIUS:g} m, {payload / 1e3:g} t"
+    results.checks += [
+        Check(f"{label}: understeer", found.gradient * scale, "deg/g", found.reference * scale),
+        Check(f"{label}: understeer error", error, "%", "yaw-sideslip", "<= 10"),
+    ]
+    start = found.steer[0] - found.reference * found.lateral[0]
+    linear = np.rad2deg(start + found.reference * found.lateral)
+    lines = (
+        Line("yaw-sideslip model", found.lateral, linear, "reference"),
+        Line("truck", found.lateral, np.rad2deg(found.steer), "simulation"),
+    )
+    panel = Panel(label, "lateral acceleration [m/s2]", "steer beyond Ackermann [deg]", lines)
+    results.figures["steady_circle"] = [panel]

@@ -1,0 +1,98 @@
+"""The manoeuvres at a coarse step: they measure something, and the truck is in the right region."""
+
+import numpy as np
+import pytest
+
+from iits_mj.parameters import TruckParameters
+from iits_mj.validation import COMMANDS, ValidateConfig, braking, circle, frequency, low_speed
+from iits_mj.validation import step_steer as steer
+from iits_mj.validation.acceleration import part_throttle
+from iits_mj.validation.rollover import rigid_threshold, tilt_table
+from iits_mj.validation.single_lane_change import lane_change
+
+STEP = 0.002
+LADEN = 36_000.0
+
+
+def _values(checks):
+    return {check.name.rsplit(": ", 1)[1]: check.value for check in checks}
+
+
+@pytest.mark.parametrize("payload", [LADEN, 0.0])
+def test_step_steer_follows_the_yaw_sideslip_model(payload):
+    checks, panels = steer.compare(payload, 15.0, STEP, ">= 97")
+    fits = [check.value for check in checks if check.name.endswith("fit")]
+    assert len(fits) == len(panels) == 4
+    assert min(fits) > 90.0
+    ends = [check.value for check in checks if check.name.endswith("end value")]
+    np.testing.assert_allclose(ends, 1.0, atol=0.05)
+
+
+def test_time_step_hardly_changes_the_step_steer():
+    coarse = steer.step_steer(LADEN, np.deg2rad(15.0), 0.002)
+    fine = steer.step_steer(LADEN, np.deg2rad(15.0), 0.001)
+    assert coarse.yaw_rate[-1] == pytest.approx(fine.yaw_rate[-1], rel=0.005)
+    assert coarse.yaw_rate.max() == pytest.approx(fine.yaw_rate.max(), rel=0.01)
+
+
+def test_frequency_response_of_the_empty_truck_is_the_models():
+    values = _values(frequency.compare(0.0, STEP)[0])
+    assert values["yaw rate, gain error"] < 6.0
+    assert values["yaw rate, phase error"] < 6.0
+
+
+def test_trailer_follows_the_kinematic_trailer_round_the_corner():
+    turn = low_speed.turn(LADEN, STEP)
+    assert turn.path_error() < 0.1
+    assert turn.off_tracking() == pytest.approx(turn.kinematic_off_tracking(), abs=0.1)
+    assert np.rad2deg(turn.recording.yaw[-1]) == pytest.approx(90.0, abs=3.0)
+
+
+def test_understeer_on_the_circle_is_near_the_linear_models():
+    found = circle.circle(LADEN, STEP, (8.0, 12.0))
+    assert np.all(np.diff(found.lateral) > 0.3)
+    assert found.gradient == pytest.approx(found.reference, rel=0.25)
+
+
+def test_laden_truck_tips_between_a_third_and_0_40_g_and_below_the_rigid_bound():
+    tilt = tilt_table(LADEN)
+    assert 0.33 <= tilt.threshold <= 0.40
+    assert tilt.threshold < rigid_threshold(TruckParameters.load(), LADEN)
+    assert np.all(np.diff(tilt.table) > 0.0)
+
+
+def test_lane_change_amplifies_little_at_80_kmh():
+    done = lane_change(0.0, 80.0 / 3.6, STEP)
+    assert done.amplification == pytest.approx(done.reference, rel=0.1)
+    assert 1.0 < done.peak < 2.0
+    assert 0.0 < done.off_tracking < 0.6
+
+
+def test_forty_percent_pedal_reads_as_the_paper():
+    values = _values(part_throttle(STEP)[0])
+    assert values["first gear used"] == 2.0
+    assert values["gear at 40 s"] in (9.0, 10.0)
+    assert 40.0 < values["speed at 40 s"] < 50.0
+
+
+def test_xbr_brings_the_demanded_deceleration_and_pressure():
+    values = _values(braking.xbr(31_000.0, STEP)[0])
+    assert values["mean deceleration"] == pytest.approx(1.5, rel=0.03)
+    assert values["mean pressure"] == pytest.approx(150.0, rel=0.2)
+
+
+def test_full_stop_holds_without_lock_up():
+    values = _values(braking.full_stop(0.0, STEP)[0])
+    assert values["longest lock-up above 15 km/h"] <= 1.0
+    assert values["speed at the end"] < 0.1
+    assert 20.0 < values["distance"] < 50.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", COMMANDS)
+def test_quick_form_gives_finite_figures_within_a_minute(name):
+    results = COMMANDS[name](ValidateConfig(quick=True))
+    assert results.checks
+    assert all(np.isfinite(check.value) for check in results.checks)
+    assert results.figures
+    assert "checks" in results.to_json("0.0.0")

@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+
+from iits_mj.errors import InputError
+from iits_mj.validation import COMMANDS, ValidateConfig
+from iits_mj.validation.metrics import fit, harmonic, peak_ratio
+from iits_mj.validation.single_lane_change import damping_ratio
+
+TIME = np.linspace(0.0, 20.0, 2001)
+
+
+def test_fit_is_100_for_the_same_signal_and_0_for_its_mean():
+    signal = np.sin(TIME)
+    assert fit(signal, signal) == pytest.approx(100.0)
+    assert fit(np.full_like(signal, signal.mean()), signal) == pytest.approx(0.0)
+    assert np.isnan(fit(signal, np.ones_like(signal)))
+
+
+def test_peak_ratio_compares_magnitudes():
+    assert peak_ratio(np.array([0.0, -3.0, 1.0]), np.array([2.0, 0.0, 0.0])) == pytest.approx(1.5)
+
+
+def test_harmonic_finds_amplitude_and_phase_beside_a_drift():
+    frequencies = np.array([0.1, 0.5])
+    signal = 2.0 * np.cos(2 * np.pi * 0.1 * TIME - 0.3) + np.sin(2 * np.pi * 0.5 * TIME)
+    found = harmonic(TIME, signal + 0.7 - 0.05 * TIME, frequencies)
+    assert abs(found[0]) == pytest.approx(2.0)
+    assert np.angle(found[0]) == pytest.approx(-0.3)
+    assert np.angle(found[1]) == pytest.approx(-np.pi / 2)
+
+
+@pytest.mark.parametrize("ratio", [0.05, 0.15, 0.3])
+def test_damping_ratio_of_a_decaying_oscillation_is_found(ratio):
+    natural = 4.0
+    damped = natural * np.sqrt(1.0 - ratio**2)
+    signal = np.exp(-ratio * natural * TIME) * np.cos(damped * TIME)
+    assert damping_ratio(signal) == pytest.approx(ratio, rel=0.1)
+
+
+def test_a_signal_that_does_not_swing_counts_as_fully_damped():
+    assert damping_ratio(np.exp(-TIME)) == 1.0
+
+
+def test_commands_and_options_are_the_announced_ones():
+    assert set(COMMANDS) == {"lateral", "longitudinal", "standards"}
+    assert ValidateConfig().payloads() == (36_000.0, 0.0)
+    assert ValidateConfig(payload=12_000.0).payloads() == (12_000.0,)
+    with pytest.raises(InputError, match="payload"):
+        ValidateConfig(payload=50_000.0)
+    with pytest.raises(InputError, match="timestep"):
+        ValidateConfig(timestep=0.1)
