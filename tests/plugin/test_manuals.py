@@ -1,0 +1,57 @@
+"""Every example of the plugin's manuals runs as it is printed, and every attribute is explained."""
+
+import re
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import iits_mj
+
+PLUGIN = Path(iits_mj.plugin_library.__file__).parent / "plugin"
+if not PLUGIN.is_dir():
+    pytest.skip("the plugin's sources are not installed", allow_module_level=True)
+MANUALS = sorted(PLUGIN.glob("README*.md"))
+EXAMPLES = [
+    (path.name, xml)
+    for path in MANUALS
+    for xml in re.findall(r"```xml\n(<mujoco>.*?)```", path.read_text(), re.DOTALL)
+]
+
+
+@pytest.mark.parametrize(("manual", "xml"), EXAMPLES, ids=[name for name, _ in EXAMPLES])
+def test_example_runs(manual, xml):
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 500)
+    assert np.isfinite(data.qpos).all()
+    assert data.warning.number.sum() == 0
+
+
+def test_example_of_the_powertrain_drives_off():
+    model = mujoco.MjModel.from_xml_string(dict(EXAMPLES)["README_powertrain.md"])
+    data = mujoco.MjData(model)
+    data.ctrl[0] = 0.6
+    mujoco.mj_step(model, data, 5000)
+    assert data.qvel[0] > 3.0
+    assert data.sensor("gear").data[0] > 1
+
+
+def test_example_of_the_air_brake_stops():
+    model = mujoco.MjModel.from_xml_string(dict(EXAMPLES)["README_air_brake.md"])
+    data = mujoco.MjData(model)
+    data.qvel[:] = 15.0, 15.0 / 0.51, 15.0 / 0.51
+    data.ctrl[:] = -3.0, 2.0
+    mujoco.mj_step(model, data, 5000)
+    assert abs(data.qvel[0]) < 1e-3
+
+
+@pytest.mark.parametrize("plugin", ["powertrain", "air_brake"])
+def test_manual_explains_every_attribute_in_its_table(plugin):
+    source = (PLUGIN / f"{plugin}.cc").read_text()
+    listed = re.search(r"kAttributes\[\] = \{(.*?)\};", source, re.DOTALL).group(1)
+    names = set(re.findall(r'"(\w+)"', listed))
+    table = (PLUGIN / f"README_{plugin}.md").read_text().split("## Attributes")[1]
+    assert set(re.findall(r"`(\w+)`", table)) >= names
+    assert len(names) > 15
