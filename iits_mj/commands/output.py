@@ -7,6 +7,7 @@ import json
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from tqdm import tqdm
 
 import iits_mj
 from iits_mj.errors import InputError
+from iits_mj.options import option
 from iits_mj.results import Results
 
 if TYPE_CHECKING:
@@ -62,17 +64,32 @@ def progress_bar(duration: float) -> Iterator[Callable[[Frame], None]]:
         yield progress
 
 
-def show_results(results: Results, *, as_json: bool, report: Path | None) -> int:
-    """Prints the table or the JSON object, writes the page, and returns the exit code (0 or 1)."""
-    if report is not None:
+@dataclass(frozen=True, kw_only=True)
+class ResultOptions:
+    """Flags of every command that measures something; to be inherited from."""
+
+    json: bool = option(False, help="print one JSON object instead of the table")
+    report: Path | None = option(
+        None, help="folder for a page with the table and the plots", metavar="DIR"
+    )
+
+
+def finish(options: ResultOptions, measure: Callable[[], Results]) -> int:
+    """Measures, prints the table or the JSON object, writes the page; the exit code, 0 or 1.
+
+    The folder of the page is tried before anything is measured.
+
+    Raises:
+      InputError: the page cannot be written.
+    """
+    if options.report is not None:
+        prepare_folder(options.report, "report")
+    results = measure()
+    print(results.to_json(iits_mj.__version__) if options.json else results.to_table())
+    if options.report is not None:
         from iits_mj.render.report import from_results
 
-        from_results(results, iits_mj.__version__).write(report / f"{results.command}.html")
-    if as_json:
-        print(results.to_json(iits_mj.__version__))
-    else:
-        print(results.to_table())
-        if report is not None:
-            print(f"report: {report / f'{results.command}.html'}")
-    sys.stdout.flush()
+        page = options.report / f"{results.command.replace(' ', '-')}.html"
+        from_results(results, iits_mj.__version__).write(page)
+        print(f"report: {page}", file=sys.stderr if options.json else sys.stdout)
     return 0 if results.ok else 1

@@ -71,6 +71,7 @@ def _draw_panel(ax: Axes, panel: Panel) -> None:
         x = np.asarray(line.x, dtype=float)
         marker = {"marker": "o", "markersize": 4} if x.size <= 2 else {}
         ax.plot(x, np.asarray(line.y, dtype=float), label=line.label, **style, **marker)
+    _open_flat_range(ax)
     ax.set_title(panel.title, loc="left", fontsize=10, color=INK, fontweight="bold")
     ax.set_ylabel(panel.y_label, color=INK)
     ax.grid(True, color=GRID, linewidth=0.7)
@@ -82,6 +83,13 @@ def _draw_panel(ax: Axes, panel: Panel) -> None:
         spine.set_color(GRID)
     if len([line for line in panel.lines if line.label]) > 1:
         ax.legend(loc="best", fontsize=8, frameon=False, ncols=min(3, len(panel.lines)))
+
+
+def _open_flat_range(ax: Axes) -> None:
+    """Gives a constant quantity a range of its own, so that rounding noise is not blown up."""
+    low, high = ax.dataLim.intervaly
+    if np.isfinite([low, high]).all() and high - low < 1e-6 * max(1.0, abs(low), abs(high)):
+        ax.set_ylim(0.5 * (low + high) - 1.0, 0.5 * (low + high) + 1.0)
 
 
 def _check(line: Line, panel: Panel) -> None:

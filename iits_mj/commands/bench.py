@@ -1,0 +1,165 @@
+"""Measure what a step costs: physics, threads, traffic, the whole drive.
+
+Times depend on the machine; the bounds are on ratios, which hardly do. Each figure is the best of
+several rounds, since other work on the machine can only make a round slower.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import mujoco.rollout
+import numpy as np
+
+from iits_mj import options as option_fields
+from iits_mj.commands.output import ResultOptions, finish
+from iits_mj.model.builder import truck_spec
+from iits_mj.options import option
+from iits_mj.parameters import TruckParameters
+from iits_mj.results import Check, Results
+from iits_mj.road import RoadMap
+from iits_mj.simulation import DriveConfig, Simulation
+from iits_mj.truck import Truck
+
+MICROSECONDS = 1e6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(ResultOptions):
+    """Flags of `iits-mj bench`."""
+
+    payload: float = option(
+        36_000.0, help="load on the semitrailer", unit="kg", low=0.0, high=36_000.0, metavar="KG"
+    )
+    threads: int = option(2, help="threads of the rollout", low=1, high=256)
+    traffic: bool = option(True, help="measure SUMO and a whole drive, too")
+    seed: int = option(0, help="seed of the traffic", low=0, high=2**31 - 1)
+    quick: bool = option(False, help="fewer rounds; ends within a minute")
+
+    def __post_init__(self) -> None:
+        option_fields.check(self)
+
+
+def run(options: Options) -> int:
+    """Measures and prints."""
+    return finish(options, lambda: measure(options))
+
+
+def measure(options: Options) -> Results:
+    """All figures."""
+    results = Results("bench", options.seed)
+    rounds = 3 if options.quick else 10
+    _physics(results, options, rounds)
+    if options.traffic:
+        _drive(results, options, 10.0 if options.quick else 60.0)
+    return results
+
+
+def best(function: Callable[[], None], rounds: int) -> float:
+    """Least wall time of a call [s]."""
+    times = []
+    for _ in range(rounds):
+        start = time.perf_counter()
+        function()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def bare_model(parameters: TruckParameters, payload: float, timestep: float) -> mujoco.MjModel:
+    """The truck's tree without any plugin: the same bodies and joints, no tire, engine or brake."""
+    spec = truck_spec(parameters, payload)
+    spec.option.timestep = timestep
+    for sensor in list(spec.sensors):
+        if sensor.type == mujoco.mjtSensor.mjSENS_PLUGIN:
+            spec.delete(sensor)
+    for actuator in list(spec.actuators):
+        if actuator.plugin.active:
+            spec.delete(actuator)
+    for body in spec.bodies:
+        body.plugin.active = False
+    for plugin in list(spec.plugins):
+        spec.delete(plugin)
+    return spec.compile()
+
+
+def _physics(results: Results, options: Options, rounds: int) -> None:
+    steps = 1000
+    route = RoadMap.builtin().route()
+    truck = Truck.load(options.payload, route=route, visuals=False)
+    truck.reset(station=100.0, speed=15.0)
+    truck.command(accelerator_pedal=0.4)
+    timestep = float(truck.model.opt.timestep)
+    start = mujoco.MjData(truck.model)
+    mujoco.mj_copyData(start, truck.model, truck.data)
+
+    def step(model: mujoco.MjModel, source: mujoco.MjData) -> float:
+        data = mujoco.MjData(model)
+
+        def play() -> None:
+            mujoco.mj_copyData(data, model, source)
+            mujoco.mj_step(model, data, steps)
+
+        return best(play, rounds) / steps
+
+    full = step(truck.model, start)
+    bare = bare_model(truck.parameters, options.payload, timestep)
+    tree = step(bare, mujoco.MjData(bare))
+    aggregate = _rollout(truck.model, start, options.threads, steps, rounds)
+    add = results.checks.append
+    add(Check("step of the truck on the highway", full * MICROSECONDS, "us"))
+    add(Check("step of the same tree without plugins", tree * MICROSECONDS, "us"))
+    add(Check("plugins' share, truck over tree", full / tree, "1", 1.3, "<= 2"))
+    add(Check("real-time factor of the physics", timestep / full, "1", None, ">= 1"))
+    name = f"rollout, {options.threads} threads, per step in all"
+    add(Check(name, aggregate * MICROSECONDS, "us"))
+    add(Check("rollout's gain over one thread", full / aggregate, "1"))
+
+
+def _rollout(
+    model: mujoco.MjModel, start: mujoco.MjData, threads: int, steps: int, rounds: int
+) -> float:
+    """Wall time per step of `mujoco.rollout`, all threads together [s]."""
+    runs = 2 * threads
+    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    state = np.zeros(mujoco.mj_stateSize(model, kind))
+    mujoco.mj_getState(model, start, state, kind)
+    states = np.tile(state, (runs, 1))
+    controls = np.tile(start.ctrl, (runs, steps, 1))
+    datas = [mujoco.MjData(model) for _ in range(threads)]
+    with mujoco.rollout.Rollout(nthread=threads) as pool:
+
+        def play() -> None:
+            pool.rollout(model, datas, states, controls)
+
+        return best(play, rounds) / (runs * steps)
+
+
+def _drive(results: Results, options: Options, duration: float) -> None:
+    config = DriveConfig(
+        payload=options.payload, density="dense", duration=duration, seed=options.seed
+    )
+    add = results.checks.append
+    with Simulation(config, visuals=False) as simulation:
+        summary = simulation.run()
+        factor = summary.real_time_factor
+        traffic = simulation.traffic
+        assert traffic is not None
+        ego = simulation.frame.ego
+        sumo = best(lambda: _ignore(traffic.step(ego)), 20)
+        place = (ego.x, ego.y)
+        data = simulation.truck.data
+        mirror = best(
+            lambda: _ignore(simulation.mirror.update(data, simulation.vehicles, place)), 20
+        )
+        vehicles = len(simulation.vehicles)
+    add(Check("SUMO, a step of 0.1 s with the truck in it", sumo * 1e3, "ms"))
+    add(Check("mirror, an update with new vehicles", mirror * 1e3, "ms"))
+    add(Check("vehicles in view then", float(vehicles), "1"))
+    add(Check("real-time factor of the whole drive", factor, "1", None, ">= 1"))
+
+
+def _ignore(value: object) -> None:
+    del value
