@@ -1,0 +1,86 @@
+"""From wanted force at the wheels to accelerator pedal and engine brake: the inverse powertrain."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from iits_mj.parameters import GRAVITY, TruckParameters
+
+# Share of the engine brake's power at 1500 rpm, of that at 2300 rpm: 0.55 (see mjcf/truck.toml).
+_BRAKE_EXPONENT = math.log(0.55) / math.log(1500.0 / 2300.0)
+_OVERRUN_PEDAL = 0.05
+
+
+class DrivelineInverse:
+    """Static inverse of engine and driveline, and the truck's resistances.
+
+    Args:
+      parameters: of the truck.
+    """
+
+    def __init__(self, parameters: TruckParameters) -> None:
+        self.parameters = parameters
+        tires = parameters.tires
+        self.radius = tires[parameters.tractor.axles[-1].tire].rolling_radius
+        self.rolling = parameters.tire_common.rolling_resistance
+        air = parameters.aerodynamics
+        self.drag = 0.5 * air.density * air.drag_area
+        self.wheel_mass = sum(
+            2.0 * axle.wheel_inertia_spin / tires[axle.tire].rolling_radius ** 2
+            for axle in parameters.axles
+        )
+        self.efficiency = parameters.gearbox.efficiency * parameters.gearbox.driveline_efficiency
+
+    def ratio(self, gear: int) -> float:
+        """Overall ratio engine to wheel in a forward gear."""
+        gearbox = self.parameters.gearbox
+        row = min(max(gear, 1), len(gearbox.ratios)) - 1
+        return float(gearbox.ratios[row]) * gearbox.final_drive
+
+    def resistance(self, mass: float, speed: float, grade: float) -> float:
+        """Rolling, air and grade resistance [N] at a grade (rise over run)."""
+        slope = math.atan(grade)
+        rolling = self.rolling * math.cos(slope) if speed > 0.05 else 0.0
+        return mass * GRAVITY * (math.sin(slope) + rolling) + self.drag * speed * abs(speed)
+
+    def effective_mass(self, mass: float, gear: int) -> float:
+        """Mass with the rotating parts of wheels, engine and gearbox [kg]."""
+        gearbox, ratio = self.parameters.gearbox, self.ratio(gear)
+        row = min(max(gear, 1), len(gearbox.ratios)) - 1
+        spin = self.parameters.engine.inertia + float(gearbox.inertias[row])
+        return mass + self.wheel_mass + spin * ratio**2 / self.radius**2
+
+    def engine_torque(self, force: float, gear: int) -> float:
+        """Torque at the crankshaft [N m] for a force at the wheels [N]."""
+        bare = force * self.radius / self.ratio(gear)
+        return bare / self.efficiency if bare > 0.0 else bare * self.efficiency
+
+    def drag_torque(self, engine_speed: float) -> float:
+        """Drag of the engine on overrun [N m], positive."""
+        engine = self.parameters.engine
+        return float(np.interp(engine_speed, engine.drag_speed, engine.drag_torque))
+
+    def engine_brake_torque(self, engine_speed: float) -> float:
+        """Greatest torque of the engine brake [N m], beyond the drag."""
+        engine = self.parameters.engine
+        if engine_speed < 1.3 * engine.idle_speed:
+            return 0.0
+        relative = engine_speed / engine.engine_brake_speed
+        rated = engine.engine_brake_power / engine.engine_brake_speed
+        return rated * relative ** (_BRAKE_EXPONENT - 1.0)
+
+    def pedal(self, torque: float, engine_speed: float) -> float:
+        """Accelerator pedal, 0 to 1, that gives a torque at the crankshaft [N m]."""
+        table = self.parameters.engine.pedal_map
+        row = np.clip(np.searchsorted(table.rows, engine_speed) - 1, 0, len(table.rows) - 2)
+        low, high = table.rows[row], table.rows[row + 1]
+        share = min(max((engine_speed - low) / (high - low), 0.0), 1.0)
+        torques = (1.0 - share) * table.values[row] + share * table.values[row + 1]
+        # Over the first travel of the pedal the overrun turns into traction.
+        drag = self.drag_torque(engine_speed)
+        fade = np.minimum(1.0, table.columns / _OVERRUN_PEDAL)
+        torques = np.maximum.accumulate(fade * (torques + drag) - drag)
+        torques = torques + 1e-6 * np.arange(len(torques))
+        return float(np.interp(torque, torques, table.columns))

@@ -1,0 +1,252 @@
+"""Speed tracking: accelerator pedal, engine brake and XBR from the planned speed.
+
+Feed-forward of acceleration, grade, rolling and air through the inverse powertrain, a slow
+integral beside. Pedal, engine brake and service brake take over from each other with hysteresis
+and dwell times, so that they never chatter. At standstill the brakes hold.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+import numpy as np
+
+from controllers.driveline_inverse import DrivelineInverse
+from iits_mj.messages import EgoState, Trajectory, XbrMode
+from iits_mj.parameters import TruckParameters
+
+
+class Phase(enum.Enum):
+    """Who acts on the speed."""
+
+    DRIVE = "drive"
+    OVERRUN = "overrun"
+    BRAKE = "brake"
+    HOLD = "hold"
+    LAUNCH = "launch"
+
+
+@dataclass(frozen=True)
+class LongitudinalConfig:
+    """Gains and thresholds of the speed controller.
+
+    Attributes:
+      speed_gain: [1/s]; integral_gain: [1/s2]; integral_max: [m/s2].
+      lead_time: the planned acceleration is taken this far ahead, for lags [s].
+      step: of the controller [s].
+      overrun_enter: torque below the engine's drag that ends driving [N m].
+      overrun_leave: torque above the engine's drag that begins driving again [N m].
+      brake_enter: deceleration beyond the engine brake that calls the service brake [m/s2].
+      brake_leave: the same, below which it is released [m/s2].
+      dwell: least time in a phase [s].
+      urgent: demanded deceleration that ends dwelling and brakes at once [m/s2].
+      pedal_rise, pedal_fall: rates of the pedal [1/s].
+      engine_brake_rate: of its request [1/s].
+      demand_rate: of the XBR demand when it grows, outside emergencies [m/s3].
+      demand_max: [m/s2].
+      stop_speed: below it a plan to stop holds the brakes [m/s].
+      go_speed: planned speed that ends holding [m/s].
+      hold_demand: XBR demand at standstill [m/s2].
+      launch_time: after which the brake is given free whatever the torque [s].
+    """
+
+    speed_gain: float = 0.5
+    integral_gain: float = 0.06
+    integral_max: float = 0.35
+    lead_time: float = 0.3
+    step: float = 0.02
+    overrun_enter: float = 150.0
+    overrun_leave: float = 120.0
+    brake_enter: float = 0.15
+    brake_leave: float = 0.02
+    dwell: float = 0.6
+    urgent: float = 1.0
+    pedal_rise: float = 1.0
+    pedal_fall: float = 2.0
+    engine_brake_rate: float = 2.0
+    demand_rate: float = 3.0
+    demand_max: float = 8.0
+    stop_speed: float = 0.25
+    go_speed: float = 0.15
+    hold_demand: float = 1.0
+    launch_time: float = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedCommand:
+    """Pedal 0..1, XBR demand [m/s2] (<= 0), XBR mode, engine brake 0..1."""
+
+    pedal: float
+    xbr_demand: float
+    xbr_mode: XbrMode
+    engine_brake: float
+
+
+class LongitudinalController:
+    """Keeps the planned speed; one call every 20 ms."""
+
+    def __init__(
+        self, parameters: TruckParameters, config: LongitudinalConfig | None = None
+    ) -> None:
+        self.parameters = parameters
+        self.config = config or LongitudinalConfig()
+        self.inverse = DrivelineInverse(parameters)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets phase and integral."""
+        self.phase = Phase.DRIVE
+        self._since = 0.0
+        self._integral = 0.0
+        self._pedal = 0.0
+        self._engine_brake = 0.0
+        self._demand = 0.0
+        self._gear = 1
+
+    def command(self, ego: EgoState, trajectory: Trajectory, grade: float) -> SpeedCommand:
+        """What pedal and brakes are to do.
+
+        Args:
+          ego: the truck.
+          trajectory: planned motion, looked up by time.
+          grade: under the combination, rise over run.
+        """
+        config = self.config
+        self._since += config.step
+        if ego.gear >= 1:
+            self._gear = ego.gear
+        planned = float(np.interp(ego.time, trajectory.time, trajectory.speed))
+        soon = float(np.interp(ego.time + 0.5, trajectory.time, trajectory.speed))
+        ahead = float(
+            np.interp(ego.time + config.lead_time, trajectory.time, trajectory.acceleration)
+        )
+        if self._stand(ego, planned, soon):
+            return self._hold(ego, grade, soon)
+        error = planned - ego.speed
+        wanted = ahead + config.speed_gain * error + self._integral
+        inverse, gear = self.inverse, self._gear
+        force = inverse.effective_mass(ego.mass, gear) * wanted
+        force += inverse.resistance(ego.mass, ego.speed, grade)
+        torque = inverse.engine_torque(force, gear)
+        drag = inverse.drag_torque(ego.engine_speed)
+        strongest = inverse.engine_brake_torque(ego.engine_speed)
+        if ego.shift_in_process or ego.gear < 1:
+            strongest = 0.0
+        # What the engine brake cannot do, as deceleration of the whole truck.
+        short = max(-torque - drag - strongest, 0.0) / inverse.efficiency
+        deficit = short * inverse.ratio(gear) / inverse.radius / ego.mass
+        self._choose(torque, drag, deficit, wanted)
+        self._act(ego, torque, drag, strongest, deficit, wanted)
+        self._learn(ego, error)
+        return self._output()
+
+    def _stand(self, ego: EgoState, planned: float, soon: float) -> bool:
+        """Whether the truck stands and is to stand, or to start."""
+        config = self.config
+        if self.phase in (Phase.HOLD, Phase.LAUNCH):
+            return ego.speed < config.stop_speed or soon <= config.go_speed
+        return ego.speed < config.stop_speed and (
+            max(planned, soon) <= config.go_speed or abs(ego.speed) < 0.05
+        )
+
+    def _hold(self, ego: EgoState, grade: float, soon: float) -> SpeedCommand:
+        """Brakes at standstill, and the start without rolling back."""
+        config, inverse = self.config, self.inverse
+        self._integral = 0.0
+        if soon <= config.go_speed:
+            self._enter(Phase.HOLD)
+        elif self.phase is not Phase.LAUNCH:
+            self._enter(Phase.LAUNCH)
+        if self.phase is Phase.HOLD:
+            self._pedal, self._engine_brake, self._demand = 0.0, 0.0, config.hold_demand
+            return self._output()
+        gear = max(self._gear, 1)
+        resistance = inverse.resistance(ego.mass, 0.1, grade)
+        torque = inverse.engine_torque(0.35 * ego.mass + resistance, gear)
+        target = max(inverse.pedal(torque, max(ego.engine_speed, 70.0)), 0.12)
+        self._pedal = min(target, self._pedal + config.pedal_rise * config.step)
+        holding = inverse.engine_torque(max(resistance, 0.0), gear)
+        ready = ego.engine_torque >= 0.8 * holding or self._since > config.launch_time
+        self._demand = 0.0 if ready else config.hold_demand
+        return self._output()
+
+    def _choose(self, torque: float, drag: float, deficit: float, wanted: float) -> None:
+        """Next phase, with hysteresis and dwell time."""
+        config = self.config
+        if self.phase in (Phase.HOLD, Phase.LAUNCH):
+            self._enter(Phase.DRIVE)
+        urgent = wanted < -config.urgent
+        if self._since < config.dwell and not urgent:
+            return
+        if self.phase is Phase.DRIVE:
+            if deficit > config.brake_enter:
+                self._enter(Phase.BRAKE)
+            elif torque < -drag - config.overrun_enter:
+                self._enter(Phase.OVERRUN)
+        elif self.phase is Phase.OVERRUN:
+            if deficit > config.brake_enter:
+                self._enter(Phase.BRAKE)
+            elif torque > -drag + config.overrun_leave:
+                self._enter(Phase.DRIVE)
+        elif deficit < config.brake_leave:
+            self._enter(Phase.DRIVE if torque > -drag + config.overrun_leave else Phase.OVERRUN)
+
+    def _act(
+        self,
+        ego: EgoState,
+        torque: float,
+        drag: float,
+        strongest: float,
+        deficit: float,
+        wanted: float,
+    ) -> None:
+        config, step = self.config, self.config.step
+        pedal = request = demand = 0.0
+        if self.phase is Phase.DRIVE:
+            pedal = self.inverse.pedal(torque, ego.engine_speed)
+            if ego.shift_in_process:
+                pedal = self._pedal
+        else:
+            request = min(max((-torque - drag) / max(strongest, 1.0), 0.0), 1.0)
+            if strongest <= 0.0:
+                request = self._engine_brake
+        if self.phase is Phase.BRAKE:
+            demand = min(max(deficit, 1e-3), config.demand_max)
+        self._pedal = min(
+            max(pedal, self._pedal - config.pedal_fall * step),
+            self._pedal + config.pedal_rise * step,
+        )
+        if self.phase is not Phase.DRIVE:
+            self._pedal = 0.0
+        reach = config.engine_brake_rate * step
+        self._engine_brake = min(
+            max(request, self._engine_brake - reach), self._engine_brake + reach
+        )
+        rise = (10.0 if wanted < -2.5 else config.demand_rate) * step
+        self._demand = min(demand, self._demand + rise)
+
+    def _learn(self, ego: EgoState, error: float) -> None:
+        """The integral rests where the actuators are at their ends, and in gear changes."""
+        config = self.config
+        stuck = (self._pedal >= 1.0 and error > 0.0) or (
+            self._demand >= config.demand_max and error < 0.0
+        )
+        coasting = self.phase is Phase.OVERRUN and self._engine_brake <= 0.0 and error < 0.0
+        if stuck or coasting or ego.shift_in_process or ego.speed < 1.0:
+            return
+        grown = self._integral + config.integral_gain * error * config.step
+        self._integral = min(max(grown, -config.integral_max), config.integral_max)
+
+    def _enter(self, phase: Phase) -> None:
+        if phase is not self.phase:
+            self.phase, self._since = phase, 0.0
+
+    def _output(self) -> SpeedCommand:
+        active = self._demand > 0.0
+        return SpeedCommand(
+            pedal=min(max(self._pedal, 0.0), 1.0),
+            xbr_demand=-self._demand if active else 0.0,
+            xbr_mode=XbrMode.MAXIMUM if active else XbrMode.OFF,
+            engine_brake=min(max(self._engine_brake, 0.0), 1.0),
+        )

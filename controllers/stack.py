@@ -1,0 +1,137 @@
+"""The pipeline: scene -> decision -> trajectory -> command.
+
+Knows messages and roads only: it could sit in a real truck's computer.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from controllers.decision.base import DecisionContext, DecisionMaker, Keep
+from controllers.decision.observation import ObservationHistory, observe_frame
+from controllers.planner import Planner, PlannerConfig
+from controllers.tracking import Tracker, TrackingConfig
+from iits_mj.errors import InputError
+from iits_mj.messages import Decision, EgoState, Scene, SpeedProfile, Trajectory, VehicleCommand
+from iits_mj.parameters import TruckParameters
+
+if TYPE_CHECKING:
+    from iits_mj.road import Route
+
+_HALF_STEP = 0.05
+
+
+class Stack:
+    """Decision maker, planner and tracker at their own rates.
+
+    Call `plan` every 100 ms and `control` every 20 ms; the decision maker is asked once every
+    `decision_period` seconds, and not while a lane change is under way.
+
+    Attributes:
+      last_decision: the decision maker's last answer.
+      last_trajectory: what is being tracked, or None before the first plan.
+    """
+
+    def __init__(
+        self,
+        route: Route,
+        decision_maker: DecisionMaker | None = None,
+        planner: PlannerConfig | None = None,
+        tracking: TrackingConfig | None = None,
+        parameters: TruckParameters | None = None,
+        profile: SpeedProfile | None = None,
+        decision_period: float = 1.0,
+    ) -> None:
+        """Builds the pipeline.
+
+        Args:
+          route: the truck's road.
+          decision_maker: default: keeps its lane.
+          planner: settings; default: the paper's 16.67 m/s on the two rightmost lanes.
+          tracking: settings.
+          parameters: of the truck; default: the shipped one.
+          profile: reference speed over station, of the speed planner; default: cruise speed.
+          decision_period: [s].
+        """
+        self.route = route
+        self.decision_maker: DecisionMaker = decision_maker or Keep()
+        self.planner = Planner(route, planner)
+        self.tracker = Tracker(route, parameters, tracking)
+        self.profile = profile
+        self.decision_period = decision_period
+        self.history = ObservationHistory()
+        self.reset()
+
+    def reset(self) -> None:
+        """Ready for a new drive: all memory and counters cleared."""
+        self.planner.reset()
+        self.tracker.reset()
+        self.history.reset()
+        self.decision_maker.reset()
+        self.last_decision = Decision.KEEP
+        self.last_trajectory: Trajectory | None = None
+        self.decisions = 0
+        self._decided_at: float | None = None
+
+    @property
+    def lane_changes(self) -> int:
+        """Lane changes completed."""
+        return self.planner.lane_changes
+
+    @property
+    def refused(self) -> int:
+        """Decisions to change that the planner refused, unsafe ones included."""
+        return self.planner.refused
+
+    @property
+    def unsafe(self) -> int:
+        """Decisions to change that were refused because of a vehicle."""
+        return self.planner.unsafe
+
+    def reference_speed(self, station: float) -> float:
+        """What the speed planner wants at a station [m/s]."""
+        if self.profile is None:
+            return self.planner.config.speed.cruise_speed
+        return self.profile.at(station)
+
+    def plan(self, scene: Scene) -> Trajectory:
+        """A new trajectory from a scene, every 100 ms.
+
+        Raises:
+          InputError: a value of the scene that matters is not finite.
+        """
+        reference = self.reference_speed(scene.ego.station)
+        self.history.add(scene.time, observe_frame(scene, self.route, reference))
+        decision = Decision.KEEP
+        due = (
+            self._decided_at is None
+            or scene.time - self._decided_at >= self.decision_period - _HALF_STEP
+        )
+        if due and not self.planner.changing:
+            self._decided_at = scene.time
+            decision = self._decide(scene, reference)
+        self.last_trajectory = self.planner.plan(scene, decision, self.profile)
+        return self.last_trajectory
+
+    def control(self, ego: EgoState) -> VehicleCommand:
+        """The command on the last trajectory, every 20 ms.
+
+        Raises:
+          InputError: no plan was made yet, or the state is not finite.
+        """
+        if self.last_trajectory is None:
+            raise InputError("control asked for before the first plan: call Stack.plan first")
+        return self.tracker.command(ego, self.last_trajectory)
+
+    def _decide(self, scene: Scene, reference: float) -> Decision:
+        context = DecisionContext(
+            scene=scene,
+            route=self.route,
+            lane=self.planner.lane(scene),
+            lanes=self.planner.config.lanes,
+            reference_speed=reference,
+            observation=self.history.observation(),
+        )
+        self.last_decision = Decision(self.decision_maker.decide(context))
+        self.decisions += 1
+        return self.last_decision
