@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,10 +14,10 @@ from iits_mj.road import Route
 
 FloatArray = NDArray[np.float64]
 
-RUN_OUT = 400.0  # [m] drawn beyond both ends of the route
+RUN_OUT = 400.0  # [m] drawn beyond an end of the route that leads away from it
 CHORD_ERROR = 0.02  # [m] in plan
 SAG_ERROR = 0.003  # [m] in height
-STEP_MAX = 25.0
+STEP_MAX = 25.0  # [m], of a straight road; longer on routes beyond 30 km
 MARKING_LIFT = 0.02
 DASH_LENGTH, DASH_PERIOD = 6.0, 15.0
 
@@ -63,6 +64,7 @@ class Corridor:
     def across(self, offset: ArrayLike, lift: ArrayLike = 0.0) -> FloatArray:
         """Points on the tilted road plane, offsets (n, k) or (n,), raised by `lift` [m]."""
         offset = np.asarray(offset, dtype=float)
+        raised = np.asarray(lift, dtype=float)
         shape = (-1, *(1,) * (offset.ndim - 1))
         x, y, z, heading, tilt = (
             value.reshape(shape) for value in (self.x, self.y, self.z, self.heading, self.tilt)
@@ -71,7 +73,7 @@ class Corridor:
             [
                 x - offset * np.sin(heading),
                 y + offset * np.cos(heading),
-                z + offset * tilt + lift,
+                z + offset * tilt + raised,
             ],
             axis=-1,
         )
@@ -90,16 +92,20 @@ class Corridor:
             texture = np.stack([offsets / tile, along / tile], axis=-1)
         return surface(points, texture, self._up(2))
 
-    def extrude(self, profile: ArrayLike, base: ArrayLike) -> Shape:
+    def extrude(self, profile: ArrayLike, base: ArrayLike, *, smooth: bool = False) -> Shape:
         """A profile (k, 2) of (offset, height) about the offset `base`, swept along the route.
 
-        Seen in the direction of travel the profile runs clockwise round what is solid.
+        Seen in the direction of travel the profile runs clockwise round what is solid. A smooth
+        profile shares its vertices, one with edges does not.
         """
         points = np.asarray(profile, dtype=float)
+        if smooth:
+            offsets = np.broadcast_to(base, len(self.station))[:, None] + points[:, 0]
+            return surface(self.across(offsets, points[None, :, 1]))
         parts = []
         n = len(self.station)
         base = np.broadcast_to(base, n)[:, None]
-        for a, b in zip(points, points[1:], strict=False):
+        for a, b in pairwise(points):
             pair = np.stack([a, b])
             parts.append(surface(self.across(base + pair[:, 0], pair[:, 1])))
         return merge(parts)
@@ -117,6 +123,7 @@ class Corridor:
 def drawing_stations(route: Route) -> FloatArray:
     """Stations from one run-out to the other whose chords stay near the road."""
     step = max(1.0, route.length / 20_000.0)
+    longest = STEP_MAX * max(1.0, route.length / 30_000.0)
     fine = np.linspace(0.0, route.length, max(int(route.length / step), 2) + 1)
     point = route.evaluate(fine)
     bend = np.abs(point.curvature)
@@ -124,22 +131,44 @@ def drawing_stations(route: Route) -> FloatArray:
     twist = np.abs(np.gradient(point.superelevation, fine))
     length = np.minimum.reduce(
         [
-            np.full_like(fine, STEP_MAX),
+            np.full_like(fine, longest),
             np.sqrt(8.0 * CHORD_ERROR / np.maximum(bend, 1e-9)),
             np.sqrt(8.0 * SAG_ERROR / np.maximum(sag, 1e-9)),
             0.02 / np.maximum(twist, 1e-9),
         ]
-    ).clip(2.0, STEP_MAX)
+    ).clip(2.0, longest)
     width = np.diff(fine)
     count = np.concatenate([[0.0], np.cumsum(width * 0.5 * (1 / length[1:] + 1 / length[:-1]))])
     inner = np.interp(np.linspace(0.0, count[-1], int(np.ceil(count[-1])) + 1), count, fine)
-    out = np.arange(STEP_MAX, RUN_OUT + 1.0, STEP_MAX)
-    return np.concatenate([-out[::-1], inner, route.length + out])
+    before, after = run_outs(route)
+    ahead = np.arange(STEP_MAX, after + 1.0, STEP_MAX)
+    behind = np.arange(STEP_MAX, before + 1.0, STEP_MAX)
+    return np.concatenate([-behind[::-1], inner, route.length + ahead])
+
+
+def run_outs(route: Route) -> tuple[float, float]:
+    """Length of the straight run-outs before and after the route; 0 where it would meet the road.
+
+    A truck at the start needs road below its trailer, but a closed ring needs no tail.
+    """
+    station = np.linspace(0.0, route.length, max(int(route.length / 10.0), 2) + 1)
+    point = route.evaluate(station)
+    out = np.arange(20.0, RUN_OUT + 1.0, 10.0)
+    lengths = []
+    for tail, keep in (
+        (-out, station > 100.0),
+        (route.length + out, station < station[-1] - 100.0),
+    ):
+        end = route.evaluate(tail)
+        gap = np.hypot(end.x[:, None] - point.x[keep], end.y[:, None] - point.y[keep])
+        lengths.append(0.0 if gap.size and gap.min() < 25.0 else RUN_OUT)
+    return lengths[0], lengths[1]
 
 
 def chunks(route: Route, wanted: float) -> Iterator[tuple[float, float]]:
     """Intervals of about `wanted` metres that together cover route and run-outs."""
-    start, end = -RUN_OUT, route.length + RUN_OUT
+    before, after = run_outs(route)
+    start, end = -before, route.length + after
     count = max(1, round((end - start) / wanted))
     edges = np.linspace(start, end, count + 1)
     yield from zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
@@ -151,7 +180,7 @@ def markings(corridor: Corridor, start: float, end: float) -> dict[str, Shape]:
     sections = [s for s in route.section_starts() if start < s < end]
     edges = [start, *sections, end]
     found: dict[str, list[Shape]] = {}
-    for a, b in zip(edges, edges[1:], strict=False):
+    for a, b in pairwise(edges):
         if b - a < 0.1:
             continue
         part = corridor.between(a, b - 1e-3)

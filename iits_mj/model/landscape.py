@@ -22,7 +22,8 @@ FloatArray = NDArray[np.float64]
 
 VERGE = (1.3, 0.05)  # [m] width of the gravel strip and its fall
 RIBBON = np.array([1.3, 3.0, 5.0, 8.0, 13.0, 20.0, 30.0, 45.0, 65.0, 90.0, 130.0])
-TUNNEL_COVER = 8.9  # [m] least ground above the road of a tunnel
+DIVE = 3.0  # [m] that the ribbons' outer rim lies below the far ground, so that they meet cleanly
+TUNNEL_COVER = 9.6  # [m] least ground above the road of a tunnel
 TUNNEL_HILL = 17.0
 VALLEY_DEPTH = 15.0
 GRID_POINTS = 24_000
@@ -57,9 +58,8 @@ class Landscape:
     ) -> tuple[FloatArray, FloatArray]:
         """Ground height and distance from the pavement's edge (negative on it) [m].
 
-        Args:
-          x, y: map position, any shape.
-          far: without the tunnels' hills and sunk near the road, for the coarse grid.
+        `x` and `y` are map positions of any shape. `far` gives the coarse grid's ground: without
+        the tunnels' hills, and sunk near the road.
         """
         points = np.stack([np.ravel(x), np.ravel(y)], axis=-1)
         distance, index = self._nearest.query(points)
@@ -104,6 +104,7 @@ class Landscape:
         offset = middle[:, None] - np.sign(reach) * half[:, None] - self._limit(part, reach)
         points = part.across(offset)
         points[..., 2], _ = self.height(points[..., 0], points[..., 1])
+        points[:, [0, -1], 2] -= DIVE
         return surface(points, points[..., :2] / GRASS_TILE, _grid_normals(points))
 
     def grid(self) -> Shape:
@@ -129,6 +130,7 @@ class Landscape:
         ditch = rim[:, None] - np.interp(RIBBON, [1.3, 3.0, 5.0, 8.0], [VERGE[1], 0.35, 0.75, 0.95])
         share = smoothstep(4.0, 20.0, RIBBON)
         points[..., 2] = (1.0 - share) * ditch + share * ground
+        points[:, -1, 2] -= DIVE
         if side > 0:
             points = points[:, ::-1]
         return points, _grid_normals(points)
@@ -170,7 +172,10 @@ class Landscape:
             fade = 1.0 - smoothstep(75.0, 127.0, edge)
             slope = np.clip(0.75 * (edge - 6.0), 0.0, TUNNEL_HILL * hill) * fade
             inside = (station >= start - 2.0) & (station <= end + 2.0)
-            over = road + np.maximum(TUNNEL_COVER, TUNNEL_HILL * hill)
+            # Behind a portal the ground rises from the head wall's top to the hill.
+            depth = np.minimum(station - start, end - station)
+            rise = np.maximum(TUNNEL_HILL * hill - TUNNEL_COVER, 0.0) * smoothstep(0.0, 60.0, depth)
+            over = road + TUNNEL_COVER + rise
             covered = inside & (edge < 40.0)
             share = smoothstep(12.0, 40.0, edge)
             top = (1.0 - share) * over + share * (ground + slope)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 ASPHALT_TILE = 8.0  # [m] covered by one repeat of the asphalt texture
-GRASS_TILE = 48.0
+GRASS_TILE = 190.0
 _SKY_SIZE = 256
 
 # name: (red, green, blue), specular, emission
@@ -19,8 +19,10 @@ _PLAIN = {
     "road_gravel": ((0.47, 0.44, 0.39), 0.02, 0.0),
     "road_steel": ((0.63, 0.66, 0.69), 0.4, 0.05),
     "road_concrete": ((0.62, 0.61, 0.58), 0.05, 0.0),
-    "road_tunnel_wall": ((0.46, 0.47, 0.46), 0.15, 0.16),
-    "road_tunnel_roof": ((0.20, 0.20, 0.21), 0.02, 0.05),
+    # Inside a tunnel emission stands for the lamps, so that places which the sun's shadow map
+    # does not reach look nearly the same.
+    "road_tunnel_wall": ((0.30, 0.305, 0.295), 0.0, 0.85),
+    "road_tunnel_roof": ((0.12, 0.12, 0.125), 0.0, 0.5),
     "road_tunnel_light": ((1.0, 0.93, 0.76), 0.0, 1.0),
     "road_post": ((0.93, 0.93, 0.93), 0.05, 0.1),
     "road_reflector": ((0.95, 0.30, 0.05), 0.2, 0.4),
@@ -38,11 +40,18 @@ def add_road_materials(spec: mujoco.MjSpec) -> None:
     rng = np.random.default_rng(7)
     _texture(spec, "asphalt", _asphalt(rng))
     _texture(spec, "grass", _grass(rng))
-    for name, texture, rgb in (
-        ("road_asphalt", "road_asphalt", (1.0, 1.0, 1.0)),
-        ("road_grass", "road_grass", (1.0, 1.0, 1.0)),
+    for name, texture, gray, emission in (
+        ("road_asphalt", "road_asphalt", 1.0, 0.0),
+        ("road_asphalt_tunnel", "road_asphalt", 0.6, 0.5),
+        ("road_grass", "road_grass", 1.0, 0.0),
     ):
-        material = spec.add_material(name=name, rgba=[*rgb, 1.0], specular=0.05, shininess=0.1)
+        material = spec.add_material(
+            name=name,
+            rgba=[gray, gray, gray, 1.0],
+            specular=0.05 if emission == 0.0 else 0.0,
+            shininess=0.1,
+            emission=emission,
+        )
         textures = list(material.textures)
         textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = texture
         material.textures = textures
@@ -86,12 +95,13 @@ def set_view(spec: mujoco.MjSpec, center: tuple[float, float, float]) -> None:
     visual = spec.visual
     visual.map.znear = 0.01
     visual.map.zfar = 300.0
-    visual.map.fogstart = 20.0
-    visual.map.fogend = 260.0
+    visual.map.fogstart = 30.0
+    visual.map.fogend = 480.0
     visual.map.haze = 0.25
-    visual.map.shadowclip = 1.6
+    # A wide shadow map: a narrow one leaves speckles beyond its rim.
+    visual.map.shadowclip = 4.5
     visual.map.shadowscale = 0.8
-    visual.quality.shadowsize = 4096
+    visual.quality.shadowsize = 3072
     visual.quality.offsamples = 4
     visual.global_.offwidth = max(visual.global_.offwidth, 1920)
     visual.global_.offheight = max(visual.global_.offheight, 1080)
@@ -116,15 +126,15 @@ def _texture(spec: mujoco.MjSpec, name: str, image: FloatArray) -> None:
 
 
 def _asphalt(rng: np.random.Generator) -> FloatArray:
-    grain = periodic_noise(rng, 256, 0.15) * 0.028 + periodic_noise(rng, 256, 1.2) * 0.012
+    grain = periodic_noise(rng, 256, 0.15) * 0.028 + periodic_noise(rng, 256, 0.9) * 0.008
     return np.clip(0.30 + grain, 0.0, 1.0)[..., None] * np.array([0.98, 1.0, 1.03])
 
 
 def _grass(rng: np.random.Generator) -> FloatArray:
-    fine = periodic_noise(rng, 512, 0.4)[..., None]
-    broad = periodic_noise(rng, 512, 1.6)[..., None]
-    base = np.array([0.30, 0.42, 0.17])
-    return base * (1.0 + 0.10 * fine) + broad * np.array([0.035, 0.020, 0.008])
+    fine = periodic_noise(rng, 768, 0.55)[..., None]
+    broad = periodic_noise(rng, 768, 1.15)[..., None]
+    base = np.array([0.315, 0.415, 0.175])
+    return base * (1.0 + 0.09 * fine) + broad * np.array([0.028, 0.014, 0.006])
 
 
 def _sky_faces() -> NDArray[np.uint8]:

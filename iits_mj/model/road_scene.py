@@ -28,7 +28,7 @@ from iits_mj.road import Route
 ROAD_GROUP = 2
 CHUNK_LENGTH = 600.0  # [m] of road in one mesh; longer on very long routes
 CHUNKS_MAX = 40
-FURNITURE_END = 40_000.0  # [m] no trees, rails or posts beyond
+FURNITURE_END = {True: 4_000.0, False: 40_000.0}  # [m] of a plain route, of any other
 
 
 def add_road(spec: mujoco.MjSpec, route: Route, *, visuals: bool = True) -> None:
@@ -56,17 +56,18 @@ def add_road(spec: mujoco.MjSpec, route: Route, *, visuals: bool = True) -> None
     rng = np.random.default_rng(5)
     length = max(CHUNK_LENGTH, route.length / CHUNKS_MAX)
     for index, (a, b) in enumerate(chunks(route, length)):
-        part = corridor.between(a, b)
         parts: dict[str, list[Shape]] = {}
-        parts["road_asphalt"] = [part.strip(part.left, part.right, 0.0, ASPHALT_TILE)]
         for material, shape in markings(corridor, a, b).items():
             parts.setdefault(material, []).append(shape)
         for begin, end, kind in _pieces(route, a, b):
             piece = corridor.between(begin, end)
+            surface = "road_asphalt_tunnel" if kind == "tunnel" else "road_asphalt"
+            pavement = piece.strip(piece.left, piece.right, 0.0, ASPHALT_TILE)
+            parts.setdefault(surface, []).append(pavement)
             if kind != "open" and isinstance(ground, Landscape):
                 parts.setdefault("road_grass", []).append(ground.cover(piece))
                 continue
-            _open_road(parts, piece, ground, furnished=begin < FURNITURE_END, rng=rng)
+            _open_road(parts, piece, ground, furnished=begin < FURNITURE_END[plain], rng=rng)
         builder.add_all(f"{index}", parts)
     for index, (a, b) in enumerate(route.tunnels):
         builder.add_all(f"tunnel{index}", _by_material(tunnel(corridor, a, b)))

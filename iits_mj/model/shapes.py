@@ -16,14 +16,14 @@ from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
-Point = Sequence[float]
+Point = Sequence[float] | NDArray[np.float64]
 
 VISUAL_GROUP = 1
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A mesh: `vertices` (n, 3) [m], `faces` (m, 3); optionally `texture` (n, 2), `normals` (n, 3)."""
+    """A mesh: `vertices` (n, 3) [m], `faces` (m, 3); maybe `texture` (n, 2), `normals` (n, 3)."""
 
     vertices: FloatArray
     faces: IntArray

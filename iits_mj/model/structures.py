@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -45,7 +46,7 @@ def tunnel(corridor: Corridor, start: float, end: float) -> Parts:
     def sweep(points: list[tuple[float, float, float]]) -> Shape:
         """Points are (share of the width, metres beside it, height)."""
         strips = []
-        for (f0, d0, z0), (f1, d1, z1) in zip(points, points[1:], strict=False):
+        for (f0, d0, z0), (f1, d1, z1) in pairwise(points):
             offsets = base[:, None] + np.stack([f0 * width + d0, f1 * width + d1], axis=1)
             strips.append(surface(part.across(offsets, np.array([[z0, z1]]))))
         return merge(strips)
@@ -166,7 +167,8 @@ def guard_rails(part: Corridor) -> Parts:
         edge = (part.left if side > 0 else part.right) + side * (RAIL_GAP + 0.06)
         profile = _RAIL * [-side, 1.0]
         facing = profile if side < 0 else profile[::-1]
-        shapes += [part.extrude(facing, edge), part.extrude(facing[::-1], edge)]
+        shapes += [part.extrude(facing, edge, smooth=True)]
+        shapes.append(part.extrude(facing[::-1], edge, smooth=True))
     posts = np.arange(part.station[0] + 2.0, part.station[-1], 8.0)
     row = Corridor.sample(part.route, posts)
     for side in (1.0, -1.0):
@@ -196,13 +198,21 @@ def _stakes(
     points: FloatArray, heading: FloatArray, width: float, low: float, high: float
 ) -> Shape:
     """Upright square posts as one mesh."""
-    block = boxes([((0.0, 0.0, 0.5 * (low + high)), (width, width, high - low))])
+    block = _stake(width, low, high)
     c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
     x, y, z = (block.vertices[:, i][None, :] for i in range(3))
     vertices = np.stack([c * x - s * y, s * x + c * y, z + 0.0 * c], axis=-1) + points[:, None, :]
     count = len(block.vertices)
     faces = block.faces[None] + count * np.arange(len(points))[:, None, None]
     return Shape(vertices.reshape(-1, 3), faces.reshape(-1, 3).astype(np.int32))
+
+
+def _stake(width: float, low: float, high: float) -> Shape:
+    """Four upright faces with shared edges and no lid: 8 vertices, for things seen by thousands."""
+    half = 0.5 * width
+    corners = np.array([(half, -half), (half, half), (-half, half), (-half, -half), (half, -half)])
+    rows = np.stack([np.column_stack([corners, np.full(5, z)]) for z in (low, high)])
+    return surface(rows)
 
 
 def _turned(shape: Shape, heading: float) -> Shape:

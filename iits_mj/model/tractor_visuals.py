@@ -1,4 +1,4 @@
-"""The cab-over 6x4 tractor: a lofted cab with patches of glass, grille and lights on its surface."""
+"""The cab-over 6x4 tractor: a lofted cab with patches of glass, grille and lights on it."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class _Cab:
         self.rear = rear
 
     def line(self, z: float, inflate: float = 0.0) -> tuple[FloatArray, FloatArray]:
-        """Horizontal section: arc length (n,) and points (n, 3), from the right rear to the left."""
+        """Horizontal section: arc length (n,), points (n, 3), from the right rear to the left."""
         front = float(np.interp(z, self.z, self.front)) + inflate
         half = float(np.interp(z, self.z, self.half_width)) + inflate
         t = np.linspace(-0.5 * math.pi, 0.5 * math.pi, 241)

@@ -12,7 +12,7 @@ FLOOR = 1.16  # [m] above the ground, underside of the body
 STRAP_SPACING = 0.62
 
 # Letters as convex strokes in a box 1 wide and 1 high; x runs with the reading direction.
-_LETTERS = {
+_LETTERS: dict[str, list[list[tuple[float, float]]]] = {
     "I": [[(0.36, 0), (0.64, 0), (0.64, 1), (0.36, 1)]],
     "T": [
         [(0.36, 0), (0.64, 0), (0.64, 0.75), (0.36, 0.75)],

@@ -13,7 +13,7 @@ from iits_mj.model.structures import Ground
 
 FloatArray = NDArray[np.float64]
 
-TREES_PER_KM = 90
+TREES_PER_KM = 140
 NEAREST, FARTHEST = 15.0, 120.0  # [m] from the pavement's edge
 
 

@@ -18,7 +18,7 @@ Project = Callable[[float, float], tuple[float, float]]
 
 WIDTH, HEIGHT = 104.0, 214.0  # at 960x540
 MARGIN = 14.0
-AHEAD, BEHIND = 110.0, 60.0  # [m] shown
+AHEAD, BEHIND = 90.0, 45.0  # [m] shown
 PANEL = (14, 20, 27, 205)
 ROAD = (58, 66, 74)
 LINE = (176, 186, 196)

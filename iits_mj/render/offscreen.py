@@ -76,8 +76,13 @@ class Offscreen:
       scene: MuJoCo's scene; `update` fills it, then others may add geoms to it.
     """
 
-    def __init__(self, model: mujoco.MjModel, size: tuple[int, int]) -> None:
+    def __init__(self, model: mujoco.MjModel, size: tuple[int, int], samples: int = 0) -> None:
         """Makes context and scene.
+
+        Args:
+          model: to draw.
+          size: width and height in pixels, made even.
+          samples: of antialiasing; 4 look better and take twice as long without a GPU.
 
         Raises:
           InputError: the size is out of range. RenderError: there is no OpenGL.
@@ -89,6 +94,7 @@ class Offscreen:
         self._model = copy.copy(model)
         visual = self._model.vis.global_
         visual.offwidth, visual.offheight = self.width, self.height
+        self._model.vis.quality.offsamples = samples
         try:
             self._mjr = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         except mujoco.FatalError as error:

@@ -26,7 +26,8 @@ def add_trajectory(scene: mujoco.MjvScene, trajectory: Trajectory, time: float) 
 
     Args:
       scene: filled by `mjv_updateScene`; geoms are added behind those it has.
-      trajectory: to draw; time: now [s].
+      trajectory: to draw.
+      time: now [s].
 
     Returns:
       Number of geoms added; as many as there is room for.
