@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from vehicle_sled import KMH, PARAMETERS, Sled, sled_xml
 
+import iits_mj
 from iits_mj.model.air_brake import overrun_force, pressure_table, torque_slope
 from iits_mj.parameters import GRAVITY
 
@@ -230,3 +231,38 @@ def test_bad_attribute_is_refused_by_name(attribute, value):
 def test_unknown_sensor_is_refused_with_the_known_names():
     with pytest.raises(ValueError, match=r"brake_pressure_spare.*brake_pressure_trailer"):
         Sled(sensors=[("brake_pressure_spare", "air_brake")])
+
+
+def tilt(truck, grade):
+    angle = np.arctan(grade)
+    truck.model.opt.gravity[:] = -GRAVITY * np.sin(angle), 0.0, -GRAVITY * np.cos(angle)
+
+
+@pytest.mark.parametrize("mass", [19_000.0, 50_000.0, 55_000.0])
+def test_complete_truck_meets_the_xbr_test_within_5_percent(mass):
+    truck = iits_mj.Truck.load(payload=mass - PARAMETERS.gross_mass(0.0), visuals=False)
+    truck.reset(speed=60 * KMH)
+    truck.step(500)
+    truck.command(xbr_demand=-1.5, xbr_mode=2)
+    truck.step(1000)
+    before = truck.observe().speed
+    truck.step(3500)
+    assert (before - truck.observe().speed) / 7.0 == pytest.approx(1.5, rel=0.05)
+
+
+def test_complete_truck_stops_holds_and_restarts_on_a_5_percent_grade():
+    truck = iits_mj.Truck.load(payload=36_000.0, visuals=False)
+    tilt(truck, 0.05)
+    truck.reset(speed=30 * KMH)
+    truck.command(xbr_demand=-1.5, xbr_mode=2)
+    truck.step(6000)
+    stopped = truck.observe().x
+    truck.step(5000)
+    assert abs(truck.observe().x - stopped) < 1e-3
+    truck.command(accelerator_pedal=0.7, xbr_demand=0.0, xbr_mode=0)
+    lowest = stopped
+    for _ in range(50):
+        truck.step(100)
+        lowest = min(lowest, truck.observe().x)
+    assert lowest > stopped - 0.03
+    assert truck.observe().speed > 2.0

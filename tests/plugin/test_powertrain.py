@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from vehicle_sled import KMH, PARAMETERS, RPM, Sled, sled_xml
 
+import iits_mj
 from iits_mj.model.powertrain import full_load
 
 FULL_PHYSICS = mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -259,3 +260,34 @@ def test_bad_attribute_is_refused_by_name(attribute, value):
 def test_unknown_sensor_is_refused_with_the_known_names():
     with pytest.raises(ValueError, match=r"turbo_speed.*engine_speed"):
         Sled(sensors=[("turbo_speed", "powertrain")])
+
+
+@pytest.mark.parametrize("timestep", [0.001, 0.005])
+def test_engine_neither_stalls_nor_races_under_any_commands(timestep):
+    random = np.random.default_rng(3)
+    sled = Sled(19_000.0, speed=10.0, timestep=timestep)
+    for _ in range(100):
+        braking, driving = random.random(2) < (0.4, 0.7)
+        commands = {
+            "accelerator_pedal": 1.5 * random.random() - 0.2,
+            "xbr_demand": -12.0 * random.random() if braking else 0.0,
+            "xbr_mode": 2.0,
+            "parking_brake": float(random.random() < 0.1),
+            "engine_brake": float(random.random() < 0.3),
+            "transmission_mode": DRIVE if driving else 2.4 * random.random(),
+        }
+        speeds = sled.record(0.5, "engine_speed", **commands)
+        assert speeds.min() > 0.7 * ENGINE.idle_speed
+        assert speeds.max() < 1.1 * ENGINE.governed_speed
+    assert sled.data.warning.number.sum() == 0
+
+
+def test_complete_truck_accelerates_as_the_sled_does(launch):
+    truck = iits_mj.Truck.load(payload=19_000.0 - PARAMETERS.gross_mass(0.0), visuals=False)
+    truck.reset()
+    truck.command(accelerator_pedal=0.4)
+    truck.step(round(40.0 / truck.model.opt.timestep))
+    state = truck.observe()
+    assert state.gear in (9, 10)
+    assert 40 * KMH < state.speed < 50 * KMH
+    assert state.speed == pytest.approx(launch[-1, 0], rel=0.05)
