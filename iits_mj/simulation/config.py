@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from controllers import decision
 from iits_mj import options
 from iits_mj.options import option
 
 DENSITIES = ("dense", "medium", "sparse", "empty")
-DECISIONS = ("keep", "conservative", "neutral", "aggressive", "mobil", "lookahead", "ddqn")
 TRAFFIC_MODES = ("inter", "pure", "none")
 
 
@@ -52,7 +52,7 @@ class DriveConfig:
         high=30.0,
         metavar="MPS",
     )
-    decision: str = option("mobil", help="who decides on lane changes", choices=DECISIONS)
+    decision: str = option("mobil", help="who decides on lane changes", choices=decision.NAMES)
     duration: float = option(
         120.0, help="time to drive", unit="s", low=1.0, high=86_400.0, metavar="S"
     )

@@ -10,8 +10,8 @@ from pathlib import Path
 from types import TracebackType
 
 import mujoco
-from controllers.stack import Stack
 
+from controllers.stack import Stack
 from iits_mj.errors import Error, InputError
 from iits_mj.messages import EgoState, Scene, TrackedVehicle, VehicleCommand
 from iits_mj.road import Route
@@ -75,6 +75,7 @@ class Simulation:
             edit_spec=edit,
         )
         self._check_start()
+        self.stack: Stack = make_stack(config, self.route, self.truck.parameters)
         self.traffic = make_traffic(config, self.route, self.truck.footprint, record=record)
         try:
             self.reset()
@@ -107,7 +108,7 @@ class Simulation:
             speed=min(config.start_speed, config.speed),
         )
         self.mirror.bind(self.truck.model)
-        self.stack: Stack = make_stack(config, self.route)
+        self.stack.reset()
         self.vehicles: tuple[TrackedVehicle, ...] = ()
         if self.traffic is not None:
             self.vehicles = tuple(self.traffic.reset(ego))
@@ -283,7 +284,7 @@ class Simulation:
             grade=float(point.grade),
             curvature=float(point.curvature),
             speed_limit=float(route.speed_limit(ego.station, max(lane, 0))),
-            reference_speed=self.config.speed,
+            reference_speed=self.stack.reference_speed(ego.station),
             gap_ahead=ahead,
             gap_behind=behind,
             box_distance=gaps.nearest_box_distance(ego, self.vehicles, self.truck.parameters),

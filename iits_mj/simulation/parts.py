@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
-from controllers.stack import Stack
-
 from controllers import decision
+from controllers.planner import PlannerConfig
+from controllers.stack import Stack
 from iits_mj.errors import InputError
 from iits_mj.messages import EgoFootprint
+from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
 from iits_mj.simulation.config import DriveConfig
 from traffic_bridge import InterSim, PureSim, Recorder, RepSim, Traffic, TrafficConfig
@@ -43,6 +45,13 @@ def make_traffic(
     return RepSim(route, config.recording) if config.recording is not None else None
 
 
-def make_stack(config: DriveConfig, route: Route) -> Stack:
-    """The pipeline from scene to command."""
-    return Stack(route, decision.make(config.decision), reference_speed=config.speed)
+def make_stack(config: DriveConfig, route: Route, parameters: TruckParameters) -> Stack:
+    """The pipeline from scene to command, at the reference speed asked for."""
+    planner = PlannerConfig()
+    speed = dataclasses.replace(planner.speed, cruise_speed=config.speed)
+    return Stack(
+        route,
+        decision.make(config.decision),
+        planner=dataclasses.replace(planner, speed=speed),
+        parameters=parameters,
+    )
