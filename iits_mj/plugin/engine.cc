@@ -20,6 +20,7 @@ constexpr double kIdleIntegralMax = 400.0;  // [N m]
 constexpr double kIdleForget = 0.2;         // time constant outside the band [s]
 constexpr double kSpeedLag = 0.08;          // of the speed control while synchronizing [s]
 constexpr double kSpeedTorqueMax = 0.3;     // of the reference torque, while synchronizing
+constexpr double kSpeedBrakeShare = 0.4;    // of the engine brake, while synchronizing
 constexpr double kSpoolTime = 3.0;          // a large step of demand rises faster than the rate [s]
 constexpr double kBrakeLag = 0.25;          // of the engine brake's flaps [s]
 constexpr double kBrakeExponent = 1.3986;   // power law with 55 % of the power at 1500 of 2300 rpm
@@ -111,7 +112,7 @@ void Engine::Synchronize(const EngineRequest& request, double h, EngineState* s)
   double wanted = request.inertia * (request.target_speed - s->speed) / (kSpeedLag + h);
   double indicated = wanted + drag_(s->speed);
   s->torque = Clip(indicated, 0, kSpeedTorqueMax * reference_torque_);
-  s->brake_torque = Clip(-indicated, 0, BrakeTorqueMax(s->speed));
+  s->brake_torque = Clip(-indicated, 0, kSpeedBrakeShare * BrakeTorqueMax(s->speed));
   s->idle_integral = 0;
 }
 
