@@ -43,10 +43,10 @@ class LateralConfig:
     """
 
     offset_weight: float = 1.0
-    course_weight: float = 0.5
+    course_weight: float = 0.2
     articulation_weight: float = 5.0
-    integral_weight: float = 0.05
-    rate_weight: float = 2000.0
+    integral_weight: float = 0.02
+    rate_weight: float = 100.0
     preview_time: float = 2.0
     step: float = 0.02
     lag: float = 0.12
