@@ -11,6 +11,8 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
+from types import ModuleType
+from typing import Any
 
 import iits_mj
 from iits_mj.commands import arguments
@@ -65,8 +67,21 @@ def dispatch(argv: Sequence[str]) -> int:
     if name not in COMMANDS:
         raise InputError(f"command {name[:60]!r} is not known; use one of: {', '.join(COMMANDS)}")
     module = importlib.import_module(f"iits_mj.commands.{name}")
-    options = arguments.parse(module.Options, rest, f"iits-mj {name}", module.__doc__ or "")
-    return int(module.run(options))
+    return int(module.run(_options(module, name, rest)))
+
+
+def understood(argv: Sequence[str]) -> bool:
+    """True when a command line would be accepted; nothing is run."""
+    try:
+        name, rest = argv[0], argv[1:]
+        _options(importlib.import_module(f"iits_mj.commands.{name}"), name, rest)
+    except (Error, IndexError, ImportError):
+        return False
+    return True
+
+
+def _options(module: ModuleType, name: str, words: Sequence[str]) -> Any:
+    return arguments.parse(module.Options, words, f"iits-mj {name}", module.__doc__ or "")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
