@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +19,7 @@ from traffic_bridge.session import Session
 FloatArray = NDArray[np.float64]
 
 SAMPLE_SPACING = 10.0
+GAP = 10.0  # [m] between edges, at most: netconvert's internal lanes at a change of lanes
 MAXIMUM_SAMPLES = 1500  # of a lane: keeps very long roads affordable
 NET_SPEED = 13.89  # [m/s], netconvert's default for OpenDRIVE roads
 UNLIMITED = 70.0  # [m/s], where a road has no speed limit
@@ -86,6 +89,7 @@ class RouteLanes:
         with session.guard("reading the network"):
             self.edges = network.route_edges or self._edges_of_segments(1)
             self._build(self.edges, 1)
+            self._ordered = self._in_station_order()
             self.oncoming_edges: tuple[str, ...] = ()
             if oncoming and not network.route_edges:
                 self._kinds = lane_kinds(network.path)
@@ -115,16 +119,32 @@ class RouteLanes:
         tables = (self.tables[f"{edge}_{i}"] for i in range(count))
         return [table for table in tables if table.lane >= 0 or self._is_oncoming(table)]
 
+    def _in_station_order(self) -> dict[int, tuple[list[float], list[LaneTable]]]:
+        """First stations and tables of the edges' lanes, by route lane."""
+        ordered: dict[int, tuple[list[float], list[LaneTable]]] = {}
+        for edge in self.edges:
+            for table in self.of_edge(edge):
+                starts, tables = ordered.setdefault(table.lane, ([], []))
+                starts.append(float(table.station[0]))
+                tables.append(table)
+        return ordered
+
     def _is_oncoming(self, table: LaneTable) -> bool:
         return table.direction < 0 and self._kinds.get(table.id, "driving") in DRIVING_TYPES
 
     def find(self, lane: int, station: float) -> LaneTable | None:
-        """The (not internal) SUMO lane of a route lane at a station."""
-        for edge in self.edges:
-            for table in self.of_edge(edge):
-                if table.lane == lane and table.station[0] <= station <= table.station[-1]:
-                    return table
-        return None
+        """The (not internal) SUMO lane of a route lane at a station, or at most 10 m from it.
+
+        Between two edges SUMO has internal lanes of some metres; the nearer edge is given there.
+        """
+        starts, tables = self._ordered.get(lane, ([], []))
+        k = bisect_right(starts, station)
+        near = [
+            (max(table.station[0] - station, station - table.station[-1]), i, table)
+            for i, table in enumerate(tables[max(k - 1, 0) : k + 1])
+        ]
+        distance, _, table = min(near, default=(math.inf, 0, None))
+        return table if distance <= GAP else None
 
     def within(self, start: float, end: float, lane: int | None = None) -> list[LaneTable]:
         """Driving lanes of the route that overlap an interval of station."""

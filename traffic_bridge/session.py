@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +49,38 @@ def _captured_stderr(path: Path) -> Iterator[None]:
         os.dup2(saved, 2)
         os.close(saved)
         os.close(target)
+
+
+def check_net(net: Path) -> None:
+    """Refuses a file on which SUMO would die instead of complaining (without a version it does).
+
+    Raises:
+      TrafficError: the file is missing, not well-formed XML, or has no version, place or lanes.
+    """
+    try:
+        status = net.stat()
+        lanes, placed = _survey(net, status.st_mtime_ns, status.st_size)
+    except (OSError, ElementTree.ParseError, UnicodeError) as error:
+        raise TrafficError(f"loading {net}: not a SUMO network: {error}") from error
+    if lanes == 0 or not placed:
+        missing = "no lanes" if placed else "no version or no complete <location>"
+        raise TrafficError(f"loading {net}: not a SUMO network: it has {missing}")
+
+
+@lru_cache(maxsize=16)
+def _survey(net: Path, _changed: int, _size: int) -> tuple[int, bool]:
+    """Number of lanes, and whether version and place are said; kept while the file is the same."""
+    count, versioned, placed = 0, False, False
+    for event, element in ElementTree.iterparse(net, events=("start", "end")):
+        if event == "end":
+            element.clear()
+        elif element.tag == "lane":
+            count += 1
+        elif element.tag == "net":
+            versioned = element.get("version") is not None
+        elif element.tag == "location":
+            placed = {"netOffset", "convBoundary", "origBoundary"} <= set(element.keys())
+    return count, versioned and placed
 
 
 class Session:
@@ -95,6 +129,7 @@ class Session:
             *("--no-step-log", "true", "--no-warnings", "true", "--xml-validation", "never"),
             *options,
         ]
+        check_net(net)
         self._open = True
         with self.guard(f"loading {net}"), _captured_stderr(self._stderr):
             self.api.start(command)

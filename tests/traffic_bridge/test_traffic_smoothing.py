@@ -1,0 +1,65 @@
+import numpy as np
+
+from traffic_bridge.smoothing import LateralSmoother, quintic
+
+SIZE = np.array([[4.7, 1.85]])
+
+
+def evaluate(c, t):
+    return sum(ck * t**k for k, ck in enumerate(c))
+
+
+def test_quintic_keeps_the_state_and_comes_to_rest():
+    c = quintic(-4.0, 0.3, -0.2, 3.5)
+    d = [k * ck for k, ck in enumerate(c)][1:]
+    dd = [k * ck for k, ck in enumerate(d)][1:]
+    assert np.allclose([evaluate(c, 0), evaluate(d, 0), evaluate(dd, 0)], [-4.0, 0.3, -0.2])
+    assert np.allclose([evaluate(c, 3.5), evaluate(d, 3.5), evaluate(dd, 3.5)], 0.0, atol=1e-9)
+
+
+def shown_track(smoother, offsets, speed=15.0):
+    track = []
+    for k, offset in enumerate(offsets):
+        shown, _ = smoother.update(
+            ["a"], np.array([1.5 * k]), np.array([offset]), np.array([speed]), SIZE, 0.1
+        )
+        track.append(float(shown[0]))
+    return np.array(track)
+
+
+def test_a_jump_becomes_a_change_of_the_asked_duration():
+    track = shown_track(LateralSmoother(3.5), [0.0] * 10 + [4.0] * 60)
+    assert np.abs(np.diff(track)).max() < 0.25
+    moving = np.flatnonzero(np.abs(np.diff(track)) > 1e-3)
+    assert 2.8 < 0.1 * (moving[-1] - moving[0]) < 3.6
+    assert track[-1] == 4.0
+
+
+def test_a_second_jump_in_the_middle_stays_continuous():
+    track = shown_track(LateralSmoother(3.5), [0.0] * 5 + [4.0] * 15 + [0.0] * 60)
+    assert np.abs(np.diff(track)).max() < 0.3
+    assert track[-1] == 0.0
+
+
+def test_a_standing_vehicle_does_not_slide_sideways():
+    track = shown_track(LateralSmoother(3.5), [0.0] * 5 + [4.0] * 50, speed=0.0)
+    assert np.abs(np.diff(track[6:])).max() < 1e-9
+
+
+def test_zero_duration_shows_the_instant_change():
+    assert shown_track(LateralSmoother(0.0), [0.0, 4.0]).tolist() == [0.0, 4.0]
+
+
+def test_a_vehicle_that_closes_in_leaves_the_lane_before_it_touches():
+    smoother = LateralSmoother(3.5)
+    # A car at 20 m/s, 14 m behind a truck at 10 m/s, is put into the next lane.
+    sizes = np.array([[4.7, 1.85], [16.5, 2.55]])
+    for k in range(40):
+        station = np.array([2.0 * k, 24.6 + 1.0 * k])
+        offset = np.array([0.0 if k == 0 else 4.0, 0.0])
+        shown, _ = smoother.update(
+            ["car", "truck"], station, offset, np.array([20.0, 10.0]), sizes, 0.1
+        )
+        along = abs(station[1] - station[0]) < 0.5 * sizes[:, 0].sum()
+        across = abs(shown[1] - shown[0]) < 0.5 * sizes[:, 1].sum()
+        assert not (along and across), k
