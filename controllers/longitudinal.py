@@ -70,7 +70,7 @@ class LongitudinalConfig:
     stop_speed: float = 0.25
     go_speed: float = 0.15
     hold_demand: float = 1.0
-    launch_time: float = 1.5
+    launch_time: float = 4.0
 
 
 @dataclass(frozen=True, slots=True)
