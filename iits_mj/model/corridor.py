@@ -127,14 +127,15 @@ def drawing_stations(route: Route) -> FloatArray:
     fine = np.linspace(0.0, route.length, max(int(route.length / step), 2) + 1)
     point = route.evaluate(fine)
     bend = np.abs(point.curvature)
-    sag = np.abs(np.gradient(point.grade, fine))
-    twist = np.abs(np.gradient(point.superelevation, fine))
+    twist = np.gradient(point.superelevation, fine)
+    # At the pavement's edges, about 10 m off, a changing twist adds to the sag.
+    sag = np.abs(np.gradient(point.grade, fine)) + 10.0 * np.abs(np.gradient(twist, fine))
     length = np.minimum.reduce(
         [
             np.full_like(fine, longest),
             np.sqrt(8.0 * CHORD_ERROR / np.maximum(bend, 1e-9)),
             np.sqrt(8.0 * SAG_ERROR / np.maximum(sag, 1e-9)),
-            0.02 / np.maximum(twist, 1e-9),
+            0.02 / np.maximum(np.abs(twist), 1e-9),
         ]
     ).clip(2.0, longest)
     width = np.diff(fine)

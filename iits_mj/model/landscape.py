@@ -21,7 +21,7 @@ from iits_mj.road import Route
 FloatArray = NDArray[np.float64]
 
 VERGE = (1.3, 0.05)  # [m] width of the gravel strip and its fall
-RIBBON = np.array([1.3, 3.0, 5.0, 8.0, 13.0, 20.0, 30.0, 45.0, 65.0, 90.0, 130.0])
+RIBBON = np.array([1.3, 3.0, 5.0, 8.0, 13.0, 20.0, 30.0, 45.0, 65.0])
 DIVE = 3.0  # [m] that the ribbons' outer rim lies below the far ground, so that they meet cleanly
 TUNNEL_COVER = 9.6  # [m] least ground above the road of a tunnel
 TUNNEL_HILL = 17.0
@@ -51,6 +51,14 @@ class Landscape:
         self._coarse = self._centers[::50]
         self._far = cKDTree(self._coarse[:, :2])
         self._noise = periodic_noise(np.random.default_rng(seed), 256, 1.9)
+        low, high = self._centers[:, :2].min(axis=0), self._centers[:, :2].max(axis=0)
+        size = high - low + 2.0 * MARGIN
+        self._cell = max(60.0, float(np.sqrt(size[0] * size[1] / GRID_POINTS)))
+        self._corner, self._count = low - MARGIN, np.ceil(size / self._cell).astype(int) + 1
+        # Ribbons are wide enough that every grid cell that meets the road has all its corners sunk.
+        self._sunk = max(115.0, 1.5 * self._cell)
+        self._reach = self._sunk + 35.0
+        self._ribbon_reach = np.concatenate([RIBBON, [0.6 * self._reach, self._reach]])
         self.corridor = corridor
 
     def height(
@@ -78,8 +86,10 @@ class Landscape:
         ground += (34.0 * large + 16.0) * smoothstep(40.0, 750.0, edge)
         ground -= self._valley(station)
         if far:
-            near = 1.0 - smoothstep(95.0, 128.0, edge)
-            ground -= near * (2.5 + 9.0 * (self._valley(station, 120.0) > 0.0))
+            near = 1.0 - smoothstep(self._sunk, self._reach - 2.0, edge)
+            depth = 3.2 + 9.0 * (self._valley(station, 120.0) > 0.0) + self._valley(station)
+            sunk = np.minimum(ground, self._centers[index, 2] - depth)
+            ground = (1.0 - near) * ground + near * sunk
         else:
             ground = self._tunnel(ground, station, edge, self._centers[index, 2])
         shape = np.shape(x)
@@ -100,7 +110,8 @@ class Landscape:
         """The ground right across the road: above a tunnel, below a bridge."""
         middle = 0.5 * (part.left + part.right)
         half = 0.5 * (part.left - part.right)
-        reach = np.concatenate([-RIBBON[::-1], [0.0], RIBBON])
+        wide = self._ribbon_reach
+        reach = np.concatenate([-wide[::-1], [0.0], wide])
         offset = middle[:, None] - np.sign(reach) * half[:, None] - self._limit(part, reach)
         points = part.across(offset)
         points[..., 2], _ = self.height(points[..., 0], points[..., 1])
@@ -109,12 +120,10 @@ class Landscape:
 
     def grid(self) -> Shape:
         """The far ground as one coarse mesh over the route's bounding box and a margin."""
-        low = self._centers[:, :2].min(axis=0) - MARGIN
-        high = self._centers[:, :2].max(axis=0) + MARGIN
-        size = high - low
-        cell = max(60.0, float(np.sqrt(size[0] * size[1] / GRID_POINTS)))
-        count = np.ceil(size / cell).astype(int) + 1
-        x, y = np.meshgrid(low[0] + cell * np.arange(count[0]), low[1] + cell * np.arange(count[1]))
+        x, y = np.meshgrid(
+            self._corner[0] + self._cell * np.arange(self._count[0]),
+            self._corner[1] + self._cell * np.arange(self._count[1]),
+        )
         z, _ = self.height(x, y, far=True)
         points = np.stack([x, y, z], axis=-1)
         return surface(points, points[..., :2] / GRASS_TILE, _grid_normals(points))
@@ -122,13 +131,14 @@ class Landscape:
     def _ribbon(
         self, part: Corridor, edge: FloatArray, side: float
     ) -> tuple[FloatArray, FloatArray]:
-        reach = self._limit(part, side * RIBBON)
+        wide = self._ribbon_reach
+        reach = self._limit(part, side * wide)
         # The road's tilt ends at the verge: heights are set below, not taken from the tilt.
         points = part.across(edge[:, None] + reach)
         rim = part.z + edge * part.tilt
         ground, _ = self.height(points[..., 0], points[..., 1])
-        ditch = rim[:, None] - np.interp(RIBBON, [1.3, 3.0, 5.0, 8.0], [VERGE[1], 0.35, 0.75, 0.95])
-        share = smoothstep(4.0, 20.0, RIBBON)
+        ditch = rim[:, None] - np.interp(wide, [1.3, 3.0, 5.0, 8.0], [VERGE[1], 0.35, 0.75, 0.95])
+        share = smoothstep(4.0, 20.0, wide)
         points[..., 2] = (1.0 - share) * ditch + share * ground
         points[:, -1, 2] -= DIVE
         if side > 0:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -37,9 +39,8 @@ _SKY_ZENITH = np.array([0.22, 0.45, 0.78])
 
 def add_road_materials(spec: mujoco.MjSpec) -> None:
     """Adds the road scene's materials with their textures."""
-    rng = np.random.default_rng(7)
-    _texture(spec, "asphalt", _asphalt(rng))
-    _texture(spec, "grass", _grass(rng))
+    _texture(spec, "asphalt", _asphalt())
+    _texture(spec, "grass", _grass())
     for name, texture, gray, emission in (
         ("road_asphalt", "road_asphalt", 1.0, 0.0),
         ("road_asphalt_tunnel", "road_asphalt", 0.6, 0.5),
@@ -125,18 +126,23 @@ def _texture(spec: mujoco.MjSpec, name: str, image: FloatArray) -> None:
     texture.data = pixels.tobytes()
 
 
-def _asphalt(rng: np.random.Generator) -> FloatArray:
+@functools.cache
+def _asphalt() -> FloatArray:
+    rng = np.random.default_rng(7)
     grain = periodic_noise(rng, 256, 0.15) * 0.028 + periodic_noise(rng, 256, 0.9) * 0.008
     return np.clip(0.30 + grain, 0.0, 1.0)[..., None] * np.array([0.98, 1.0, 1.03])
 
 
-def _grass(rng: np.random.Generator) -> FloatArray:
+@functools.cache
+def _grass() -> FloatArray:
+    rng = np.random.default_rng(8)
     fine = periodic_noise(rng, 768, 0.55)[..., None]
     broad = periodic_noise(rng, 768, 1.15)[..., None]
     base = np.array([0.315, 0.415, 0.175])
     return base * (1.0 + 0.09 * fine) + broad * np.array([0.028, 0.014, 0.006])
 
 
+@functools.cache
 def _sky_faces() -> NDArray[np.uint8]:
     """Cube faces right, left, up, down, front, back stacked, (6 size, size, 3)."""
     size = _SKY_SIZE

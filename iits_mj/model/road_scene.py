@@ -1,7 +1,7 @@
 """The road as a picture: pavement, paint, rails, tunnels, bridges, landscape, sky and sun.
 
 Nothing here touches the physics: all geoms are without contact. The tires stand on the compiled
-table of the route; the drawn pavement follows the same function within 4 mm of height.
+table of the route; the drawn pavement follows the same function within 5 mm of height.
 """
 
 from __future__ import annotations

@@ -1,0 +1,150 @@
+"""The drawn road lies where the physics has it, and nothing floats, hides or collides."""
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.interpolate import LinearNDInterpolator
+
+from iits_mj.model.corridor import MARKING_LIFT, Corridor, markings, run_outs
+from iits_mj.model.landscape import Landscape, is_plain
+from iits_mj.model.road_scene import ROAD_GROUP, add_road
+from iits_mj.road import RoadMap, Route
+
+
+@pytest.fixture(scope="module")
+def highway():
+    return RoadMap.builtin().route()
+
+
+@pytest.fixture(scope="module")
+def model(highway):
+    spec = mujoco.MjSpec()
+    add_road(spec, highway)
+    return spec.compile()
+
+
+@pytest.fixture(scope="module")
+def landscape(highway):
+    return Landscape(highway, Corridor.sample(highway))
+
+
+def mesh_points(model, word):
+    """Vertices of all meshes whose name begins with a word, in the map frame."""
+    found = []
+    for i in range(model.ngeom):
+        geom = model.geom(i)
+        if geom.name.startswith(word):
+            mesh = int(geom.dataid[0])
+            first = model.mesh_vertadr[mesh]
+            rotation = np.empty(9)
+            mujoco.mju_quat2Mat(rotation, geom.quat)
+            local = model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
+            found.append(local @ rotation.reshape(3, 3).T + geom.pos)
+    return np.concatenate(found)
+
+
+def test_road_touches_nothing(model):
+    assert model.ngeom < 450
+    assert not model.geom_contype.any()
+    assert not model.geom_conaffinity.any()
+    assert np.all(model.geom_group == ROAD_GROUP)
+
+
+def test_drawn_asphalt_and_paint_lie_on_the_road(model, highway):
+    for word, lift in (("road_asphalt", 0.0), ("road_marking", MARKING_LIFT)):
+        points = mesh_points(model, word)[::37]
+        hint = None
+        for x, y, z in points:
+            station, offset = highway.locate(x, y, hint)
+            if not 0.0 < station < highway.length:
+                continue
+            road = highway.evaluate(station, offset)
+            assert z - float(road.z) == pytest.approx(lift, abs=2e-3)
+
+
+def test_chords_of_the_asphalt_stay_within_five_millimetres_of_height(highway):
+    station = Corridor.sample(highway).station
+    middle = 0.5 * (station[1:] + station[:-1])
+    inner = (middle > 0.0) & (middle < highway.length)
+    for offset in (-4.0, 0.0, 7.0):
+        z = highway.evaluate(station, offset).z
+        drawn = 0.5 * (z[1:] + z[:-1])
+        exact = highway.evaluate(middle, offset).z
+        assert np.max(np.abs(drawn - exact)[inner]) < 5e-3
+
+
+def test_ground_never_rises_through_the_road(highway, landscape):
+    station = np.arange(0.0, highway.length, 7.0)
+    covered = np.zeros(station.size, dtype=bool)
+    for start, end in highway.tunnels:
+        covered |= (station > start - 10.0) & (station < end + 10.0)
+    right, left = highway.surface_edges(station)
+    for share in (0.0, 0.5, 1.0):
+        point = highway.evaluate(station, right + share * (left - right))
+        for far in (False, True):
+            ground, _ = landscape.height(point.x, point.y, far=far)
+            assert np.all((ground < point.z - 0.1)[~covered])
+
+
+def test_far_ground_stays_below_the_road_between_its_grid_points(highway, landscape):
+    grid = landscape.grid()
+    near, _ = landscape.height(grid.vertices[:, 0], grid.vertices[:, 1], far=True)
+    np.testing.assert_allclose(grid.vertices[:, 2], near)
+    surface = LinearNDInterpolator(grid.vertices[:, :2], grid.vertices[:, 2])
+    for offset in (-4.0, 7.0):
+        point = highway.evaluate(np.arange(0.0, highway.length, 5.0), offset)
+        assert np.all(surface(point.x, point.y) < point.z - 0.5)
+
+
+def test_tunnel_is_below_ground_and_bridge_above(highway, landscape):
+    for intervals, sign in ((highway.tunnels, 1.0), (highway.bridges, -1.0)):
+        assert intervals
+        for start, end in intervals:
+            point = highway.evaluate(np.linspace(start + 5.0, end - 5.0, 40), 1.0)
+            ground, _ = landscape.height(point.x, point.y)
+            assert np.all(sign * (ground - point.z) > 0.5)
+
+
+def test_dashes_are_six_metres_long_every_fifteen(highway):
+    paint = markings(Corridor.sample(highway), 2500.0, 2800.0)["road_marking"]
+    stations = sorted(
+        round(highway.locate(x, y, 2600.0)[0], 1)
+        for x, y, _ in paint.vertices
+        if abs(highway.locate(x, y, 2600.0)[1] - 2.0) < 0.2
+    )
+    starts = sorted({s for s in stations if abs(s / 15.0 - round(s / 15.0)) < 1e-3})
+    assert len(starts) >= 19
+    assert {round(s + 6.0, 1) for s in starts} <= set(stations)
+
+
+def test_straight_level_road_is_a_plain_and_a_curved_one_is_not(highway):
+    assert is_plain(Route.straight())
+    assert is_plain(Route.straight(grade=0.05))
+    assert not is_plain(highway)
+
+
+def test_sloping_straight_road_lies_on_its_plain():
+    spec = mujoco.MjSpec()
+    route = Route.straight(length=3000.0, grade=0.05)
+    add_road(spec, route)
+    model = spec.compile()
+    plane = model.geom("road_plain")
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, plane.quat)
+    normal = rotation.reshape(3, 3)[:, 2]
+    point = route.evaluate(np.linspace(0.0, 3000.0, 7))
+    height = (np.stack([point.x, point.y, point.z], axis=-1) - plane.pos) @ normal
+    assert np.all((height > 0.2) & (height < 0.3))
+
+
+def test_open_route_gets_run_outs(highway):
+    assert run_outs(highway) == (400.0, 400.0)
+
+
+def test_scene_without_visuals_has_light_and_sky_only():
+    spec = mujoco.MjSpec()
+    add_road(spec, Route.straight(), visuals=False)
+    model = spec.compile()
+    assert model.ngeom == 0
+    assert model.nlight == 1
+    assert model.ntex == 1

@@ -1,0 +1,207 @@
+"""Films and their parts; what needs OpenGL skips where there is none."""
+
+import math
+import sys
+
+import mujoco
+import numpy as np
+import pytest
+
+from iits_mj.errors import InputError, RenderError
+from iits_mj.messages import PlanMode, Trajectory
+from iits_mj.render import offscreen
+from iits_mj.render.cameras import CAMERAS, FollowCamera
+from iits_mj.render.encoder import Mp4Encoder
+from iits_mj.render.offscreen import Offscreen, camera_pose, check_size
+from iits_mj.render.trajectory import add_trajectory
+from iits_mj.render.video import VideoWriter
+
+SIZE = (160, 120)
+XML = """
+<mujoco>
+  <visual><map zfar="300"/></visual>
+  <worldbody>
+    <light pos="0 0 20" dir="0 0 -1"/>
+    <geom name="ground" type="plane" size="0 0 1" rgba="0.2 0.3 0.2 1" contype="0" conaffinity="0"/>
+    <geom name="near" type="box" size="1 1 1" pos="20 6 1" rgba="1 0 0 1"/>
+    <geom name="behind" type="box" size="1 1 1" pos="-300 0 1"/>
+    <geom name="road_trunk_0" type="box" size="1 1 1" pos="2000 0 1"/>
+    <body name="tractor"><freejoint/>
+      <geom name="cab" type="box" size="1 1.2 1.5" pos="0 0 2" rgba="0.1 0.3 1 1"/>
+      <body name="trailer" pos="-3.6 0 1.1">
+        <joint name="yaw" axis="0 0 1"/><geom type="box" size="6 1.2 1.2" pos="-5 0 1.2"/>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.fixture
+def scene():
+    model = mujoco.MjModel.from_xml_string(XML)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+@pytest.fixture(scope="module")
+def opengl():
+    try:
+        offscreen.make_context(16, 16).free()
+    except RenderError as error:
+        pytest.skip(f"no OpenGL here: {error}")
+
+
+def plan(mode=PlanMode.LANE_CHANGE, n=40):
+    t = np.arange(n) * 0.1
+    zero = np.zeros(n)
+    return Trajectory(t, 15 * t, zero, 15 * t, zero, zero, zero, zero, zero + 15, zero, mode=mode)
+
+
+@pytest.mark.parametrize("size", [(10, 10), (5000, 200), ("wide", 100), (float("nan"), 100), 7])
+def test_bad_sizes_are_refused(size):
+    with pytest.raises(InputError, match="size"):
+        check_size(size)
+
+
+def test_odd_sizes_are_made_even():
+    assert check_size((161, 121)) == (160, 120)
+
+
+def test_unknown_camera_is_refused_with_the_list():
+    with pytest.raises(InputError, match=r"'drone'.*chase.*aerial"):
+        FollowCamera("drone")
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_every_camera_turns_with_the_truck(scene, name):
+    model, data = scene
+    eye, forward = camera_pose(FollowCamera(name).follow(data))
+    data.qpos[:3] = [100.0, -50.0, 8.0]
+    data.qpos[3:7] = [math.cos(0.5), 0.0, 0.0, math.sin(0.5)]
+    mujoco.mj_forward(model, data)
+    moved, turned = camera_pose(FollowCamera(name).follow(data))
+    rotation = data.body("tractor").xmat.reshape(3, 3)
+    np.testing.assert_allclose(rotation @ eye + data.qpos[:3], moved, atol=1e-6)
+    np.testing.assert_allclose(rotation @ forward, turned, atol=1e-6)
+
+
+def test_camera_heading_follows_smoothly(scene):
+    model, data = scene
+    follower = FollowCamera("chase")
+    before = follower.follow(data).azimuth
+    data.time = 0.05
+    data.qpos[3:7] = [math.cos(0.1), 0.0, 0.0, math.sin(0.1)]
+    mujoco.mj_forward(model, data)
+    after = follower.follow(data).azimuth
+    expected = math.degrees(0.2) * (1.0 - math.exp(-0.05 / follower.view.time_constant))
+    assert after - before == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_every_camera_stays_below_a_tunnel_roof(scene, name):
+    _, data = scene
+    eye, _ = camera_pose(FollowCamera(name, ((0.0, 500.0),)).follow(data, 250.0))
+    assert 0.5 < eye[2] < 6.0
+
+
+def test_film_has_the_size_and_number_of_its_pictures(tmp_path):
+    import imageio_ffmpeg
+
+    path = tmp_path / "film.mp4"
+    with Mp4Encoder(path, SIZE, 20) as encoder:
+        for i in range(6):
+            encoder.add(np.full((120, 160, 3), 30 * i, dtype=np.uint8))
+        assert not path.exists()
+    reader = imageio_ffmpeg.read_frames(str(path))
+    meta = next(reader)
+    pictures = [np.frombuffer(p, dtype=np.uint8) for p in reader]
+    assert meta["size"] == SIZE
+    assert meta["codec"] == "h264"
+    assert meta["pix_fmt"].startswith("yuv420p")
+    assert len(pictures) == 6
+    assert pictures[5].mean() == pytest.approx(150.0, abs=4.0)
+    assert [p.name for p in tmp_path.iterdir()] == ["film.mp4"]
+
+
+def test_failed_film_leaves_the_old_one_and_nothing_half_written(tmp_path):
+    path = tmp_path / "film.mp4"
+    path.write_bytes(b"old")
+
+    def fail():
+        with Mp4Encoder(path, SIZE, 20) as encoder:
+            encoder.add(np.zeros((120, 160, 3), dtype=np.uint8))
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert path.read_bytes() == b"old"
+    assert [p.name for p in tmp_path.iterdir()] == ["film.mp4"]
+
+
+def test_wrong_picture_name_and_folder_are_refused(tmp_path):
+    with pytest.raises(InputError, match=r"end in \.mp4"):
+        Mp4Encoder(tmp_path / "film.avi", SIZE, 20)
+    with pytest.raises(InputError, match="folder"):
+        Mp4Encoder(tmp_path / "missing" / "film.mp4", SIZE, 20)
+    with pytest.raises(InputError, match="fps"):
+        Mp4Encoder(tmp_path / "film.mp4", SIZE, math.nan)
+    with Mp4Encoder(tmp_path / "film.mp4", SIZE, 20) as encoder, pytest.raises(InputError):
+        encoder.add(np.zeros((10, 10, 3), dtype=np.uint8))
+
+
+def test_missing_opengl_is_named_with_its_packages(monkeypatch):
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    monkeypatch.setitem(sys.modules, "mujoco.egl", None)
+    with pytest.raises(RenderError, match="libegl1 libgl1-mesa-dri libopengl0"):
+        offscreen.make_context(16, 16)
+
+
+def test_ribbon_begins_ahead_of_the_truck_and_takes_the_colour_of_the_mode(scene):
+    model, _ = scene
+    view = mujoco.MjvScene(model, maxgeom=200)
+    added = add_trajectory(view, plan(PlanMode.EMERGENCY), 1.0)
+    assert added == view.ngeom > 10
+    first, last = view.geoms[0], view.geoms[added - 1]
+    assert first.pos[0] == pytest.approx(15.0 + 2.2 + 1.0, abs=0.3)
+    assert last.pos[0] == pytest.approx(15.0 * 3.9 - 1.0, abs=0.3)
+    assert first.rgba[0] > 0.9 > 0.2 > first.rgba[1]
+
+
+def test_ribbon_stops_where_the_scene_is_full(scene):
+    model, _ = scene
+    view = mujoco.MjvScene(model, maxgeom=5)
+    assert add_trajectory(view, plan(), 0.0) == 5
+
+
+@pytest.mark.usefixtures("opengl")
+def test_pictures_show_the_truck_and_hide_what_is_far_or_behind(scene):
+    model, data = scene
+    groups = model.geom_group.copy()
+    with Offscreen(model, SIZE) as view:
+        view.update(data, FollowCamera("chase").follow(data))
+        shown = {model.geom(g.objid).name for g in view.scene.geoms[: view.scene.ngeom]}
+        picture = view.draw()
+    assert {"cab", "near", "ground"} <= shown
+    assert not {"behind", "road_trunk_0"} & shown
+    np.testing.assert_array_equal(model.geom_group, groups)
+    assert picture.shape == (120, 160, 3)
+    red = (picture[..., 0] > 120) & (picture[..., 1] < 60)
+    assert red.any()
+    # The red box stands left of the road, so it is in the left half.
+    assert np.argwhere(red)[:, 1].mean() < 80
+
+
+@pytest.mark.usefixtures("opengl")
+def test_writer_films_a_moving_model(scene, tmp_path):
+    model, data = scene
+    path = tmp_path / "film.mp4"
+    with VideoWriter(path, model, (161, 121), 10, "side") as writer:
+        for i in range(3):
+            data.time = 0.1 * i
+            data.qpos[0] = 2.0 * i
+            mujoco.mj_forward(model, data)
+            writer.add(data, plan())
+        assert writer.frames == 3
+    assert path.stat().st_size > 500
