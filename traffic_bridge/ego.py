@@ -16,6 +16,7 @@ SHADOW = "shadow"
 OVERLAP = 0.3
 # moveToXY: 2 keeps the exact pose, 0 and 1 would snap it to the lane's centre.
 EXACT_POSE = 2
+MATCH_RADIUS = 30.0  # [m] in which SUMO looks for the truck's lane; its default of 100 costs more
 
 
 def check_ego(ego: EgoState) -> None:
@@ -120,7 +121,8 @@ class EgoInTraffic:
     ) -> None:
         edge, index = (table.edge, table.index) if table else ("", -1)
         angle = 90.0 - math.degrees(yaw)
-        self._api.vehicle.moveToXY(name, edge, index, *self._lanes.to_sumo(x, y), angle, EXACT_POSE)
+        x, y = self._lanes.to_sumo(x, y)
+        self._api.vehicle.moveToXY(name, edge, index, x, y, angle, EXACT_POSE, MATCH_RADIUS)
         self._api.vehicle.setSpeed(name, speed)
 
     def _remove_shadow(self) -> None:
