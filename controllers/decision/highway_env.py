@@ -1,0 +1,279 @@
+"""Trips of the truck through the fast world, one decision a step.
+
+The decision maker is asked once a second while the truck keeps its lane, and not while a change
+runs: a step lasts 1 s, or as long as the change. Rewards are discounted by the second inside it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from controllers.decision.base import DecisionContext, Observation
+from controllers.decision.highway import HighwayConfig, HighwayTraffic, Obstacle
+from controllers.decision.highway_road import LANE_WIDTH, LANES, HighwayRoad
+from controllers.decision.highway_truck import HighwayTruck
+from controllers.decision.observation import ObservationHistory, observe_frame
+from controllers.decision.reward import RewardConfig, RewardTerms, decision_charge, speed_charge
+from controllers.safety import SafetyConfig, front_gap_needed, rear_gap_needed
+from iits_mj.errors import InputError
+from iits_mj.messages import Decision, EgoFootprint, EgoState, Scene
+from iits_mj.parameters import TruckParameters
+
+if TYPE_CHECKING:
+    from iits_mj.road import Route
+
+
+@dataclass(frozen=True)
+class TripConfig:
+    """One trip of the truck.
+
+    Attributes:
+      traffic: of the world.
+      length: of the trip [m]; duration: it is cut off (truncated) after this time [s].
+      payload: of the truck [kg].
+      reference_speed: [m/s], the paper's 60 km/h.
+      change_duration: of a lane change of the truck [s].
+      grade_max: greatest grade of the hills; 0 for a flat road.
+      safety: gaps without which a change is refused.
+      reward: weights.
+    """
+
+    traffic: HighwayConfig = HighwayConfig()
+    length: float = 15_000.0
+    duration: float = 3_000.0
+    payload: float = 36_000.0
+    reference_speed: float = 60.0 / 3.6
+    change_duration: float = 6.0
+    grade_max: float = 0.045
+    safety: SafetyConfig = SafetyConfig()
+    reward: RewardConfig = RewardConfig()
+
+
+@dataclass
+class TripSummary:
+    """What a trip came to; `speed_loss` is the paper's mean of (v_ref - v) / v_ref."""
+
+    distance: float = 0.0
+    time: float = 0.0
+    decisions: int = 0
+    changes: int = 0
+    refused: int = 0
+    dangerous: int = 0
+    collisions: int = 0
+    time_gap_min: float = math.inf
+    loss_integral: float = 0.0
+    reward: RewardTerms = field(default_factory=RewardTerms)
+
+    @property
+    def speed_loss(self) -> float:
+        """Mean over time of (v_ref - v) / v_ref."""
+        return self.loss_integral / self.time if self.time > 0.0 else 0.0
+
+
+@dataclass(frozen=True)
+class TripStep:
+    """Outcome of a decision.
+
+    Attributes:
+      observation: after it; reward: its terms; seconds: how long it took.
+      terminated: the trip ended in a collision; truncated: it was over without one.
+    """
+
+    observation: Observation
+    reward: RewardTerms
+    seconds: float
+    terminated: bool
+    truncated: bool
+
+
+class HighwayEnv:
+    """The fast world with the truck in it. Everything random comes from `reset`'s generator."""
+
+    def __init__(
+        self, config: TripConfig | None = None, parameters: TruckParameters | None = None
+    ) -> None:
+        self.config = config or TripConfig()
+        self._parameters = parameters or TruckParameters.load()
+        self._footprint = EgoFootprint()
+        self._history = ObservationHistory()
+        self.summary = TripSummary()
+        self._ready = False
+
+    def reset(
+        self, generator: np.random.Generator, config: TripConfig | None = None
+    ) -> Observation:
+        """Starts a trip at the traffic's speed in the right lane; returns the observation."""
+        if config is not None:
+            self.config = config
+        trip = self.config
+        self.road = HighwayRoad(generator, trip.length, trip.grade_max)
+        self.truck = HighwayTruck(self._parameters, trip.payload)
+        self.truck.front = 50.0
+        self.truck.speed = min(trip.traffic.traffic_speed, trip.reference_speed)
+        self.lane, self._source = 0, 0
+        self._change_left = 0.0
+        self.time = 0.0
+        self.traffic = HighwayTraffic(trip.traffic, generator)
+        self.traffic.fill(self._obstacles()[0])
+        self.summary = TripSummary()
+        self._history.reset()
+        self._ready = True
+        self._observe()
+        return self._history.observation()
+
+    def context(self) -> DecisionContext:
+        """What a decision maker is given now."""
+        return DecisionContext(
+            scene=self._scene,
+            route=cast("Route", self.road),
+            lane=self.lane,
+            lanes=tuple(range(LANES)),
+            reference_speed=self.config.reference_speed,
+            observation=self._history.observation(),
+        )
+
+    def safe(self, target: int) -> bool:
+        """True when the lane has the room that the planner asks for at both ends."""
+        truck, safety, traffic = self.truck, self.config.safety, self.traffic
+        rear = truck.front - self._footprint.length
+        lead, follow = traffic.neighbors(truck.front, target)
+        if lead >= 0:
+            gap = float(traffic.front[lead] - traffic.length[lead]) - truck.front
+            if gap < front_gap_needed(truck.speed, float(traffic.speed[lead]), safety):
+                return False
+        if follow < 0:
+            return True
+        gap = rear - float(traffic.front[follow])
+        return gap >= rear_gap_needed(truck.speed, float(traffic.speed[follow]), safety)
+
+    def step(self, decision: Decision) -> TripStep:
+        """Carries out a decision, or refuses it, until the next decision is due.
+
+        Raises:
+          InputError: `reset` was not called.
+        """
+        if not self._ready:
+            raise InputError("the trip has not begun: call reset(generator) first")
+        changes = decision is not Decision.KEEP
+        target = self.lane - int(decision)  # LEFT is -1, lanes count from the right
+        exists = 0 <= target < LANES
+        dangerous = changes and exists and not self.safe(target)
+        reward = decision_charge(changes, dangerous, self.config.reward)
+        seconds = 1.0
+        self.summary.decisions += 1
+        if changes and (dangerous or not exists):
+            self.summary.refused += 1
+            self.summary.dangerous += int(dangerous)
+        elif changes:
+            self.summary.changes += 1
+            self._source, self.lane = self.lane, target
+            self._change_left = seconds = self.config.change_duration
+        terminated = False
+        elapsed = 0.0
+        while elapsed < seconds - 1e-9 and not terminated and not self._over():
+            terminated = self._second()
+            charge = speed_charge(
+                self.truck.speed, self.config.reference_speed, elapsed, self.config.reward
+            )
+            reward += RewardTerms(speed=charge)
+            elapsed += 1.0
+        if terminated:
+            factor = self.config.reward.discount ** max(elapsed - 1.0, 0.0)
+            reward += RewardTerms(collision=-self.config.reward.collision * factor)
+        self._source = self.lane
+        self._change_left = 0.0
+        self.summary.reward += reward
+        over = self._over()
+        self._ready = not (terminated or over)
+        observation = self._history.observation()
+        return TripStep(observation, reward, elapsed, terminated, over and not terminated)
+
+    def _over(self) -> bool:
+        return self.truck.front >= self.config.length or self.time >= self.config.duration
+
+    def _second(self) -> bool:
+        """Advances one second and observes; True after a collision."""
+        dt = self.config.traffic.timestep
+        reference = self.config.reference_speed
+        collided = False
+        for _ in range(round(1.0 / dt)):
+            obstacles = self._obstacles()
+            leaders = [self._leader(o.lane) for o in obstacles]
+            station = self.truck.front - self._footprint.front_overhang
+            self.truck.step(dt, reference, leaders, self.road.smoothed_grade(station))
+            self.traffic.step(self._obstacles())
+            self.time += dt
+            self._change_left = max(0.0, self._change_left - dt)
+            self.summary.time += dt
+            self.summary.distance += self.truck.speed * dt
+            self.summary.loss_integral += (reference - self.truck.speed) / reference * dt
+            collided = collided or self._collided()
+        self.summary.collisions += int(collided)
+        self._observe()
+        return collided
+
+    def _phase(self) -> float:
+        """Progress of the change, 0 to 1."""
+        if self._source == self.lane:
+            return 1.0
+        return 1.0 - self._change_left / self.config.change_duration
+
+    def _obstacles(self) -> list[Obstacle]:
+        """The lanes the truck's body is in: its own, and the one it leaves for 70 % of a change."""
+        truck, length = self.truck, self._footprint.length
+        lanes = [self.lane]
+        if self._source != self.lane and self._phase() < 0.7:
+            lanes.append(self._source)
+        return [Obstacle(truck.front, length, truck.speed, lane) for lane in lanes]
+
+    def _leader(self, lane: int) -> tuple[float, float, float]:
+        lead, _ = self.traffic.neighbors(self.truck.front, lane)
+        if lead < 0:
+            return math.inf, 0.0, 0.0
+        traffic = self.traffic
+        gap = float(traffic.front[lead] - traffic.length[lead]) - self.truck.front
+        if lane == self.lane and self.truck.speed > 1.0 and gap >= 0.0:
+            time_gap = gap / self.truck.speed
+            self.summary.time_gap_min = min(self.summary.time_gap_min, time_gap)
+        return gap, float(traffic.speed[lead]), float(traffic.acceleration[lead])
+
+    def _collided(self) -> bool:
+        traffic, front = self.traffic, self.truck.front
+        rear = front - self._footprint.length
+        overlaps = (traffic.front > rear) & (traffic.front - traffic.length < front)
+        if not overlaps.any():
+            return False
+        return bool(np.isin(traffic.lane[overlaps], [o.lane for o in self._obstacles()]).any())
+
+    def _observe(self) -> None:
+        """Makes the scene and adds its frame to the history."""
+        phase = self._phase()
+        blend = phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2)
+        step = (self.lane - self._source) * LANE_WIDTH
+        offset = self._source * LANE_WIDTH + step * blend
+        rate = 30.0 * phase**2 * (1.0 - phase) ** 2 / self.config.change_duration
+        station = self.truck.front - self._footprint.front_overhang
+        ego = EgoState(
+            time=self.time,
+            x=station,
+            y=offset,
+            speed=self.truck.speed,
+            lateral_speed=step * rate,
+            acceleration=self.truck.acceleration,
+            mass=self.truck.mass,
+            station=station,
+            offset=offset,
+            trailer_offset=offset,
+        )
+        self._scene = Scene(self.time, ego, self.traffic.tracked(), self._footprint)
+        route = cast("Route", self.road)
+        self._history.add(self.time, observe_frame(self._scene, route, self.config.reference_speed))
+
+
+def cell_trip(density: str, traffic_speed: float, base: TripConfig | None = None) -> TripConfig:
+    """The trip of one of the paper's six cells."""
+    return replace(base or TripConfig(), traffic=HighwayConfig.cell(density, traffic_speed))

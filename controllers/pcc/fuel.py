@@ -1,0 +1,138 @@
+"""Fuel from the engine's map through the gearbox, and the convex fit that the optimizer uses.
+
+The map gives the fuel rate over torque and speed; below its lowest torque the rate goes linearly to
+zero at the drag torque (overrun cut-off), beyond its last row and columns the specific consumption
+of the edge holds. For a wheel force and a speed the gear with the least fuel is taken, among those
+whose speed and full-load torque allow it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from iits_mj.errors import PlanningError
+from iits_mj.parameters import Engine, TruckParameters
+
+FloatArray = NDArray[np.float64]
+_ENGINE_SPEED_MIN = 85.0  # [rad/s], 810 rpm: below it the driver would have shifted down
+
+
+@dataclass(frozen=True)
+class Willans:
+    """Convex fuel rate over engine power P [W]: `f0 + f1 P + f2 P^2` [kg/s], all f >= 0.
+
+    Attributes:
+      f0, f1, f2: coefficients; error: root mean square of the fit, relative to the mean rate.
+    """
+
+    f0: float
+    f1: float
+    f2: float
+    error: float
+
+    def rate(self, power: FloatArray) -> FloatArray:
+        """Fuel rate [kg/s] of powers [W], from overrun up."""
+        return self.f0 + self.f1 * power + self.f2 * power**2
+
+    @property
+    def overrun_power(self) -> float:
+        """Drag power [W] at which the line reaches zero fuel: the engine overruns below it.
+
+        The fitted line meets the drag torque table within some 10 %, though it never saw it.
+        """
+        root = self.f1**2 - 4.0 * self.f0 * self.f2
+        # 2 f0 / (f1 + sqrt(...)) is the root that stays finite when f2 is zero.
+        return 2.0 * self.f0 / (self.f1 + math.sqrt(max(root, 0.0)))
+
+
+class FuelMap:
+    """The engine's map seen from the wheels."""
+
+    def __init__(self, parameters: TruckParameters) -> None:
+        engine, gearbox = parameters.engine, parameters.gearbox
+        self._engine = engine
+        self.efficiency = gearbox.efficiency * gearbox.driveline_efficiency
+        radius = parameters.tires["drive"].rolling_radius
+        # [rad/s of the engine per m/s], one a gear.
+        self.gear_speed = gearbox.ratios * gearbox.final_drive / radius
+        self._torque, self._speed, self._rate = _rate_table(engine)
+
+    def engine_rate(self, torque: FloatArray, speed: FloatArray) -> FloatArray:
+        """Fuel rate [kg/s] over engine torque [N m] and speed [rad/s], arrays of one shape."""
+        drag = np.interp(speed, self._engine.drag_speed, self._engine.drag_torque)
+        top, last = self._torque[-1], self._speed[-1]
+        inside = np.clip(speed, self._speed[0], last)
+        rate = _bilinear(self._torque, self._speed, self._rate, np.clip(torque, 0.0, top), inside)
+        # Constant specific consumption beyond the map: rate grows with power.
+        rate = rate * np.maximum(torque / top, 1.0) * np.maximum(speed / last, 1.0)
+        return np.where(torque >= 0.0, rate, rate * np.clip(1.0 + torque / drag, 0.0, 1.0))
+
+    def power_max(self, speed: FloatArray) -> FloatArray:
+        """Greatest engine power [W] that some gear gives at vehicle speeds [m/s]."""
+        omega = self.gear_speed[:, None] * np.asarray(speed, dtype=float)[None, :]
+        full = np.interp(omega, self._engine.full_load_speed, self._engine.full_load_torque)
+        allowed = (omega >= self._engine.idle_speed) & (omega <= self._engine.governed_speed)
+        return np.asarray((np.where(allowed, full * omega, 0.0)).max(axis=0))
+
+    def rate(self, force: FloatArray, speed: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+        """Fuel rate [kg/s] and gear (1 to 12) for wheel forces [N] at vehicle speeds [m/s].
+
+        A negative force is engine drag first and brakes beyond it. Where no gear carries the force
+        the one with the most torque is taken, at its full load.
+        """
+        force, speed = np.atleast_1d(force), np.atleast_1d(speed)
+        omega = self.gear_speed[:, None] * speed[None, :]
+        loss = np.where(force > 0.0, 1.0 / self.efficiency, self.efficiency)
+        torque = (force * loss)[None, :] / self.gear_speed[:, None]
+        full = np.interp(omega, self._engine.full_load_speed, self._engine.full_load_torque)
+        runs = (omega >= _ENGINE_SPEED_MIN) & (omega <= self._engine.governed_speed)
+        fits = runs & (torque <= full * 1.001)
+        rate = self.engine_rate(np.minimum(torque, full), omega)
+        # Among gears with the same rate (overrun) the tallest.
+        order = np.arange(self.gear_speed.size)[:, None] * 1e-12
+        best = np.where(fits, rate - order, np.inf).argmin(axis=0)
+        strongest = np.where(runs, full * omega, -1.0).argmax(axis=0)
+        gear = np.where(fits.any(axis=0), best, strongest)
+        return rate[gear, np.arange(force.size)], gear + 1
+
+    def fit(self, v_min: float, v_max: float) -> Willans:
+        """Least-squares Willans parabola over the engine's power at a band of speeds [m/s]."""
+        speed, share = np.meshgrid(np.linspace(v_min, v_max, 12), np.linspace(0.0, 1.0, 41))
+        speed, share = speed.ravel(), share.ravel()
+        power = share * self.power_max(speed)
+        if power.max() <= 0.0:
+            raise PlanningError(f"no gear runs between {v_min:.1f} and {v_max:.1f} m/s")
+        rate, _ = self.rate(power * self.efficiency / speed, speed)
+        unit = 1e5
+        basis = np.column_stack([np.ones(power.size), power / unit, (power / unit) ** 2])
+        coefficients, _ = nnls(basis, rate)
+        error = float(np.sqrt(np.mean((basis @ coefficients - rate) ** 2)) / rate.mean())
+        f0, f1, f2 = (float(c) for c in coefficients)
+        return Willans(f0, f1 / unit, f2 / unit**2, error)
+
+
+def _rate_table(engine: Engine) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Torque axis from zero, speed axis, and fuel rate [kg/s] of shape (torque, speed)."""
+    table = engine.fuel_map
+    rate = table.values * table.rows[:, None] * table.columns[None, :]
+    slope = (rate[1] - rate[0]) / (table.rows[1] - table.rows[0])
+    zero = np.maximum(rate[0] - slope * table.rows[0], 0.0)
+    return np.concatenate([[0.0], table.rows]), table.columns, np.vstack([zero, rate])
+
+
+def _bilinear(
+    rows: FloatArray, columns: FloatArray, values: FloatArray, x: FloatArray, y: FloatArray
+) -> FloatArray:
+    """Bilinear interpolation inside the table; x over rows, y over columns."""
+    i = np.clip(np.searchsorted(rows, x) - 1, 0, rows.size - 2)
+    j = np.clip(np.searchsorted(columns, y) - 1, 0, columns.size - 2)
+    p = (x - rows[i]) / (rows[i + 1] - rows[i])
+    q = (y - columns[j]) / (columns[j + 1] - columns[j])
+    low = (1.0 - q) * values[i, j] + q * values[i, j + 1]
+    high = (1.0 - q) * values[i + 1, j] + q * values[i + 1, j + 1]
+    return np.asarray((1.0 - p) * low + p * high)

@@ -1,0 +1,224 @@
+"""Offline: the fuel-optimal speed over a whole road, against a constant-speed cruise."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.pcc.fuel import FuelMap, Willans
+from controllers.pcc.profile import RoadProfile
+from controllers.pcc.solver import Solver, Task
+from controllers.pcc.vehicle import PointMass, cruise, durations, full_power_speed
+from iits_mj.errors import InputError, PlanningError
+from iits_mj.messages import SpeedProfile
+from iits_mj.parameters import TruckParameters
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PccConfig:
+    """What the plan may do.
+
+    Attributes:
+      v_ref: set speed of the constant-speed cruise [m/s]; 20 m/s is the paper's 72 km/h.
+      v_min, v_max: band of the plan [m/s]; on a climb beyond full power it may be slower.
+      mean_speed: True lets the cruise's set speed be found for which its *mean* is v_ref.
+      k_a: the paper's weight of a^2, for a fuel rate in g/s: [g/s per (m/s2)^2].
+      deceleration_max: of planned braking [m/s2].
+    """
+
+    v_ref: float = 20.0
+    v_min: float = 15.0
+    v_max: float = 85.0 / 3.6
+    mean_speed: bool = False
+    k_a: float = 0.5
+    deceleration_max: float = 1.5
+
+    def __post_init__(self) -> None:
+        """Refuses an empty band and numbers that are not finite."""
+        for name in ("v_ref", "v_min", "v_max", "k_a", "deceleration_max"):
+            value = getattr(self, name)
+            if not math.isfinite(value) or value < 0.0:
+                raise InputError(f"{name} = {value!r} is not allowed: use 0 or more")
+        if not 1.0 <= self.v_min <= self.v_ref <= self.v_max <= 60.0:
+            raise InputError(
+                f"band {self.v_min:g} to {self.v_max:g} m/s with v_ref {self.v_ref:g} m/s: "
+                "1 <= v_min <= v_ref <= v_max <= 60 is wanted"
+            )
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A drive over the profile; speed at the nodes (n + 1,), the rest per interval (n,).
+
+    Attributes:
+      speed: [m/s]; power: of the engine [W]; fuel: by the convex model [kg].
+      map_fuel: by the engine's map with the best gear and overrun cut-off [kg]; gear: 1 to 12.
+      time: of the whole drive [s].
+    """
+
+    speed: FloatArray
+    power: FloatArray
+    fuel: FloatArray
+    map_fuel: FloatArray
+    gear: NDArray[np.int64]
+    time: float
+
+
+@dataclass(frozen=True)
+class PccSolution:
+    """Plan and cruise over the same road, in equal time, to the same end speed.
+
+    Attributes:
+      road: the profile; speed_profile: the plan for the trajectory planner.
+      plan, baseline: both drives; v_set: set speed of the cruise [m/s].
+      time_price: what a second of trip time costs at the optimum [kg/s].
+      solve_time, build_time: of IPOPT, and of setting up the problem [s]; iterations.
+      willans: the fuel fit of the optimizer; status: "optimal".
+    """
+
+    road: RoadProfile
+    speed_profile: SpeedProfile
+    plan: Drive
+    baseline: Drive
+    v_set: float
+    time_price: float
+    solve_time: float
+    build_time: float
+    iterations: int
+    willans: Willans
+    status: str = "optimal"
+
+    @property
+    def fuel(self) -> float:
+        """Of the plan by the optimizer's model [kg]."""
+        return float(self.plan.fuel.sum())
+
+    @property
+    def baseline_fuel(self) -> float:
+        """Of the cruise by the optimizer's model [kg]."""
+        return float(self.baseline.fuel.sum())
+
+    @property
+    def saving_percent(self) -> float:
+        """By the optimizer's model [%]."""
+        return 100.0 * (1.0 - self.fuel / self.baseline_fuel)
+
+    @property
+    def map_saving_percent(self) -> float:
+        """By the engine's map with gears and overrun cut-off [%]."""
+        return 100.0 * (1.0 - float(self.plan.map_fuel.sum()) / float(self.baseline.map_fuel.sum()))
+
+
+def plan(
+    road: RoadProfile,
+    parameters: TruckParameters | None = None,
+    mass: float = 55_000.0,
+    config: PccConfig | None = None,
+) -> PccSolution:
+    """Plans the whole road and compares it with the constant-speed cruise.
+
+    Both start and end at the cruise's speed there; the plan takes no longer than the cruise.
+
+    Raises:
+      InputError: mass is no truck's.
+      PlanningError: a climb is beyond full power, limits contradict, or there is no solution.
+    """
+    config = config or PccConfig()
+    parameters = parameters or TruckParameters.load()
+    fuel_map = FuelMap(parameters)
+    vehicle = make_vehicle(parameters, fuel_map, mass, config)
+    v_set, base = _cruise(vehicle, road, config)
+    solver = Solver(vehicle, road.intervals, road.step)
+    total = float(durations(base, road).sum())
+    cap = np.minimum(road.v_limit, max(config.v_max, v_set))
+    fastest = full_power_speed(vehicle, road, float(base[0]), cap)
+    low = lower_speeds(fastest, config.v_min)
+    # Where full power cannot reach the band the plan is free to use all of it, no more.
+    b_low, b_high = low**2, np.maximum(cap, low) ** 2
+    b_low[[0, -1]] = b_high[[0, -1]] = base[[0, -1]] ** 2
+    task = Task(road, b_low, b_high, total, np.zeros(base.size), k_a=1e-3 * config.k_a)
+    answer = solver.solve(task, base)
+    return PccSolution(
+        road,
+        SpeedProfile(road.station, answer.speed),
+        evaluate(vehicle, fuel_map, road, answer.speed),
+        evaluate(vehicle, fuel_map, road, base),
+        v_set,
+        answer.time_price,
+        answer.wall_time,
+        solver.build_time,
+        answer.iterations,
+        vehicle.fuel,
+    )
+
+
+def make_vehicle(
+    parameters: TruckParameters, fuel_map: FuelMap, mass: float, config: PccConfig
+) -> PointMass:
+    """The point mass of a band; InputError when the mass is not a truck's."""
+    if not math.isfinite(mass) or not 5_000.0 <= mass <= 80_000.0:
+        raise InputError(f"mass {mass!r} kg is not allowed: use 5000 to 80000 kg")
+    return PointMass.of(
+        parameters, fuel_map, mass, config.v_min, config.v_max, config.deceleration_max
+    )
+
+
+def lower_speeds(fastest: FloatArray, v_min: float) -> FloatArray:
+    """Least speeds: v_min, or a little less than the fastest possible where that is below it."""
+    return np.minimum(v_min, 0.9 * fastest)
+
+
+def evaluate(vehicle: PointMass, fuel_map: FuelMap, road: RoadProfile, speed: FloatArray) -> Drive:
+    """Power and both fuel figures of node speeds."""
+    time = durations(speed, road)
+    mean = 0.5 * (speed[1:] + speed[:-1])
+    rate, gear = fuel_map.rate(vehicle.net_force(speed, road), mean)
+    return Drive(
+        speed,
+        vehicle.power(speed, road),
+        vehicle.fuel_of(speed, road),
+        rate * time,
+        gear,
+        float(time.sum()),
+    )
+
+
+def _cruise(vehicle: PointMass, road: RoadProfile, config: PccConfig) -> tuple[float, FloatArray]:
+    """Set speed and node speeds of the cruise, begun at its set speed."""
+
+    def drive(v_set: float) -> FloatArray:
+        start = min(v_set, float(_start_speed(vehicle, road)))
+        return cruise(vehicle, road, v_set, start)
+
+    speed = drive(config.v_ref)
+    if not config.mean_speed:
+        return config.v_ref, speed
+    low, high = config.v_ref, config.v_max
+    mean = road.length / float(durations(drive(high), road).sum())
+    if mean < config.v_ref:
+        raise PlanningError(
+            f"a mean of {config.v_ref:.2f} m/s is out of reach: the cruise at {high:.2f} m/s "
+            f"averages {mean:.2f} m/s on this road; lower v_ref or use the set speed"
+        )
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        if road.length / float(durations(drive(middle), road).sum()) < config.v_ref:
+            low = middle
+        else:
+            high = middle
+    return high, drive(high)
+
+
+def _start_speed(vehicle: PointMass, road: RoadProfile) -> float:
+    """Greatest speed at the first node from which the limits ahead can be met."""
+    twice = 2.0 * road.step / vehicle.inertial_mass
+    slope = vehicle.slope_force(road.grade)
+    b = np.minimum(road.v_limit, 1e3) ** 2
+    for k in range(road.intervals - 1, -1, -1):
+        b[k] = min(b[k], b[k + 1] + twice * (vehicle.brake_max + slope[k]))
+    return math.sqrt(max(float(b[0]), 0.0))

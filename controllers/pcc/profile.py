@@ -1,0 +1,187 @@
+"""The road as the speed planner sees it: a uniform grid of stations with grade and speed limit."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.errors import InputError
+
+if TYPE_CHECKING:
+    from iits_mj.road import Route
+
+FloatArray = NDArray[np.float64]
+_GRADE_MAX = 0.25
+
+
+@dataclass(frozen=True)
+class RoadProfile:
+    """Road ahead on a uniform grid of n intervals.
+
+    Attributes:
+      station: of the nodes, shape (n + 1,) [m].
+      height: of the nodes, shape (n + 1,) [m].
+      v_limit: greatest lawful and curve-safe speed at the nodes, shape (n + 1,) [m/s]; may be inf.
+      name: for reports.
+    """
+
+    station: FloatArray
+    height: FloatArray
+    v_limit: FloatArray
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuses grids that are not uniform, heights that are no road, limits that are none."""
+        n = self.station.size
+        if n < 5 or self.height.shape != (n,) or self.v_limit.shape != (n,):
+            raise InputError(f"road profile {self.name!r} has {n} nodes: at least 5 are wanted")
+        if not (np.isfinite(self.station).all() and np.isfinite(self.height).all()):
+            raise InputError(f"road profile {self.name!r} holds numbers that are not finite")
+        steps = np.diff(self.station)
+        if steps.min() <= 0.0 or not np.allclose(steps, steps[0], rtol=1e-6):
+            raise InputError(f"road profile {self.name!r}: stations must be evenly spaced, rising")
+        steep = np.abs(self.grade)
+        if steep.max() > _GRADE_MAX:
+            where = self.station[int(steep.argmax())]
+            raise InputError(
+                f"road profile {self.name!r}: grade {100 * steep.max():.1f} % at {where:.0f} m; "
+                f"at most {100 * _GRADE_MAX:g} % is allowed"
+            )
+        if np.isnan(self.v_limit).any() or self.v_limit.min() <= 0.0:
+            raise InputError(f"road profile {self.name!r}: speed limits must be above 0")
+
+    @property
+    def step(self) -> float:
+        """Length of an interval [m]."""
+        return float(self.station[1] - self.station[0])
+
+    @property
+    def length(self) -> float:
+        """From the first to the last node [m]."""
+        return float(self.station[-1] - self.station[0])
+
+    @property
+    def intervals(self) -> int:
+        """Number of intervals."""
+        return self.station.size - 1
+
+    @property
+    def grade(self) -> FloatArray:
+        """Mean grade dz/ds of the intervals, shape (n,)."""
+        return np.diff(self.height) / np.diff(self.station)
+
+    def part(self, first: int, intervals: int) -> RoadProfile:
+        """The stretch of `intervals` intervals from node `first`, which must be on the road."""
+        stop = first + intervals + 1
+        if first < 0 or stop > self.station.size:
+            raise InputError(f"road profile {self.name!r} has no nodes {first} to {stop - 1}")
+        cut = slice(first, stop)
+        return RoadProfile(self.station[cut], self.height[cut], self.v_limit[cut], self.name)
+
+    @classmethod
+    def from_heights(
+        cls,
+        station: FloatArray,
+        height: FloatArray,
+        step: float = 50.0,
+        length: float | None = None,
+        name: str = "",
+    ) -> RoadProfile:
+        """A profile from rising stations and heights [m], without speed limits."""
+        s, z = np.asarray(station, dtype=float), np.asarray(height, dtype=float)
+        if s.ndim != 1 or s.shape != z.shape or s.size < 2:
+            raise InputError(f"road profile {name!r}: two columns of equal length are wanted")
+        if not (np.isfinite(s).all() and np.isfinite(z).all()):
+            raise InputError(f"road profile {name!r} holds numbers that are not finite")
+        if (np.diff(s) <= 0.0).any():
+            raise InputError(f"road profile {name!r}: stations must rise")
+        grid = _grid(float(s[0]), float(s[-1]), step, length, name)
+        return cls(grid, np.interp(grid, s, z), np.full(grid.size, np.inf), name)
+
+    @classmethod
+    def from_csv(
+        cls, path: str | Path, step: float = 50.0, length: float | None = None
+    ) -> RoadProfile:
+        """A profile from a CSV file with a station column (s, s_m) and a height column (z, z_m).
+
+        Raises:
+          InputError: unreadable file, missing columns, fewer than 5 intervals.
+        """
+        file = Path(path)
+        try:
+            with file.open(newline="", encoding="utf-8") as stream:
+                lines = (line for line in stream if not line.startswith("#"))
+                rows = list(csv.reader(lines))
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            raise InputError(f"road profile {str(file)!r} cannot be read: {error}") from error
+        header = [cell.strip().lower() for cell in rows[0]] if rows else []
+        columns = [
+            next((header.index(n) for n in names if n in header), None)
+            for names in (("s_m", "s", "station"), ("z_m", "z", "height"))
+        ]
+        if None in columns:
+            raise InputError(
+                f"road profile {str(file)!r}: columns s_m and z_m are wanted, found {header[:12]}"
+            )
+        try:
+            table = np.array(
+                [[float(row[i]) for i in columns if i is not None] for row in rows[1:]]
+            )
+        except (ValueError, IndexError) as error:
+            raise InputError(f"road profile {str(file)!r}: not a number: {error}") from error
+        if table.size == 0:
+            raise InputError(f"road profile {str(file)!r} has no rows")
+        return cls.from_heights(table[:, 0], table[:, 1], step, length, file.name)
+
+    @classmethod
+    def from_route(
+        cls,
+        route: Route,
+        start: float = 0.0,
+        length: float | None = None,
+        step: float = 50.0,
+        lane: int = 0,
+        lateral_acceleration: float = 1.5,
+    ) -> RoadProfile:
+        """A profile along a route, with its lane speed limits and curve speeds.
+
+        Args:
+          route: the road.
+          start: first station [m]; length: default to the end of the route [m].
+          step: of the grid [m].
+          lane: whose speed limit counts.
+          lateral_acceleration: that curves may ask for [m/s2].
+        """
+        name = route.road_map.path.name if route.road_map.path else "route"
+        grid = _grid(start, float(route.length), step, length, name)
+        # The smoothed grade bridges the seams of the map, the raw heights do not.
+        fine = np.linspace(grid[0], grid[-1], 5 * (grid.size - 1) + 1)
+        grade = np.asarray(route.smoothed_grade(fine), dtype=float)
+        rise = 0.5 * (grade[1:] + grade[:-1]) * np.diff(fine)
+        height = np.concatenate([[0.0], np.cumsum(rise)])[::5]
+        curvature = np.abs(np.asarray(route.evaluate(fine, np.zeros(fine.size)).curvature))
+        padded = np.pad(curvature, 5, mode="edge")
+        widest = np.lib.stride_tricks.sliding_window_view(padded, 11).max(axis=1)[::5]
+        curve = np.sqrt(lateral_acceleration / np.maximum(widest, 1e-6))
+        lawful = np.array([route.speed_limit(float(s), lane) for s in grid])
+        # A limit holds from the node before the sign, as it must be met at the sign.
+        lawful = np.minimum(lawful, np.append(lawful[1:], lawful[-1]))
+        return cls(grid, height, np.minimum(lawful, curve), name)
+
+
+def _grid(first: float, last: float, step: float, length: float | None, name: str) -> FloatArray:
+    if not math.isfinite(step) or step <= 0.0:
+        raise InputError(f"grid step {step!r} m is not allowed: use a number above 0")
+    if length is not None and not (math.isfinite(length) and length > 0.0):
+        raise InputError(f"length {length!r} m is not allowed: use a number above 0")
+    end = last if length is None else min(last, first + length)
+    count = math.floor((end - first) / step + 1e-9)
+    if count < 4:
+        raise InputError(f"road profile {name!r}: {end - first:.0f} m is too short for {step:g} m")
+    return first + step * np.arange(count + 1)
