@@ -29,9 +29,9 @@ class DriveConfig:
     payload: float = option(
         36_000.0, help="load on the semitrailer", unit="kg", low=0.0, high=36_000.0, metavar="KG"
     )
-    density: str = option("medium", help="how much traffic there is", choices=DENSITIES)
+    density: str = option("dense", help="how much traffic there is", choices=DENSITIES)
     traffic_speed: float = option(
-        15.0, help="speed limit of the traffic", unit="m/s", low=3.0, high=40.0, metavar="MPS"
+        12.5, help="speed limit of the traffic", unit="m/s", low=3.0, high=40.0, metavar="MPS"
     )
     traffic_mode: str = option(
         "inter",

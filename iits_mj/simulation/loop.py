@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
 import time
@@ -29,6 +30,8 @@ CYCLE_STEPS = 50
 CYCLE_PERIOD = CYCLE_STEPS * TIMESTEP
 # The drive ends when the front bumper is this close to the end of the route.
 END_MARGIN = 5.0
+# Contacts are looked for when another vehicle is this close [m].
+NEAR = 1.0
 
 
 class Simulation:
@@ -143,7 +146,6 @@ class Simulation:
             self._drive_on(ego)
             self._command = self.stack.control(ego)
             self.truck.command(self._command)
-            self._mirror()
             end = self._steps + CONTROL_STEPS
             while self._steps < end:
                 due = [period - self._steps % period for _, period in schedule]
@@ -246,18 +248,30 @@ class Simulation:
         frame = self.frame
         if frame.time != self.time:
             frame = dataclasses.replace(
-                frame, time=self.time, ego=self.truck.observe(), command=self._command
+                frame, time=self.time, ego=self._glance(), command=self._command
             )
             self._mirror()
         for observer in due:
             observer.observe(self, frame)
+
+    def _glance(self) -> EgoState:
+        """The truck between two control instants, without a trace in the bits that follow."""
+        # Observing runs mj_forward, which leaves the solver another first guess, and moves the
+        # truck's memory of where it is on the route, which the copy has for itself.
+        warm_start = self.truck.data.qacc_warmstart.copy()
+        ego = copy.copy(self.truck).observe()
+        self.truck.data.qacc_warmstart[:] = warm_start
+        return ego
 
     def _plan(self, ego: EgoState) -> None:
         self.scene = Scene(ego.time, ego, self.vehicles, self.truck.footprint)
         self.trajectory = self.stack.plan(self.scene)
 
     def _mirror(self, *, new: bool = False) -> None:
-        """Moves the traffic's bodies to where they are now; `new` after a step of the traffic."""
+        """Moves the traffic's bodies to where they are now; `new` after a step of the traffic.
+
+        They exert no force, so that between two steps only pictures need them.
+        """
         ego_xy = self.truck.data.body("tractor").xpos[:2]
         elapsed = self._steps % CYCLE_STEPS * TIMESTEP
         self.mirror.update(
@@ -293,6 +307,12 @@ class Simulation:
             refused=self.stack.refused,
         )
 
+    def _contacts(self) -> list[tuple[str, str]]:
+        """Vehicles that touch the truck now, with the body that they touch."""
+        # The contacts of the last step are those of the vehicles' last places.
+        mujoco.mj_fwdPosition(self.truck.model, self.truck.data)
+        return self.mirror.contacts(self.truck.data)
+
     def _check_finite(self, ego: EgoState) -> None:
         for field in dataclasses.fields(ego):
             value = getattr(ego, field.name)
@@ -302,7 +322,7 @@ class Simulation:
 
     def _judge_end(self, ego: EgoState) -> None:
         front = ego.station + self.truck.footprint.front_overhang
-        touched = self.mirror.contacts(self.truck.data)
+        touched = self._contacts() if self.frame.box_distance < NEAR else []
         if touched or self.frame.box_distance == 0.0:
             who = f"{touched[0][0]} at the {touched[0][1]}" if touched else "another vehicle"
             self.collision = True

@@ -1,0 +1,183 @@
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from iits_mj.errors import Error, InputError
+from iits_mj.messages import TrackedVehicle
+from iits_mj.simulation import DriveConfig, Frame, Simulation, Telemetry
+from iits_mj.simulation.telemetry import COLUMNS
+
+
+class Listener:
+    """Notes when it was called."""
+
+    def __init__(self, period: float) -> None:
+        self.period = period
+        self.times: list[float] = []
+        self.ego_times: list[float] = []
+
+    def observe(self, simulation: Simulation, frame: Frame) -> None:
+        self.times.append(frame.time)
+        self.ego_times.append(frame.ego.time)
+
+
+def drive(**settings: object) -> tuple[Telemetry, Simulation]:
+    telemetry = Telemetry(None)
+    with Simulation(DriveConfig(**settings), visuals=False) as simulation:  # type: ignore[arg-type]
+        simulation.run([telemetry])
+    return telemetry, simulation
+
+
+def table(telemetry: Telemetry) -> np.ndarray:
+    numbers = [name for name in COLUMNS if name != "plan_mode [-]"]
+    return np.array([telemetry.column(name) for name in numbers])
+
+
+def test_same_seed_gives_the_same_drive_bit_for_bit_and_another_seed_another_one() -> None:
+    first = table(drive(duration=3.0, seed=4)[0])
+    again = table(drive(duration=3.0, seed=4)[0])
+    other = table(drive(duration=3.0, seed=5)[0])
+    assert np.array_equal(first, again, equal_nan=True)
+    assert not np.array_equal(first, other, equal_nan=True)
+
+
+def test_reset_gives_the_same_drive_again_bit_for_bit() -> None:
+    config = DriveConfig(duration=2.0, seed=1)
+    with Simulation(config, visuals=False) as simulation:
+        tables = []
+        for _ in range(2):
+            telemetry = Telemetry(None)
+            simulation.run([telemetry])
+            tables.append(table(telemetry))
+            simulation.reset()
+    assert np.array_equal(*tables, equal_nan=True)
+
+
+def test_watching_at_any_rate_changes_nothing() -> None:
+    plain = table(drive(duration=1.0, traffic_mode="none")[0])
+    telemetry = Telemetry(None)
+    watchers = [Listener(0.05), Listener(0.034), Listener(0.002)]
+    with Simulation(DriveConfig(duration=1.0, traffic_mode="none"), visuals=False) as simulation:
+        simulation.run([telemetry, *watchers])
+    assert np.array_equal(plain, table(telemetry), equal_nan=True)
+    for watcher in watchers:
+        expected = np.arange(0.0, 1.0 + 1e-9, watcher.period)
+        np.testing.assert_allclose(watcher.times, expected, atol=1e-9)
+        np.testing.assert_allclose(watcher.ego_times, expected, atol=1e-9)
+
+
+def test_rows_come_every_100_ms_and_the_distance_is_that_of_the_stations() -> None:
+    telemetry, simulation = drive(duration=3.0, traffic_mode="none")
+    np.testing.assert_allclose(telemetry.column("time [s]"), np.arange(31) * 0.1, atol=1e-12)
+    station = telemetry.column("station [m]")
+    assert simulation.summary().distance == pytest.approx(station[-1] - station[0], abs=0.05)
+    assert simulation.ended == "reached the end of the time"
+
+
+def test_drive_ends_before_the_end_of_the_route() -> None:
+    end = 15_000.0
+    telemetry, simulation = drive(duration=60.0, start_station=end - 40.0, traffic_mode="none")
+    assert simulation.ended == "reached the end of the route"
+    assert telemetry.column("station [m]")[-1] < simulation.route.length
+    assert telemetry.column("time [s]")[-1] < 30.0
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({"start_station": 1.0}, "start-station 1 m is not on the route"),
+        ({"start_station": 14_999.0}, "is not on the route"),
+        ({"start_lane": 2}, "start-lane 2 does not exist"),
+        ({"payload": 40_000.0}, "payload 40000 is not allowed"),
+        ({"duration": float("nan")}, "duration nan is not a finite number"),
+        ({"density": "full"}, "density 'full' is not known"),
+    ],
+)
+def test_unusable_configuration_is_told_in_one_sentence(
+    settings: dict[str, object], told: str
+) -> None:
+    with pytest.raises(InputError, match=told):
+        Simulation(DriveConfig(**settings), visuals=False)  # type: ignore[arg-type]
+
+
+def test_driving_into_a_standing_vehicle_ends_as_a_collision() -> None:
+    config = DriveConfig(duration=20.0, traffic_mode="none", decision="keep")
+    with Simulation(config, visuals=False) as simulation:
+        simulation.cycle()
+        ego = simulation.frame.ego
+        # A vehicle that appears inside the truck, where no controller can avoid it.
+        place = simulation.route.evaluate(ego.station + 2.0, ego.offset)
+        simulation.vehicles = (
+            TrackedVehicle(
+                "wall",
+                x=float(place.x),
+                y=float(place.y),
+                z=float(place.z),
+                yaw=float(place.heading),
+                station=ego.station + 2.0,
+                offset=ego.offset,
+            ),
+        )
+        simulation.cycle()
+    assert simulation.collision
+    assert "collision with wall" in simulation.ended
+
+
+def test_state_that_is_not_finite_stops_with_an_error() -> None:
+    with Simulation(DriveConfig(traffic_mode="none"), visuals=False) as simulation:
+        simulation.cycle()
+        simulation.truck.data.qvel[0] = np.nan
+        with pytest.raises(Error):
+            simulation.cycle()
+
+
+def test_stopped_drive_keeps_its_rows_and_replaces_an_older_table_whole(tmp_path: Path) -> None:
+    path = tmp_path / "telemetry.csv"
+    path.write_text("older")
+    config = DriveConfig(duration=5.0, traffic_mode="none")
+
+    def interrupt(frame: Frame) -> None:
+        assert path.read_text() == "older"
+        raise KeyboardInterrupt
+
+    with (
+        pytest.raises(KeyboardInterrupt),
+        Simulation(config, visuals=False) as simulation,
+        Telemetry(path) as telemetry,
+    ):
+        simulation.run([telemetry], interrupt)
+    rows = list(csv.reader(path.open()))
+    assert len(rows) == 3
+    assert [p.name for p in tmp_path.iterdir()] == ["telemetry.csv"]
+
+
+def test_table_never_holds_nan_or_inf(tmp_path: Path) -> None:
+    path = tmp_path / "telemetry.csv"
+    config = DriveConfig(duration=0.5 + 0.5, traffic_mode="none")
+    with Simulation(config, visuals=False) as simulation, Telemetry(path) as telemetry:
+        simulation.run([telemetry])
+    text = path.read_text()
+    assert "nan" not in text
+    assert "inf" not in text
+    header, first = list(csv.reader(path.open()))[:2]
+    assert all(name.endswith("]") and "[" in name for name in header)
+    assert first[header.index("gap_ahead [m]")] == ""
+
+
+def test_recorded_traffic_is_met_again_exactly(tmp_path: Path) -> None:
+    path = tmp_path / "traffic.npz"
+    config = DriveConfig(duration=2.0, seed=2)
+    with Simulation(config, record=True, visuals=False) as simulation:
+        simulation.run()
+        simulation.save_recording(path)
+        recorded = simulation.vehicles
+    with Simulation(DriveConfig(duration=2.0, recording=path), visuals=False) as replay:
+        replay.run()
+        met = {vehicle.id: vehicle for vehicle in replay.vehicles}
+    assert recorded
+    for vehicle in recorded:
+        assert (met[vehicle.id].x, met[vehicle.id].y) == pytest.approx((vehicle.x, vehicle.y))
