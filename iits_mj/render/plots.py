@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,7 +17,7 @@ from iits_mj.results import Line, Panel
 
 PALETTE = ("#1f5fa8", "#d1495b", "#2a9d8f", "#e9a03b", "#6d597a", "#577590")
 INK, GRID = "#22303c", "#d9dee3"
-_ROLE_STYLE = {
+_ROLE_STYLE: dict[str, dict[str, Any]] = {
     "reference": {"color": "#8a949e", "linestyle": "--", "linewidth": 1.4, "zorder": 2},
     "simulation": {"color": PALETTE[0], "linestyle": "-", "linewidth": 1.8, "zorder": 3},
 }

@@ -66,7 +66,12 @@ class DriveConfig:
     )
     start_lane: int = option(0, help="lane to start in, 0 being the right one", low=0, high=10)
     start_speed: float = option(
-        15.0, help="speed to start with", unit="m/s", low=0.0, high=30.0, metavar="MPS"
+        15.0,
+        help="speed to start with, at most the reference and the limit there",
+        unit="m/s",
+        low=0.0,
+        high=30.0,
+        metavar="MPS",
     )
     seed: int = option(0, help="the one seed of everything random", low=0, high=2**31 - 1)
 

@@ -104,11 +104,13 @@ class Simulation:
     def reset(self) -> Frame:
         """Puts everything back to the beginning; the same drive follows, bit for bit."""
         config = self.config
-        offset = float(self.route.lane_offset(config.start_lane, config.start_station))
+        lane, station = config.start_lane, config.start_station
+        offset = float(self.route.lane_offset(lane, station))
+        limit = float(self.route.speed_limit(station, lane))
         ego = self.truck.reset(
-            station=config.start_station,
+            station=station,
             offset=offset,
-            speed=min(config.start_speed, config.speed),
+            speed=min(config.start_speed, config.speed, limit),
         )
         self.mirror.bind(self.truck.model)
         self.stack.reset()
