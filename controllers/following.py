@@ -29,6 +29,7 @@ class FollowingConfig:
       deceleration_max: of the plan outside emergencies, positive [m/s2].
       preview_deceleration: towards lower limits ahead, positive [m/s2].
       jerk_max: [m/s3], when braking; building up drive takes half of it.
+      regain_deceleration: spent on winning back a time gap that is too short, positive [m/s2].
       coolness: weight of the constant-acceleration heuristic, 0 to 1.
       exponent: of the free road term.
     """
@@ -40,6 +41,7 @@ class FollowingConfig:
     deceleration_max: float = 3.5
     preview_deceleration: float = 0.5
     jerk_max: float = 2.0
+    regain_deceleration: float = 0.8
     coolness: float = 0.95
     exponent: float = 4.0
 
@@ -124,7 +126,8 @@ def follow_acceleration(
         heuristic = lead - max(closing, 0.0) ** 2 / (2.0 * gap)
     if idm >= heuristic:
         return idm
-    tempered = heuristic + config.deceleration * math.tanh((idm - heuristic) / config.deceleration)
+    regain = config.regain_deceleration
+    tempered = heuristic + regain * math.tanh((idm - heuristic) / regain)
     return (1.0 - config.coolness) * idm + config.coolness * tempered
 
 

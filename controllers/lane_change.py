@@ -35,7 +35,7 @@ class LaneChangeConfig:
     acceleration_empty: float = 0.85
     acceleration_laden: float = 0.6
     acceleration_total: float = 1.6
-    jerk: float = 1.0
+    jerk: float = 1.3
     duration_min: float = 4.5
     duration_max: float = 9.0
     length_min: float = 45.0

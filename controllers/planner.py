@@ -17,9 +17,16 @@ from controllers.lane_change import LaneChangeConfig, quintic_back, quintic_chan
 from controllers.quintic import Quintic
 from controllers.road_preview import LanePath, RoadPreview
 from controllers.safety import SafetyConfig, conflict
-from controllers.speed_plan import SpeedConfig, SpeedState, most_urgent, roll_out, speed_cap
+from controllers.speed_plan import (
+    SpeedConfig,
+    SpeedState,
+    most_urgent,
+    power_acceleration,
+    roll_out,
+    speed_cap,
+)
 from controllers.surroundings import Neighbor, Surroundings
-from iits_mj.messages import Decision, PlanMode, Scene, SpeedProfile, Trajectory
+from iits_mj.messages import Decision, EgoState, PlanMode, Scene, SpeedProfile, Trajectory
 
 if TYPE_CHECKING:
     from iits_mj.road import Route
@@ -82,6 +89,7 @@ class Planner:
         self._change: _Change | None = None
         self._changed_at = -np.inf
         self._emergency = False
+        self._wanted_speed = self.config.speed.cruise_speed
         self._last: Trajectory | None = None
 
     @property
@@ -112,6 +120,12 @@ class Planner:
           InputError: a value of the scene that matters is not finite.
         """
         surroundings = Surroundings(scene)
+        near = scene.ego.station + np.array([0.0, 50.0, 100.0, 150.0])
+        self._wanted_speed = (
+            self.config.speed.cruise_speed
+            if profile is None
+            else float(np.interp(near, profile.station, profile.speed).max())
+        )
         path = self._path(scene, self.lane(scene))
         self._recover(scene, path)
         self._progress(scene, path)
@@ -199,7 +213,7 @@ class Planner:
         size = start + planned - float(target.offset_at(ego.station))
         curvature = self._curvature_ahead(ego.station, ego.speed)
         residual = quintic_change(
-            ego.station, size, slope, bend, ego.speed, ego.mass, curvature, self.config.change
+            ego.station, size, slope, bend, self._top(ego), ego.mass, curvature, self.config.change
         )
         if residual is None:
             if must is Decision.KEEP:
@@ -295,6 +309,16 @@ class Planner:
         self.aborted += 1
         return origin
 
+    def _top(self, ego: EgoState) -> float:
+        """Greatest speed that may be reached during a change [m/s]."""
+        grade = float(np.interp(ego.station, self.preview.station, self.preview.grade))
+        speed = self.config.speed
+        gain = min(
+            power_acceleration(ego.speed, ego.mass, grade, speed), speed.following.acceleration_max
+        )
+        reached = ego.speed + gain * self.config.change.duration_max
+        return max(ego.speed, min(reached, self._wanted_speed))
+
     def _curvature_ahead(self, station: float, speed: float) -> float:
         ahead = station + np.linspace(0.0, max(speed * self.config.change.duration_max, 50.0), 12)
         return float(np.abs(np.interp(ahead, self.preview.station, self.preview.curvature)).max())
@@ -376,7 +400,7 @@ class Planner:
         stretch = 1.0 - curvature * offset
         point = self.route.evaluate(station, offset)
         return Trajectory(
-            time=scene.time + config.step * np.arange(steps + 1),
+            time=np.asarray(scene.time + config.step * np.arange(steps + 1), dtype=np.float64),
             station=station,
             offset=offset,
             x=np.asarray(point.x),

@@ -21,7 +21,8 @@ from iits_mj.messages import SpeedProfile
 
 FloatArray = NDArray[np.float64]
 GRAVITY = 9.81
-_TRACK_TIME = 1.0
+# The cap is met by looking this far ahead [s]: far for a smooth onset, near for an exact end.
+_LOOK_AHEAD = (1.0, 0.4)
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,15 @@ class SpeedState:
     acceleration: float
 
 
+def power_acceleration(speed: float, mass: float, grade: float, config: SpeedConfig) -> float:
+    """Acceleration that the engine's power leaves at a speed, 0.05 m/s2 at least [m/s2].
+
+    The floor keeps the plan asking for full power where the truck cannot hold its speed.
+    """
+    resistance = GRAVITY * (grade + config.rolling_resistance) + config.drag * speed**2 / mass
+    return max(config.power / (mass * max(speed, 3.0)) - resistance, 0.05)
+
+
 def roll_out(
     start: SpeedState,
     path: LanePath,
@@ -166,11 +176,10 @@ def roll_out(
             v = v_next
         wanted = -config.emergency_deceleration
         if not emergency:
-            ahead = cap_at(s + v * _TRACK_TIME)
-            wanted = _wanted(v, s - start.station, time, cap_at(s), ahead, leads, following)
+            to_cap = min((cap_at(s + v * t) - v) / t for t in _LOOK_AHEAD)
+            wanted = _wanted(v, s - start.station, time, cap_at(s), to_cap, leads, following)
             wanted = max(wanted, -following.deceleration_max)
-            resistance = GRAVITY * (grade + config.rolling_resistance) + config.drag * v * v / mass
-            wanted = min(wanted, max(config.power / (mass * max(v, 3.0)) - resistance, 0.05))
+            wanted = min(wanted, power_acceleration(v, mass, grade, config))
             down = following.jerk_max * step
             wanted = min(max(wanted, a - down), a + 0.5 * down)
         a = wanted
@@ -185,14 +194,14 @@ def _wanted(
     way: float,
     time: float,
     cap_here: float,
-    cap_ahead: float,
+    to_cap: float,
     leads: list[Lead],
     following: FollowingConfig,
 ) -> float:
     """Acceleration that the limits and every leader allow [m/s2]."""
     wanted = min(
         follow_acceleration(v, cap_here, math.inf, 0.0, 0.0, following),
-        (cap_ahead - v) / _TRACK_TIME,
+        to_cap,
     )
     for lead in leads:
         if time > lead.until:
