@@ -102,7 +102,7 @@ def set_view(spec: mujoco.MjSpec, center: tuple[float, float, float]) -> None:
     # A wide shadow map: a narrow one leaves speckles beyond its rim.
     visual.map.shadowclip = 4.5
     visual.map.shadowscale = 0.8
-    visual.quality.shadowsize = 3072
+    visual.quality.shadowsize = 2048
     visual.quality.offsamples = 4
     visual.global_.offwidth = max(visual.global_.offwidth, 1920)
     visual.global_.offheight = max(visual.global_.offheight, 1080)

@@ -23,7 +23,8 @@ class View:
       ahead, left, up: point looked at, in the frame of the unit [m].
       time_constant: of the smoothing of the heading [s].
       follows: "tractor" or "trailer".
-      outside: stands so high or far aside that a tunnel would hide the truck.
+      tunnel: the view that takes over inside a tunnel, whose roof and walls would hide the truck
+        from this one: "behind", "ahead", or "" where this one fits.
       slopes: whether the elevation follows the grade of the road.
     """
 
@@ -35,22 +36,24 @@ class View:
     up: float
     time_constant: float
     follows: str = "tractor"
-    outside: bool = True
+    tunnel: str = "behind"
     slopes: bool = True
 
 
 VIEWS = {
     "chase": View(31.0, -7.0, -14.0, 3.0, 0.0, 1.2, 0.7),
     "side": View(21.0, -76.0, -9.0, -6.5, 0.0, 1.7, 0.5),
-    "front": View(17.0, 157.0, -7.0, -2.0, 0.0, 1.8, 0.5),
+    "front": View(17.0, 157.0, -7.0, -2.0, 0.0, 1.8, 0.5, tunnel="ahead"),
     "top": View(62.0, 0.0, -89.0, 2.0, 0.0, 0.0, 0.9, slopes=False),
-    "cab": View(1.0, 0.0, -3.0, 1.72, 0.45, 2.42, 0.0, outside=False),
+    "cab": View(1.0, 0.0, -3.0, 1.72, 0.45, 2.42, 0.0, tunnel=""),
     "trailer": View(13.0, 24.0, -9.0, -6.5, 0.0, 1.2, 0.3, follows="trailer"),
     "aerial": View(115.0, -28.0, -27.0, 25.0, 0.0, 0.0, 1.2, slopes=False),
 }
 CAMERAS = tuple(VIEWS)
-# Inside a tunnel the outside cameras come down to this one.
-_TUNNEL = View(25.0, -4.0, -5.0, 2.0, 0.6, 2.4, 0.7)
+_TUNNEL_VIEWS = {
+    "behind": View(27.0, -4.0, -5.5, 2.0, 0.9, 2.9, 0.7),
+    "ahead": View(16.0, 172.0, -6.0, -1.0, 0.8, 1.9, 0.5),
+}
 _TUNNEL_NEAR, _TUNNEL_TIME = 75.0, 1.2
 
 
@@ -87,7 +90,7 @@ class FollowCamera:
         forward = np.array(body.xmat).reshape(3, 3)[:, 0]
         heading = math.atan2(forward[1], forward[0])
         slope = math.asin(max(-1.0, min(1.0, float(forward[2])))) if view.slopes else 0.0
-        cover = float(view.outside and self._covered(station))
+        cover = float(bool(view.tunnel) and self._covered(station))
         elapsed = 0.0 if self._time is None else float(data.time) - self._time
         if self._time is None or elapsed < 0.0:
             self._heading, self._slope, self._cover = heading, slope, cover
@@ -107,9 +110,10 @@ class FollowCamera:
 
     def _place(self, position: FloatArray) -> None:
         view, share = self.view, self._cover
+        inside_view = _TUNNEL_VIEWS.get(view.tunnel, view)
 
         def blend(name: str) -> float:
-            outside, inside = float(getattr(view, name)), float(getattr(_TUNNEL, name))
+            outside, inside = float(getattr(view, name)), float(getattr(inside_view, name))
             return outside + share * (inside - outside)
 
         c, s = math.cos(self._heading), math.sin(self._heading)

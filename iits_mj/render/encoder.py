@@ -27,7 +27,7 @@ class Mp4Encoder:
     """
 
     def __init__(
-        self, path: str | Path, size: tuple[int, int], fps: float, quality: int = 21
+        self, path: str | Path, size: tuple[int, int], fps: float, quality: int = 25
     ) -> None:
         self.path = Path(path)
         if self.path.suffix.lower() != ".mp4":

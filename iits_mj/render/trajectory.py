@@ -55,9 +55,9 @@ def add_trajectory(scene: mujoco.MjvScene, trajectory: Trajectory, time: float) 
             np.array([0.5 * length + 0.01, HALF_WIDTH, 0.012]),
             0.5 * (start + end),
             matrix.ravel(),
-            np.array([*color, fade], dtype=np.float32),
+            np.array([*(0.85 * value for value in color), fade], dtype=np.float32),
         )
-        geom.emission = 0.55
+        geom.emission = 0.25
         geom.category = mujoco.mjtCatBit.mjCAT_DECOR
         scene.ngeom += 1
         added += 1

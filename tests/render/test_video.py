@@ -103,7 +103,7 @@ def test_camera_heading_follows_smoothly(scene):
 def test_every_camera_stays_below_a_tunnel_roof(scene, name):
     _, data = scene
     eye, _ = camera_pose(FollowCamera(name, ((0.0, 500.0),)).follow(data, 250.0))
-    assert 0.5 < eye[2] < 6.0
+    assert 0.5 < eye[2] < 6.8
 
 
 def test_film_has_the_size_and_number_of_its_pictures(tmp_path):
@@ -166,7 +166,7 @@ def test_ribbon_begins_ahead_of_the_truck_and_takes_the_colour_of_the_mode(scene
     first, last = view.geoms[0], view.geoms[added - 1]
     assert first.pos[0] == pytest.approx(15.0 + 2.2 + 1.0, abs=0.3)
     assert last.pos[0] == pytest.approx(15.0 * 3.9 - 1.0, abs=0.3)
-    assert first.rgba[0] > 0.9 > 0.2 > first.rgba[1]
+    assert first.rgba[0] > 0.7 > 0.2 > first.rgba[1]
 
 
 def test_ribbon_stops_where_the_scene_is_full(scene):
