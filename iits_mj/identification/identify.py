@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -141,6 +142,12 @@ def identify(
         )
     prior = _prior(parameters, mass)
     chosen = [n for n in LONGITUDINAL if n in names and not (n == "mass" and mass is not None)]
+    blind = []
+    if "mass" in chosen and "engine_torque_scale" in chosen:
+        # Only the rotating inertia, a few per cent of the mass, tells them apart: too weak to
+        # trust.
+        chosen.remove("engine_torque_scale")
+        blind.append(_TORQUE_SCALE_BLIND)
     free = [Free(n, *_LIMITS[n](prior[n])) for n in chosen]
 
     def residual(values: FloatArray) -> list[FloatArray]:
@@ -153,7 +160,7 @@ def identify(
     estimates, values = fit(free, residual)
     fitted = {**prior, **dict(zip(chosen, map(float, values), strict=True))}
     return Identification(
-        estimates=(*estimates, *identify_pressures(log, parameters)),
+        estimates=(*estimates, *blind, *identify_pressures(log, parameters)),
         time=np.concatenate([inputs.time[w] for w in inputs.windows]),
         recorded=np.concatenate([inputs.speed[w] for w in inputs.windows]),
         speed_before=np.concatenate(speeds(inputs, prior)),
@@ -173,6 +180,16 @@ def speeds(inputs: Inputs, values: dict[str, float]) -> list[FloatArray]:
         found.append(rise + np.mean(inputs.speed[window] - rise))
     return found
 
+
+_TORQUE_SCALE_BLIND = Estimate(
+    "engine_torque_scale",
+    1.0,
+    "1",
+    1.0,
+    math.inf,
+    False,
+    "motion shows it only as a ratio to the mass: give the mass",
+)
 
 _LIMITS = {
     "mass": lambda x: ("kg", x, 5e3, 1.2e5),

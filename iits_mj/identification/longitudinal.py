@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.identification.log import PRESSURES, Log
+from iits_mj.model.air_brake import torque_slope
 from iits_mj.parameters import GRAVITY, TruckParameters
 
 FloatArray = NDArray[np.float64]
@@ -91,7 +92,7 @@ def brake_force(log: Log, parameters: TruckParameters) -> FloatArray:
     ]
     force = np.zeros(len(log["time"]))
     for axle, gain, pressures in zip(
-        parameters.axles, brake.torque_per_pressure, circuits, strict=True
+        parameters.axles, torque_slope(parameters), circuits, strict=True
     ):
         radius = parameters.tires[axle.tire].rolling_radius
         for pressure in pressures:

@@ -45,7 +45,8 @@ def _drive(
         eta = 0.98 * 0.95
         drive = hidden["scale"] * torque * overall / RADIUS * (eta if torque > 0 else 1 / eta)
         effective = max(pressure - 25e3, 0.0)
-        gain = 2 * (0.02675 + 2 * 0.023) / RADIUS + 2 * 3 * 0.023 / 0.510
+        # 150 / (150 - 25): the torque per pressure of the data sheet holds at 150 kPa.
+        gain = 1.2 * (2 * (0.02675 + 2 * 0.023) / RADIUS + 2 * 3 * 0.023 / 0.510)
         mass = hidden["mass"]
         angle = np.arctan(grade)
         resist = mass * 9.81 * (np.sin(angle) + hidden["rolling"] * np.cos(angle))
@@ -120,7 +121,8 @@ def test_intervals_cover_the_truth_in_most_of_several_logs():
 def test_torque_scale_and_mass_are_not_identified_together():
     result = identify(_drive(), PARAMETERS, names=LONGITUDINAL)
     assert not result["engine_torque_scale"].identifiable
-    assert result["engine_torque_scale"].reason
+    assert "mass" in result["engine_torque_scale"].reason
+    assert result["mass"].value == pytest.approx(HIDDEN["mass"], rel=0.05)
 
 
 def test_torque_scale_comes_back_when_the_mass_is_known():
@@ -200,3 +202,45 @@ def test_unusable_logs_give_one_clear_error(tmp_path):
         identify(Log({**columns, "speed": np.zeros(200)}), PARAMETERS)
     with pytest.raises(InputError, match="cannot identify"):
         identify(Log(columns), PARAMETERS, names=("hope",))
+
+
+@pytest.mark.slow
+def test_hidden_parameters_of_the_simulated_truck_come_back():
+    from iits_mj.messages import VehicleCommand, XbrMode
+    from iits_mj.suite import roads
+    from iits_mj.truck import Truck
+    from iits_mj.validation.longitudinal_run import run as drive
+
+    brake = PARAMETERS.air_brake
+    hidden = {
+        "tire_common": {"rolling_resistance": 0.0075},
+        "air_brake": {"torque_per_pressure": [0.85 * g for g in brake.torque_per_pressure]},
+    }
+    truck = Truck.load(11_000.0, parameters=hidden, route=roads.hills(), visuals=False)
+    truck.reset(station=50.0, speed=10.0)
+    demands = []
+
+    def command(time, state):
+        phase, demand, pedal = time % 50.0, 0.0, 0.0
+        if phase < 30.0 and state.speed < 24.0:
+            pedal = 1.0 if phase < 18.0 else 0.6
+        elif 34.0 <= phase < 41.0 and state.speed > 6.0:
+            demand = -0.8 - 0.4 * (int(time / 50.0) % 3)
+        demands.append(demand)
+        mode = XbrMode.MAXIMUM if demand < 0.0 else XbrMode.OFF
+        return VehicleCommand(accelerator_pedal=pedal, xbr_demand=demand, xbr_mode=mode)
+
+    record = drive(truck, command, 300.0)
+    demands.append(0.0)
+    demand = np.array(demands[: len(record.time)])
+    columns = {name: values[::10] for name, values in record.log().columns.items()}
+    columns["command_xbr_demand"] = demand[::10]
+    columns["command_xbr_mode"] = 2.0 * (demand[::10] < 0.0)
+    speed = columns["speed"]
+    columns["speed"] = speed * (1.0 + 0.01 * np.random.default_rng(0).standard_normal(len(speed)))
+    result = identify(Log(columns), PARAMETERS)
+    assert result["mass"].value == pytest.approx(30_000.0, rel=0.05)
+    assert result["brake_gain"].value == pytest.approx(0.85, rel=0.05)
+    assert result["rolling_resistance"].value == pytest.approx(0.0075, rel=0.1)
+    built = brake.build_up_time_constant[3]
+    assert result["trailer_build_up_time"].value == pytest.approx(built, rel=0.05)
