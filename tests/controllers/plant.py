@@ -1,0 +1,140 @@
+"""A small planar truck for the tests of tracking: no MuJoCo, and not the controller's own model.
+
+Lateral: the single-track tractor-semitrailer with stiffnesses scaled away from the controller's,
+steering play and lag, and a cross-slope. Longitudinal: pedal map, torque ramp, gear by speed,
+engine brake, brakes with lag.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from controllers.driveline_inverse import DrivelineInverse
+from controllers.lateral_model import LateralModel
+from iits_mj.messages import EgoState, VehicleCommand
+from iits_mj.parameters import GRAVITY, TruckParameters
+
+STEP = 0.005
+_GEAR_SPEED = np.array([0.0, 1.0, 2.0, 2.8, 3.8, 5.0, 6.5, 8.5, 11.0, 14.0, 17.0, 21.0])
+
+
+class PlanarTruck:
+    """Steps 20 ms at a time; `ego` is its state."""
+
+    def __init__(
+        self, route, mass=55_000.0, station=100.0, offset=0.0, speed=16.0, stiffness=0.85, bank=0.0
+    ):
+        self.route, self.mass, self.bank = route, mass, bank
+        self.parameters = TruckParameters.load()
+        self.inverse = DrivelineInverse(self.parameters)
+        model = LateralModel.of(self.parameters, mass, 0.1)
+        self.model = dataclasses.replace(
+            model,
+            axles=tuple((x, stiffness * c) for x, c in model.axles),
+            trailer_axles=tuple((x, stiffness * c) for x, c in model.trailer_axles),
+        )
+        point = route.evaluate(station, offset)
+        self.x, self.y, self.yaw = float(point.x), float(point.y), float(point.heading)
+        self.w = self.r = self.r_t = self.articulation = 0.0
+        self.speed, self.acceleration = speed, 0.0
+        self.wheel = self.output = self.torque = self.brake = self.time = 0.0
+        self.station, self.offset = station, offset
+
+    def step(self, command: VehicleCommand) -> None:
+        self._pedal_row = self._engine_row()
+        self._resistance = self.inverse.resistance(
+            self.mass, self.speed, float(self.route.smoothed_grade(self.station - 8.0))
+        )
+        self._lateral, _, _ = self.model.matrices(max(self.speed, 0.5))
+        for _ in range(4):
+            self._steer(command.steering_wheel_angle)
+            self._drive(command)
+            self._turn()
+            self.time += STEP
+        self.station, self.offset = self.route.locate(self.x, self.y, self.station)
+
+    @property
+    def gear(self) -> int:
+        return max(2, int(np.searchsorted(_GEAR_SPEED, self.speed, side="right")))
+
+    @property
+    def engine_speed(self) -> float:
+        turning = self.speed / self.inverse.radius * self.inverse.ratio(self.gear)
+        return max(self.parameters.engine.idle_speed, turning)
+
+    def _engine_row(self):
+        table = self.parameters.engine.pedal_map
+        return np.array([np.interp(self.engine_speed, table.rows, c) for c in table.values.T])
+
+    def _steer(self, demand: float) -> None:
+        steering = self.parameters.steering
+        change = (demand - self.wheel) * STEP / steering.time_constant
+        limit = steering.rate_max * STEP
+        self.wheel += min(max(change, -limit), limit)
+        half = 0.5 * steering.dead_band
+        self.output = min(max(self.output, self.wheel - half), self.wheel + half)
+
+    def _drive(self, command: VehicleCommand) -> None:
+        table, inverse = self.parameters.engine.pedal_map, self.inverse
+        engine_speed, row = self.engine_speed, self._pedal_row
+        drag = inverse.drag_torque(engine_speed)
+        wanted = float(np.interp(command.accelerator_pedal, table.columns, row))
+        if command.accelerator_pedal < 0.02 and self.speed > 1.0:
+            wanted = -drag - command.engine_brake * inverse.engine_brake_torque(engine_speed)
+        self.torque += min(max(wanted - self.torque, -2000.0 * STEP), 600.0 * STEP)
+        ratio = inverse.ratio(self.gear) / inverse.radius
+        drive = self.torque * ratio * (inverse.efficiency if self.torque > 0 else 1.0)
+        self.brake += (-command.xbr_demand - self.brake) * STEP / 0.5
+        force = drive - self._resistance
+        holding = self.mass * self.brake
+        if self.speed <= 0.0 and abs(force) < holding:
+            force = 0.0
+        else:
+            force -= math.copysign(holding, self.speed if self.speed != 0.0 else force)
+        before = self.speed
+        self.acceleration = force / self.mass
+        self.speed += self.acceleration * STEP
+        if before > 0.0 > self.speed and self.brake > 0.2:
+            self.speed = 0.0
+
+    def _turn(self) -> None:
+        a = self._lateral
+        delta = self.output / self.parameters.steering.ratio
+        state = np.array([self.w, self.r, self.r_t, self.articulation, 0, 0, delta, delta, 0])
+        # Implicit in the fast lateral states: stiff at low speed.
+        fast = a[:4, :4]
+        push = a[:4, 6] * delta
+        push[0] -= GRAVITY * self.bank
+        solved = np.linalg.solve(np.eye(4) - STEP * fast, state[:4] + STEP * push)
+        self.w, self.r, self.r_t, self.articulation = (float(value) for value in solved)
+        if self.speed > 0.01:
+            self.x += STEP * (self.speed * math.cos(self.yaw) - self.w * math.sin(self.yaw))
+            self.y += STEP * (self.speed * math.sin(self.yaw) + self.w * math.cos(self.yaw))
+            self.yaw += STEP * self.r
+
+    @property
+    def ego(self) -> EgoState:
+        return EgoState(
+            time=round(self.time, 6),
+            x=self.x,
+            y=self.y,
+            yaw=self.yaw,
+            speed=self.speed,
+            lateral_speed=self.w,
+            acceleration=self.acceleration,
+            yaw_rate=self.r,
+            trailer_yaw_rate=self.r_t,
+            articulation=self.articulation,
+            articulation_rate=self.r - self.r_t,
+            steering_wheel_angle=self.wheel,
+            road_wheel_angle=self.output / self.parameters.steering.ratio,
+            mass=self.mass,
+            station=self.station,
+            offset=self.offset,
+            gear=self.gear,
+            engine_speed=self.engine_speed,
+            engine_torque=self.torque,
+        )

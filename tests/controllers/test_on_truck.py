@@ -1,0 +1,97 @@
+"""The stack on the MuJoCo truck: the targets of path and speed tracking."""
+
+import numpy as np
+import pytest
+from scenes import car
+
+from controllers.planner import PlannerConfig
+from controllers.speed_plan import SpeedConfig
+from controllers.stack import Stack
+from iits_mj.messages import Decision, Scene
+from iits_mj.road import RoadMap, Route
+from iits_mj.truck import Truck
+
+
+def drive(route, payload, cruise, duration, station, speed, vehicles=lambda t: (), maker=None):
+    """Rows of time, station, speed, planned speed, lateral error, pedal, demand."""
+    truck = Truck.load(payload=payload, route=route, visuals=False)
+    truck.reset(station=station, offset=float(route.lane_offset(0, station)), speed=speed)
+    config = PlannerConfig(speed=SpeedConfig(cruise_speed=cruise))
+    stack = Stack(route, maker, config, parameters=truck.parameters)
+    rows = []
+    for k in range(round(duration * 50)):
+        ego = truck.observe()
+        if k % 5 == 0:
+            plan = stack.plan(Scene(ego.time, ego, vehicles(ego.time)))
+        command = stack.control(ego)
+        truck.command(command)
+        truck.step(10)
+        planned = float(np.interp(ego.time, plan.time, plan.speed))
+        error = stack.tracker.lateral.error
+        rows.append(
+            (
+                ego.time,
+                ego.station,
+                ego.speed,
+                planned,
+                error,
+                command.accelerator_pedal,
+                command.xbr_demand,
+            )
+        )
+    return np.array(rows), stack
+
+
+class ChangeAtTwo:
+    name = "script"
+
+    def reset(self):
+        pass
+
+    def decide(self, context):
+        return Decision.LEFT if round(context.scene.time) == 2 else Decision.KEEP
+
+
+@pytest.mark.parametrize(
+    ("payload", "speed", "station"), [(36_000.0, 16.67, 2700.0), (0.0, 22.2, 6000.0)]
+)
+def test_the_lane_is_kept_within_0_15_m_rms_and_0_4_m_peak(payload, speed, station):
+    route = RoadMap.builtin().route()
+    rows, _ = drive(route, payload, speed, 20.0, station, speed)
+    error = rows[100:, 4]
+    assert np.sqrt(np.mean(error**2)) <= 0.15
+    assert np.abs(error).max() <= 0.4
+
+
+def test_a_lane_change_of_the_laden_truck_is_tracked_and_completed():
+    route = RoadMap.builtin().route()
+    rows, stack = drive(route, 36_000.0, 16.67, 13.0, 1000.0, 16.67, maker=ChangeAtTwo())
+    assert stack.lane_changes == 1
+    assert np.abs(rows[:, 4]).max() <= 0.4
+
+
+def test_the_laden_truck_stops_holds_and_restarts_on_a_5_percent_grade():
+    route = Route.straight(length=2000.0, grade=0.05)
+
+    def vehicles(time):
+        gone = max(time - 22.0, 0.0)
+        return (car(route, "block", 150.0 + 6.0 * gone, 0, 6.0 if gone else 0.0),)
+
+    rows, stack = drive(route, 36_000.0, 13.0, 32.0, 50.0, 9.0, vehicles)
+    standing = (rows[:, 0] > 19.0) & (rows[:, 0] < 22.0)
+    assert np.abs(rows[standing, 2]).max() < 0.01
+    assert np.ptp(rows[standing, 1]) < 0.005
+    assert 150.0 - 2.4 - 1.4 - rows[standing, 1][0] > 2.0
+    after = rows[:, 0] > 22.0
+    assert rows[after, 1].min() > rows[standing, 1].min() - 0.03
+    assert rows[-1, 2] > 0.8
+    assert stack.planner.emergencies == 0
+
+
+def test_speed_is_held_down_a_4_percent_grade_without_chatter():
+    route = Route.straight(length=3000.0, grade=-0.04)
+    rows, _ = drive(route, 36_000.0, 16.67, 25.0, 100.0, 16.67)
+    error = rows[250:, 2] - rows[250:, 3]
+    assert np.sqrt(np.mean(error**2)) <= 0.3
+    assert np.sum(np.diff((rows[:, 6] < 0.0).astype(int)) != 0) <= 4
+    assert not np.any((rows[:, 5] > 0.0) & (rows[:, 6] < 0.0))
