@@ -9,6 +9,7 @@ change), so each transition carries its own discount, which is 0 after a termina
 from __future__ import annotations
 
 import copy
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,7 +42,7 @@ class LearnerConfig:
 def build_network() -> nn.Sequential:
     """The paper's 216-256-512-256-3 with ReLU."""
     layers: list[nn.Module] = []
-    for inputs, outputs in zip(LAYERS[:-1], LAYERS[1:], strict=True):
+    for inputs, outputs in itertools.pairwise(LAYERS):
         layers += [nn.Linear(inputs, outputs), nn.ReLU()]
     return nn.Sequential(*layers[:-1])
 

@@ -42,15 +42,15 @@ class TripConfig:
       reward: weights.
     """
 
-    traffic: HighwayConfig = HighwayConfig()
+    traffic: HighwayConfig = field(default_factory=HighwayConfig)
     length: float = 15_000.0
     duration: float = 3_000.0
     payload: float = 36_000.0
     reference_speed: float = 60.0 / 3.6
     change_duration: float = 6.0
     grade_max: float = 0.045
-    safety: SafetyConfig = SafetyConfig()
-    reward: RewardConfig = RewardConfig()
+    safety: SafetyConfig = field(default_factory=SafetyConfig)
+    reward: RewardConfig = field(default_factory=RewardConfig)
 
 
 @dataclass

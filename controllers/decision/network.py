@@ -6,6 +6,7 @@ The file is an npz without pickled objects: `w0..w3` of shape (outputs, inputs),
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import zipfile
@@ -49,14 +50,14 @@ class QNetwork:
     @classmethod
     def random(cls, generator: np.random.Generator) -> QNetwork:
         """A network with He-initialized weights, for tests and as a control."""
-        pairs = list(zip(LAYERS[:-1], LAYERS[1:], strict=True))
+        pairs = list(itertools.pairwise(LAYERS))
         weights = tuple(
             generator.normal(0.0, math.sqrt(2.0 / n), (m, n)).astype(np.float32) for n, m in pairs
         )
         return cls(weights, tuple(np.zeros(m, np.float32) for _, m in pairs))
 
     def values(self, observation: NDArray[np.floating[Any]]) -> FloatArray:
-        """Q of (left, keep, right), shape (3,) or (batch, 3), of observations (216,) or (batch, 216).
+        """Q of (left, keep, right): (3,) or (batch, 3), of observations (216,) or (batch, 216).
 
         Raises:
           InputError: wrong shape, or a value that is not finite; the message names its feature.

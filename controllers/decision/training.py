@@ -74,9 +74,9 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         """Refuses numbers that cannot work."""
-        positive = ("decisions", "trip_duration", "replay_capacity", "warm_up", "steps")
-        positive += ("epsilon_decisions", "learning_rate", "batch_size", "target_interval")
-        positive += ("evaluate_interval", "validation_trips", "checkpoint_interval")
+        positive = ["decisions", "trip_duration", "replay_capacity", "warm_up", "steps"]
+        positive += ["epsilon_decisions", "learning_rate", "batch_size", "target_interval"]
+        positive += ["evaluate_interval", "validation_trips", "checkpoint_interval"]
         for name in positive:
             value = getattr(self, name)
             if not math.isfinite(value) or value <= 0:

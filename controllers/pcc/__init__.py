@@ -2,5 +2,15 @@
 
 from controllers.pcc.planner import PccConfig, PccSolution, plan
 from controllers.pcc.profile import RoadProfile
+from controllers.pcc.receding import HorizonPlan, Leader, RecedingConfig, RecedingPlanner
 
-__all__ = ["PccConfig", "PccSolution", "RoadProfile", "plan"]
+__all__ = [
+    "HorizonPlan",
+    "Leader",
+    "PccConfig",
+    "PccSolution",
+    "RecedingConfig",
+    "RecedingPlanner",
+    "RoadProfile",
+    "plan",
+]

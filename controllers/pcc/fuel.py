@@ -85,7 +85,6 @@ class FuelMap:
         A negative force is engine drag first and brakes beyond it. Where no gear carries the force
         the one with the most torque is taken, at its full load.
         """
-        force, speed = np.atleast_1d(force), np.atleast_1d(speed)
         omega = self.gear_speed[:, None] * speed[None, :]
         loss = np.where(force > 0.0, 1.0 / self.efficiency, self.efficiency)
         torque = (force * loss)[None, :] / self.gear_speed[:, None]
@@ -102,8 +101,8 @@ class FuelMap:
 
     def fit(self, v_min: float, v_max: float) -> Willans:
         """Least-squares Willans parabola over the engine's power at a band of speeds [m/s]."""
-        speed, share = np.meshgrid(np.linspace(v_min, v_max, 12), np.linspace(0.0, 1.0, 41))
-        speed, share = speed.ravel(), share.ravel()
+        speed = np.repeat(np.linspace(v_min, v_max, 12), 41)
+        share = np.tile(np.linspace(0.0, 1.0, 41), 12)
         power = share * self.power_max(speed)
         if power.max() <= 0.0:
             raise PlanningError(f"no gear runs between {v_min:.1f} and {v_max:.1f} m/s")

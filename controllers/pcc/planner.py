@@ -32,7 +32,7 @@ class PccConfig:
     """
 
     v_ref: float = 20.0
-    v_min: float = 15.0
+    v_min: float = 12.5
     v_max: float = 85.0 / 3.6
     mean_speed: bool = False
     k_a: float = 0.5

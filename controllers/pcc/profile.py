@@ -153,7 +153,8 @@ class RoadProfile:
 
         Args:
           route: the road.
-          start: first station [m]; length: default to the end of the route [m].
+          start: first station [m].
+          length: default to the end of the route [m].
           step: of the grid [m].
           lane: whose speed limit counts.
           lateral_acceleration: that curves may ask for [m/s2].
@@ -184,4 +185,4 @@ def _grid(first: float, last: float, step: float, length: float | None, name: st
     count = math.floor((end - first) / step + 1e-9)
     if count < 4:
         raise InputError(f"road profile {name!r}: {end - first:.0f} m is too short for {step:g} m")
-    return first + step * np.arange(count + 1)
+    return np.asarray(first + step * np.arange(count + 1), dtype=float)

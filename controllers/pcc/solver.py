@@ -1,14 +1,17 @@
 """The optimal control problem in the distance domain, solved by IPOPT through CasADi.
 
-Nodes k = 0..n, intervals of length ds. States b = v^2 and time t, controls engine force F and brake
-force B >= 0, constant over an interval (forces are per kilogram inside):
+Nodes k = 0..n, intervals of length ds. Variables: b = v^2 at the nodes and the engine's force F at
+the wheels in the intervals (per kilogram inside). What the motion asks for,
 
-    b[k+1] = b[k] + 2 ds / m_e (F - B - R(grade) - k_air (b[k] + b[k+1]) / 2)      exact, linear
-    t[k+1] = t[k] + 2 ds / (v[k] + v[k+1])                                          exact
-    -P_drag <= F (v[k] + v[k+1]) / 2 / eta <= P_max
-    b within the band and the limits, t[k] >= fence[k], t[n] <= T
-    minimize sum dt (f0 + f1 P + f2 P^2 + k_a a^2) + price_time t[n] - price_energy b[n]
+    N[k] = (b[k+1] - b[k]) m_e / (2 ds) + R(grade) + k_air (b[k] + b[k+1]) / 2       exact, linear
 
+is F less the brake force, which is so eliminated:
+
+    0 <= F - N <= B_max,    -P_drag <= F (v[k] + v[k+1]) / (2 eta) <= P_max
+    b within the band and the limits,    sum dt <= T,    dt = 2 ds / (v[k] + v[k+1])      exact
+    minimize sum dt (f0 + f1 P + f2 P^2 + k_a a^2) + price_time sum dt - price_energy b[n]
+
+With a fence the time t[k] at the nodes joins the variables, so that `t[k] >= fence[k]` is a bound.
 The cost is the paper's (section on the fuel-efficient speed planner) in the distance domain; its
 fence `s <= s_fence(t)` becomes an earliest time of passing each station.
 """
@@ -17,6 +20,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -65,31 +69,25 @@ class Solver:
     """IPOPT on a grid of fixed size; build once, solve often. `build_time` in seconds."""
 
     def __init__(
-        self, vehicle: PointMass, intervals: int, step: float, iterations_max: int = 150
+        self,
+        vehicle: PointMass,
+        intervals: int,
+        step: float,
+        fenced: bool = False,
+        time_limit: float = 20.0,
     ) -> None:
         began = time.perf_counter()
-        self.vehicle, self.intervals, self.step = vehicle, intervals, step
-        self._previous: FloatArray | None = None
-        n = intervals
-        b, t = ca.SX.sym("b", n + 1), ca.SX.sym("t", n + 1)
-        drive, brake = ca.SX.sym("F", n), ca.SX.sym("B", n)
-        slope, prices = ca.SX.sym("slope", n), ca.SX.sym("prices", 3)
-        cost, constraints = self._problem(b, t, drive, brake, slope, prices)
-        # Interleaved by node: the factorization's fill-in stays in a narrow band.
-        inner = ca.horzcat(b[:-1], t[:-1], drive, brake)
-        variables = ca.vertcat(ca.vec(inner.T), b[n], t[n])
-        options = {
+        self.vehicle, self.intervals, self.step, self.fenced = vehicle, intervals, step, fenced
+        options: dict[str, Any] = {
             "print_time": False,
             "ipopt.print_level": 0,
             "ipopt.sb": "yes",
-            "ipopt.max_iter": iterations_max,
+            "ipopt.max_iter": 200,
             "ipopt.tol": 1e-6,
             "ipopt.acceptable_tol": 1e-5,
-            "ipopt.mu_strategy": "adaptive",
-            "ipopt.max_wall_time": 20.0,
+            "ipopt.max_wall_time": time_limit,
         }
-        nlp = {"x": variables, "p": ca.vertcat(slope, prices), "f": cost, "g": constraints}
-        self._solve = ca.nlpsol("pcc", "ipopt", nlp, options)
+        self._solve = ca.nlpsol("pcc", "ipopt", self._problem(), options)
         self.build_time = time.perf_counter() - began
 
     def solve(self, task: Task, guess: FloatArray) -> Answer:
@@ -101,23 +99,27 @@ class Solver:
         self._check(task)
         began = time.perf_counter()
         n, vehicle, road = self.intervals, self.vehicle, task.road
-        net = vehicle.net_force(guess, road) / vehicle.inertial_mass
-        times = np.concatenate([[0.0], np.cumsum(durations(guess, road))])
-        power = vehicle.efficiency * vehicle.power_max / vehicle.inertial_mass
-        x0 = self._pack(guess**2 / _B, times / _T, np.maximum(net, 0.01), np.maximum(-net, 0.01))
+        mass, eta = vehicle.inertial_mass, vehicle.efficiency
+        net = vehicle.net_force(guess, road) / mass
+        clock = np.concatenate([[0.0], np.cumsum(durations(guess, road))]) / _T
         late = np.full(n + 1, np.inf)
-        late[0], late[-1] = 0.0, task.time_max / _T
-        brake = np.full(n, vehicle.brake_max / vehicle.inertial_mass)
-        fence = np.maximum(task.fence / _T, 0.0)
-        low = self._pack(task.b_low / _B, fence, np.full(n, -np.inf), np.zeros(n))
-        high = self._pack(task.b_high / _B, late, np.full(n, np.inf), brake)
-        slope = vehicle.slope_force(road.grade) / vehicle.inertial_mass
+        late[0] = 0.0
+        brake = np.tile([0.0, -eta * vehicle.power_drag / mass], n)
+        power = np.tile([vehicle.brake_max / mass, eta * vehicle.power_max / mass], n)
+        low_rows = [brake, np.zeros(1)]
+        high_rows = [power, np.array([task.time_max / _T])]
+        if self.fenced:
+            low_rows.append(np.zeros(n))
+            high_rows.append(np.zeros(n))
+        slope = vehicle.slope_force(road.grade) / mass
         prices = [task.k_a / _FUEL, task.price_time / _FUEL, task.price_energy / _FUEL]
-        drag = vehicle.efficiency * vehicle.power_drag / vehicle.inertial_mass
-        below = np.tile([0.0, 0.0, -drag], n)
-        above = np.tile([0.0, 0.0, power], n)
         result = self._solve(
-            x0=x0, lbx=low, ubx=high, lbg=below, ubg=above, p=np.concatenate([slope, prices])
+            x0=self._pack(guess**2 / _B, np.maximum(net, 0.0) + 0.01, clock),
+            lbx=self._pack(task.b_low / _B, np.full(n, -np.inf), task.fence / _T),
+            ubx=self._pack(task.b_high / _B, np.full(n, np.inf), late),
+            lbg=np.concatenate(low_rows),
+            ubg=np.concatenate(high_rows),
+            p=np.concatenate([slope, prices]),
         )
         wall_time = time.perf_counter() - began
         statistics = self._solve.stats()
@@ -126,9 +128,12 @@ class Solver:
                 f"the speed optimization over {road.length:.0f} m ended with "
                 f"{statistics['return_status']} after {statistics['iter_count']} iterations"
             )
+        width = 3 if self.fenced else 2
         solution = np.asarray(result["x"]).ravel()
-        speed = np.sqrt(np.maximum(np.append(solution[0 : 4 * n : 4], solution[4 * n]), 0.0) * _B)
-        price = float(np.asarray(result["lam_x"]).ravel()[-1]) * _FUEL / _T
+        b = np.append(solution[0 : width * n : width], solution[width * n])
+        # b follows within its bounds to the solver's tolerance; the profile keeps to them exactly.
+        speed = np.sqrt(np.clip(b * _B, task.b_low, task.b_high))
+        price = float(np.asarray(result["lam_g"]).ravel()[2 * n]) * 100.0 * _FUEL / _T
         return Answer(speed, max(price, 0.0), int(statistics["iter_count"]), wall_time)
 
     def _check(self, task: Task) -> None:
@@ -153,28 +158,40 @@ class Solver:
                 f"takes {fastest:.1f} s"
             )
 
-    def _problem(
-        self, b: ca.SX, t: ca.SX, drive: ca.SX, brake: ca.SX, slope: ca.SX, prices: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
-        vehicle, ds = self.vehicle, self.step
+    def _problem(self) -> dict[str, ca.SX]:
+        """The NLP; variables and rows are interleaved by node, so that fill-in stays in a band."""
+        vehicle, ds, n = self.vehicle, self.step, self.intervals
         mass, fuel = vehicle.inertial_mass, vehicle.fuel
-        b0, b1 = b[:-1] * _B, b[1:] * _B
-        mean = 0.5 * (ca.sqrt(b0) + ca.sqrt(b1))
+        b, force, t = ca.SX.sym("b", n + 1), ca.SX.sym("F", n), ca.SX.sym("t", n + 1)
+        slope, prices = ca.SX.sym("slope", n), ca.SX.sym("prices", 3)
+        b0, b1, v = b[:-1] * _B, b[1:] * _B, ca.sqrt(b * _B)
+        mean = 0.5 * (v[:-1] + v[1:])
         dt = ds / mean
-        air = vehicle.drag / mass * 0.5 * (b0 + b1)
-        motion = (b1 - b0 - 2.0 * ds * (drive - brake - slope - air)) / _B
-        clock = (t[1:] - t[:-1]) - dt / _T
-        # dt P = F ds / eta and dt P^2 = F^2 v ds / eta^2: no division by speed.
-        work = drive * mass * ds / vehicle.efficiency
-        square = (drive * mass / vehicle.efficiency) ** 2 * mean * ds
         a = (b1 - b0) / (2.0 * ds)
+        net = a + slope + vehicle.drag / mass * 0.5 * (b0 + b1)
+        # dt P = F ds / eta and dt P^2 = F^2 v ds / eta^2: no division by speed.
+        work = force * mass * ds / vehicle.efficiency
+        square = (force * mass / vehicle.efficiency) ** 2 * mean * ds
         burnt = (fuel.f0 * dt + fuel.f1 * work + fuel.f2 * square) / _FUEL
-        cost = ca.sum1(burnt + prices[0] * a**2 * dt)
-        cost += prices[1] * t[-1] * _T - prices[2] * b[-1] * _B
-        return cost, ca.vec(ca.horzcat(motion, clock, drive * mean).T)
+        total = ca.sum1(dt)
+        cost = ca.sum1(burnt + prices[0] * a**2 * dt) + prices[1] * total - prices[2] * b1[-1]
+        rows = [ca.vec(ca.horzcat(force - net, force * mean).T), total / _T]
+        columns = [b[:-1], force]
+        last = [b[n]]
+        if self.fenced:
+            rows.append(t[1:] - t[:-1] - dt / _T)
+            columns.append(t[:-1])
+            last.append(t[n])
+        return {
+            "x": ca.vertcat(ca.vec(ca.horzcat(*columns).T), *last),
+            "p": ca.vertcat(slope, prices),
+            "f": cost / 100.0,
+            "g": ca.vertcat(*rows),
+        }
 
-    def _pack(
-        self, b: FloatArray, t: FloatArray, drive: FloatArray, brake: FloatArray
-    ) -> FloatArray:
-        inner = np.column_stack([b[:-1], t[:-1], drive, brake]).ravel()
-        return np.concatenate([inner, [b[-1], t[-1]]])
+    def _pack(self, b: FloatArray, force: FloatArray, clock: FloatArray) -> FloatArray:
+        columns, last = [b[:-1], force], [b[-1]]
+        if self.fenced:
+            columns.append(clock[:-1])
+            last.append(clock[-1])
+        return np.concatenate([np.column_stack(columns).ravel(), last])
