@@ -26,6 +26,7 @@ from controllers.speed_plan import (
     speed_cap,
 )
 from controllers.surroundings import Neighbor, Surroundings
+from controllers.trajectory import lead_of, lead_while_passing, on_road
 from iits_mj.messages import Decision, EgoState, PlanMode, Scene, SpeedProfile, Trajectory
 
 if TYPE_CHECKING:
@@ -329,34 +330,15 @@ class Planner:
         self, scene: Scene, surroundings: Surroundings, path: LanePath
     ) -> tuple[list[Lead], Neighbor | None]:
         """Who is to be followed, and the nearest of them."""
-        leads: list[Lead] = []
         follows = surroundings.leader(path)
-        if follows is not None:
-            v = follows.vehicle
-            leads.append(Lead(follows.gap, max(v.speed, 0.0), v.acceleration))
+        leads = [] if follows is None else [lead_of(follows)]
         if self._change is not None and not self._change.aborted and self._residual is not None:
             old = surroundings.leader(self._origin(scene))
             if old is not None and (follows is None or old.vehicle.id != follows.vehicle.id):
-                lead = self._old_lead(scene, path, old)
-                if lead is not None:
-                    leads.append(lead)
+                clearance = self.config.change.side_gap, self.config.safety.margin
+                lead = lead_while_passing(scene, path, self._residual, old, *clearance)
+                leads += [] if lead is None else [lead]
         return leads, follows
-
-    def _old_lead(self, scene: Scene, path: LanePath, old: Neighbor) -> Lead | None:
-        """The leader of the lane being left, while it can still be touched; else None."""
-        ego = scene.ego
-        assert self._residual is not None
-        clear = 0.5 * (old.vehicle.width + scene.footprint.width) + self.config.change.side_gap
-        stations = np.linspace(ego.station, max(self._residual.end, ego.station + 1.0), 40)
-        offsets = path.offset_at(stations) + self._residual.evaluate(stations)[0]
-        aside = np.abs(offsets - old.vehicle.offset) > clear
-        free_at = float(stations[int(np.argmax(aside))]) if aside.any() else float(stations[-1])
-        until = (free_at - ego.station) / max(ego.speed, 1.0)
-        closing = ego.speed - old.vehicle.speed
-        spare = old.gap - max(closing, 0.0) * until - self.config.safety.margin
-        if until <= 0.0 or spare > 0.0:
-            return None
-        return Lead(old.gap, max(old.vehicle.speed, 0.0), old.vehicle.acceleration, until)
 
     def _start(self, scene: Scene) -> SpeedState:
         """Begins at the last plan's speed, held near the truck's."""
@@ -389,27 +371,6 @@ class Planner:
             speed,
             self._emergency,
         )
-        slope_table = np.gradient(path.offset, self.preview.step)
-        slope = np.interp(station, path.station, slope_table)
-        bend = np.interp(station, path.station, np.gradient(slope_table, self.preview.step))
-        offset = path.offset_at(station)
-        if self._residual is not None:
-            q, first, second, _ = self._residual.evaluate(station)
-            offset, slope, bend = offset + q, slope + first, bend + second
-        curvature = np.interp(station, self.preview.station, self.preview.curvature)
-        stretch = 1.0 - curvature * offset
-        point = self.route.evaluate(station, offset)
-        return Trajectory(
-            time=np.asarray(scene.time + config.step * np.arange(steps + 1), dtype=np.float64),
-            station=station,
-            offset=offset,
-            x=np.asarray(point.x),
-            y=np.asarray(point.y),
-            z=np.asarray(point.z),
-            yaw=np.asarray(point.heading) + np.arctan2(slope, stretch),
-            # Curvature of an offset curve, for small angles to the road.
-            curvature=curvature / stretch + bend / stretch**2,
-            speed=v,
-            acceleration=a,
-            extra={"urgency": urgency},
+        return on_road(
+            self.preview, path, self._residual, scene.time, station, v, a, config.step, urgency
         )

@@ -1,0 +1,103 @@
+"""From the planner's pieces to a trajectory, and from neighbors to leads."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.following import Lead
+from controllers.quintic import Quintic
+from controllers.road_preview import LanePath, RoadPreview
+from controllers.surroundings import Neighbor
+from iits_mj.messages import Scene, Trajectory
+
+FloatArray = NDArray[np.float64]
+
+
+def on_road(
+    preview: RoadPreview,
+    path: LanePath,
+    residual: Quintic | None,
+    time: float,
+    station: FloatArray,
+    speed: FloatArray,
+    acceleration: FloatArray,
+    step: float,
+    urgency: float,
+) -> Trajectory:
+    """Lane path plus quintic over station, with speed over time, in the map frame.
+
+    Args:
+      preview: tables of the road.
+      path: of the target lane.
+      residual: offset from the path, None for none.
+      time: of the first point [s].
+      station: of shape (n,) [m].
+      speed: of shape (n,) [m/s].
+      acceleration: of shape (n,) [m/s2].
+      step: between points [s].
+      urgency: greatest deceleration that a leader requires, for logs [m/s2].
+    """
+    slope_table = np.gradient(path.offset, preview.step)
+    slope = np.interp(station, path.station, slope_table)
+    bend = np.interp(station, path.station, np.gradient(slope_table, preview.step))
+    offset = path.offset_at(station)
+    if residual is not None:
+        q, first, second, _ = residual.evaluate(station)
+        offset, slope, bend = offset + q, slope + first, bend + second
+    curvature = np.interp(station, preview.station, preview.curvature)
+    stretch = 1.0 - curvature * offset
+    point = preview.route.evaluate(station, offset)
+    return Trajectory(
+        time=np.asarray(time + step * np.arange(len(station)), dtype=np.float64),
+        station=station,
+        offset=offset,
+        x=np.asarray(point.x),
+        y=np.asarray(point.y),
+        z=np.asarray(point.z),
+        yaw=np.asarray(point.heading) + np.arctan2(slope, stretch),
+        # Curvature of an offset curve, for small angles to the road.
+        curvature=curvature / stretch + bend / stretch**2,
+        speed=speed,
+        acceleration=acceleration,
+        extra={"urgency": urgency},
+    )
+
+
+def lead_of(neighbor: Neighbor) -> Lead:
+    """The neighbor as somebody to follow."""
+    vehicle = neighbor.vehicle
+    return Lead(neighbor.gap, max(vehicle.speed, 0.0), vehicle.acceleration)
+
+
+def lead_while_passing(
+    scene: Scene,
+    path: LanePath,
+    residual: Quintic,
+    old: Neighbor,
+    side_gap: float,
+    margin: float,
+) -> Lead | None:
+    """The leader of the lane being left, as long as it can still be touched; else None.
+
+    Args:
+      scene: the truck.
+      path: of the target lane.
+      residual: of the change under way.
+      old: the leader of the old lane.
+      side_gap: wanted beside it [m].
+      margin: wanted behind it until the truck is beside [m].
+    """
+    ego = scene.ego
+    clear = 0.5 * (old.vehicle.width + scene.footprint.width) + side_gap
+    stations = np.linspace(ego.station, max(residual.end, ego.station + 1.0), 40)
+    offsets = path.offset_at(stations) + residual.evaluate(stations)[0]
+    aside = np.abs(offsets - old.vehicle.offset) > clear
+    free_at = float(stations[int(np.argmax(aside))]) if aside.any() else float(stations[-1])
+    until = (free_at - ego.station) / max(ego.speed, 1.0)
+    closing = ego.speed - old.vehicle.speed
+    spare = old.gap - max(closing, 0.0) * until - margin
+    if until <= 0.0 or spare > 0.0:
+        return None
+    lead = lead_of(old)
+    return Lead(lead.gap, lead.speed, lead.acceleration, until)
