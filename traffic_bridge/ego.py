@@ -79,6 +79,10 @@ class EgoInTraffic:
             if not self._present:
                 self._add(EGO)
                 self._present = True
+            if table is None:
+                x, y = self._lanes.to_sumo(x, y)
+            else:
+                x, y = self._in_lane(table, station, offset)
             self._move(EGO, x, y, ego.yaw, max(ego.speed, 0.0), table)
             self._place_shadow(ego, station, lane)
 
@@ -91,15 +95,21 @@ class EgoInTraffic:
             self._shadow = f"{SHADOW}.{self._shadows}"
             self._shadows += 1
             self._add(self._shadow)
-        point = self._route.evaluate(station, second.at(second.position_of(station))[1])
-        self._move(
-            self._shadow,
-            float(point.x),
-            float(point.y),
-            float(point.heading),
-            max(ego.speed, 0.0),
-            second,
-        )
+        center = second.at(second.position_of(station))[1]
+        x, y = self._in_lane(second, station, center)
+        yaw = float(self._route.evaluate(station).heading)
+        self._move(self._shadow, x, y, yaw, max(ego.speed, 0.0), second)
+
+    def _in_lane(self, table: LaneTable, station: float, offset: float) -> tuple[float, float]:
+        """SUMO's coordinates of a point on a lane, by station: so the gaps to others are exact.
+
+        SUMO maps positions to coordinates unevenly in bends (see `lanes`), by up to some metres.
+        """
+        position = table.position_of(station)
+        x, y = table.point_at(position)
+        side = offset - table.at(position)[1]
+        heading = float(self._route.evaluate(station).heading)
+        return x - side * math.sin(heading), y + side * math.cos(heading)
 
     def _second_lane(self, ego: EgoState, station: float, lane: int) -> LaneTable | None:
         """The lane other than the ego's that tractor or trailer reaches into."""
@@ -121,7 +131,6 @@ class EgoInTraffic:
     ) -> None:
         edge, index = (table.edge, table.index) if table else ("", -1)
         angle = 90.0 - math.degrees(yaw)
-        x, y = self._lanes.to_sumo(x, y)
         self._api.vehicle.moveToXY(name, edge, index, x, y, angle, EXACT_POSE, MATCH_RADIUS)
         self._api.vehicle.setSpeed(name, speed)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from bisect import bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,7 @@ class LaneTable:
       length: as SUMO counts positions [m].
       spacing: between samples, in SUMO's positions [m].
       station, offset: of the lane's centre at the samples [m], shape (n,).
+      x, y: of SUMO's lane at the samples, in SUMO's coordinates [m], shape (n,).
     """
 
     id: str
@@ -47,17 +48,28 @@ class LaneTable:
     spacing: float
     station: FloatArray
     offset: FloatArray
+    x: FloatArray
+    y: FloatArray
 
     def at(self, position: float) -> tuple[float, float]:
-        """Station and offset at a position along the lane; beyond its ends extrapolated."""
-        place = position / self.spacing
+        """Station and offset at a position along the lane; beyond its ends straight on.
+
+        An internal lane of some centimetres has no slope to go by: outside, a metre is a metre.
+        """
+        inside = min(max(position, 0.0), self.length)
+        place = inside / self.spacing
         i = min(max(int(place), 0), len(self.station) - 2)
         part = place - i
         s, d = self.station, self.offset
         return (
-            float(s[i] + part * (s[i + 1] - s[i])),
-            float(d[i] + min(max(part, 0.0), 1.0) * (d[i + 1] - d[i])),
+            float(s[i] + part * (s[i + 1] - s[i])) + self.direction * (position - inside),
+            float(d[i] + part * (d[i + 1] - d[i])),
         )
+
+    def point_at(self, position: float) -> tuple[float, float]:
+        """Point (x, y) of SUMO's lane at a position, in SUMO's coordinates."""
+        grid = np.arange(len(self.x)) * self.spacing
+        return float(np.interp(position, grid, self.x)), float(np.interp(position, grid, self.y))
 
     def position_of(self, station: float) -> float:
         """Position along the lane of a station, clipped to the lane [m]."""
@@ -216,7 +228,8 @@ class RouteLanes:
         near = 0.0 if direction > 0 else self._route.length
         for edge, after in zip(edges, (*edges[1:], None), strict=False):
             count = self._api.edge.getLaneNumber(edge)
-            tables = [self._table(edge, i, near, direction) for i in range(count)]
+            tables = _even([self._table(edge, i, near, direction) for i in range(count)])
+            self.tables.update((table.id, table) for table in tables)
             near = float(tables[0].station[-1])
             links = self._links(edge)
             if after is not None and after not in {target for target, _ in links}:
@@ -235,18 +248,19 @@ class RouteLanes:
     def _table(self, edge: str, index: int, near: float, direction: int) -> LaneTable:
         name = f"{edge}_{index}"
         length = self._api.lane.getLength(name)
-        shape = np.asarray(self._api.lane.getShape(name), dtype=float)[:, :2] - self._offset
+        shape = np.asarray(self._api.lane.getShape(name), dtype=float)[:, :2]
         way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))))
         count = int(np.clip(length / SAMPLE_SPACING, 2, MAXIMUM_SAMPLES)) + 1
         places = np.linspace(0.0, way[-1], count)
         x, y = (np.interp(places, way, shape[:, axis]) for axis in (0, 1))
         station, offset = np.empty(count), np.empty(count)
         for k in range(count):
-            station[k], offset[k] = self._route.locate(x[k], y[k], near)
+            station[k], offset[k] = self._route.locate(*self.to_map(x[k], y[k]), near)
             near = station[k]
         lane = self._route_lane(station, offset) if direction > 0 else -1
+        spacing = length / (count - 1)
         table = LaneTable(
-            name, edge, index, lane, direction, length, length / (count - 1), station, offset
+            name, edge, index, lane, direction, length, spacing, station, offset, x, y
         )
         self.tables[name] = table
         self._set_rules(table)
@@ -270,6 +284,24 @@ class RouteLanes:
         if table.edge.startswith(":") and self._api.lane.getMaxSpeed(table.id) < NET_SPEED - 0.1:
             return
         self._api.lane.setMaxSpeed(table.id, limit)
+
+
+def _even(tables: list[LaneTable]) -> list[LaneTable]:
+    """Gives the lanes of an edge one common station for every position.
+
+    SUMO keeps a vehicle's position when it changes lanes, but maps positions evenly onto each
+    lane's own length: on an edge that is part bend, part straight, neighbors would be up to some
+    metres apart, and a vehicle would jump along the road when it changes lanes.
+    """
+    if len({len(table.station) for table in tables}) != 1:
+        return tables
+    station = np.mean([table.station for table in tables], axis=0)
+    even = []
+    for table in tables:
+        order = slice(None) if table.direction > 0 else slice(None, None, -1)
+        offset = np.asarray(np.interp(station, table.station[order], table.offset[order]))
+        even.append(replace(table, station=station, offset=offset))
+    return even
 
 
 def _pieces(base: str) -> str:

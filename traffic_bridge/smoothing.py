@@ -19,6 +19,7 @@ FloatArray = NDArray[np.float64]
 
 JUMP = 0.3  # [m] in one step: more than any lane's taper or a map's seam moves a vehicle
 SLOW = 5.0  # [m/s] below which a lane change takes longer, in proportion: nobody slides sideways
+URGENT_PACE = 0.5
 SHORTEST = 1.0  # [s]
 SIDE_MARGIN = 0.3  # [m]
 CLEARED_BY = 0.62  # fraction of the change after which the old lane is free (quintic: 3/4 done)
@@ -78,6 +79,7 @@ class LateralSmoother:
         self.duration = duration
         self._last: dict[str, float] = {}
         self._changes: dict[str, _Change] = {}
+        self._urgent: set[str] = set()
 
     def update(
         self,
@@ -117,6 +119,8 @@ class LateralSmoother:
         for name, change in list(self._changes.items()):
             i = place[name]
             pace = min(1.0, abs(float(speed[i])) / SLOW)
+            # Who stands in somebody's way completes the change, however slowly.
+            pace = max(pace, URGENT_PACE if name in self._urgent else 0.0)
             change.age += dt * pace
             if change.age >= change.duration:
                 del self._changes[name]
@@ -124,8 +128,11 @@ class LateralSmoother:
             residual, rate, _ = change.state()
             shown[i] += residual
             lateral[i] = rate * pace
-        for name in sorted(self._changes):
-            self._hasten(place[name], self._changes[name], station, offset, shown, speed, size)
+        self._urgent = {
+            name
+            for name, change in self._changes.items()
+            if self._hasten(place[name], change, station, offset, shown, speed, size)
+        }
         return shown, lateral
 
     def _begin(self, name: str, jump: float) -> None:
@@ -145,15 +152,19 @@ class LateralSmoother:
         shown: FloatArray,
         speed: FloatArray,
         size: FloatArray,
-    ) -> None:
-        """Shortens a change so that the old lane is left before the gap there is used up."""
+    ) -> bool:
+        """Shortens a change so that the old lane is left before the gap there is used up.
+
+        Returns:
+          Whether that gap is nearly used up.
+        """
         side = 0.5 * (size[:, 1] + size[i, 1]) + SIDE_MARGIN
         beside_now = np.abs(shown - shown[i]) < side
         free_later = np.abs(shown - offset[i]) >= side
         conflict = beside_now & free_later
         conflict[i] = False
         if not conflict.any():
-            return
+            return False
         apart = station[conflict] - station[i]
         gap = np.abs(apart) - 0.5 * (size[conflict, 0] + size[i, 0])
         closing = -np.sign(apart) * (speed[conflict] - speed[i])
@@ -164,3 +175,4 @@ class LateralSmoother:
         if wanted < remaining - 0.1:
             change.coefficients = quintic(*change.state(), wanted)
             change.duration, change.age = wanted, 0.0
+        return wanted <= SHORTEST

@@ -22,6 +22,7 @@ from traffic_bridge.smoothing import LateralSmoother
 from traffic_bridge.vehicles import Vehicles
 
 MOBIL_PERIOD = 1.0  # [s] between rounds of decisions
+LOOK_AHEAD = 400.0  # [m]: MOBIL does not go to a lane that ends within this distance
 MOBIL_REST = 6.0  # [s] after a lane change before the next
 VIEW = "view"  # the SUMO point of interest that follows the ego, to ask who is near it
 VIEW_MARGIN = 30.0  # [m]: SUMO measures to front bumpers, we to centres
@@ -249,13 +250,13 @@ class World:
         if self._until_mobil > 1e-9:
             return
         self._until_mobil = MOBIL_PERIOD
-        places: dict[str, tuple[str, int]] = {}
+        places: dict[str, tuple[str, int, float]] = {}
         drivers = []
         for row in self._seen(None):
             table = self.lanes.tables.get(row.lane)
             if table is None or table.lane < 0:
                 continue
-            places[row.name] = (table.edge, table.index)
+            places[row.name] = (table.edge, table.index, row.position)
             drivers.append(
                 mobil.Driver(
                     row.name,
@@ -271,10 +272,13 @@ class World:
             drivers += self._ego_drivers()
 
         def may_change(driver: mobil.Driver, target: int) -> bool:
-            edge, index = places[driver.name]
+            edge, index, position = places[driver.name]
             table = self.lanes.tables.get(f"{edge}_{index + target - driver.lane}")
-            rested = self.time - self._changed.get(driver.name, -math.inf) >= MOBIL_REST
-            return rested and table is not None and table.lane == target
+            if table is None or table.lane != target or edge.startswith(":"):
+                return False
+            if table.length - position < LOOK_AHEAD and not self.lanes.goes_on(table):
+                return False
+            return self.time - self._changed.get(driver.name, -math.inf) >= MOBIL_REST
 
         for name, target in mobil.decide(drivers, may_change).items():
             lane = next(driver.lane for driver in drivers if driver.name == name)

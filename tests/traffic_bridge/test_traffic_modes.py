@@ -183,6 +183,23 @@ def test_values_that_are_not_finite_are_refused_and_sumo_goes_on(straight):
         assert traffic.step(ego_at(straight, 0.1, 500.5, 5.0, 0.0))
 
 
+def test_lane_changes_in_bends_do_not_move_vehicles_along_the_road(highway):
+    config = TrafficConfig(density=0.15, fill_ahead=1500.0, fill_behind=1500.0)
+    worst, changes = 0.0, 0
+    with PureSim(highway, config, seed=2) as traffic:
+        before = {}
+        for k in range(400):
+            vehicles = traffic.reset(ego_at(highway, 0.0, 4000.0, 0.0, 0.0)) if k == 0 else None
+            vehicles = traffic.step() if vehicles is None else vehicles
+            for v in vehicles:
+                old = before.get(v.id, v)
+                worst = max(worst, math.hypot(v.x - old.x, v.y - old.y) - 0.1 * v.speed)
+                changes += v.lane != old.lane
+            before = {v.id: v for v in vehicles}
+    assert changes > 5
+    assert worst < 0.1
+
+
 def test_vehicles_lie_on_the_road_and_report_their_lane(highway):
     with InterSim(highway, TrafficConfig(density="dense"), seed=1) as traffic:
         traffic.reset(ego_at(highway, 0.0, 3000.0, 12.0, highway.lane_offset(0, 3000.0)))
