@@ -3,7 +3,16 @@
 import pytest
 
 from iits_mj.errors import BusError
-from iits_mj.j1939 import Frame, Status, decode, encode, make_id, message_names, pgn_of
+from iits_mj.j1939 import (
+    Frame,
+    Status,
+    database_path,
+    decode,
+    encode,
+    make_id,
+    message_names,
+    pgn_of,
+)
 
 PGNS = {
     "XBR": 1024,
@@ -132,3 +141,12 @@ def test_bad_values_are_refused_with_their_names():
 def test_saturation_keeps_a_sensor_inside_its_range():
     frame = encode("EEC1", {"engine_speed_rpm": 9000.0}, saturate=True)
     assert decode(frame).number("engine_speed_rpm") == pytest.approx(8031.875)
+
+
+def test_manual_page_lists_every_message_and_our_own_signals():
+    page = database_path().with_name("README.md").read_text(encoding="utf-8")
+    for name in message_names():
+        assert f"| `{name}` | {pgn_of(name)} |" in page
+    for name in (n for n in message_names() if n.startswith("IITS_")):
+        for signal in decode(encode(name, {})).values:
+            assert f"| `{signal}` |" in page
