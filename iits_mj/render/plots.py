@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from iits_mj.errors import InputError
 from iits_mj.results import Line, Panel
@@ -70,9 +71,11 @@ def _draw_panel(ax: Axes, panel: Panel) -> None:
             line.role, {"color": PALETTE[i % len(PALETTE)], "linewidth": 1.6, "zorder": 3}
         )
         x = np.asarray(line.x, dtype=float)
-        marker = {"marker": "o", "markersize": 4} if x.size <= 2 else {}
-        ax.plot(x, np.asarray(line.y, dtype=float), label=line.label, **style, **marker)
+        marker = "o" if x.size <= 2 else ""
+        ax.plot(x, np.asarray(line.y, dtype=float), label=line.label, **style, marker=marker, ms=4)
     _open_flat_range(ax)
+    if all(np.array_equal(line.y, np.round(line.y)) for line in panel.lines):
+        ax.yaxis.set_major_locator(MaxNLocator(integer=True))
     ax.set_title(panel.title, loc="left", fontsize=10, color=INK, fontweight="bold")
     ax.set_ylabel(panel.y_label, color=INK)
     ax.grid(True, color=GRID, linewidth=0.7)
