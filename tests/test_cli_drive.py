@@ -1,0 +1,135 @@
+"""`iits-mj drive`, `record` and `replay` as somebody at the shell meets them, without a display."""
+
+from __future__ import annotations
+
+import csv
+import html.parser
+import json
+from pathlib import Path
+
+import pytest
+
+from iits_mj import cli
+from iits_mj.errors import RenderError
+from iits_mj.simulation import Simulation
+
+SHORT = ("--duration", "2", "--seed", "3")
+
+
+def listing(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+class Sources(html.parser.HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found += [value or "" for name, value in attrs if name in ("src", "href")]
+
+
+def test_drive_leaves_telemetry_plots_summary_and_a_self_contained_report(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "mine.txt").write_text("keep me")
+    assert cli.main(["drive", *SHORT, "--no-video", "--out", str(out)]) == 0
+    assert listing(out) == {
+        "mine.txt",
+        "report.html",
+        "telemetry.csv",
+        "summary.json",
+        "longitudinal.png",
+        "lateral.png",
+        "traffic.png",
+    }
+    shown = capsys.readouterr().out
+    for figure in ("distance", "mean speed", "lane changes", "closest gap", "fuel", "real-time"):
+        assert figure in shown
+    sources = Sources()
+    sources.feed((out / "report.html").read_text())
+    assert len(sources.found) == 3
+    assert all(source.startswith("data:image/png;base64,") for source in sources.found)
+    assert len(list(csv.reader((out / "telemetry.csv").open()))) == 22
+    summary = json.loads((out / "summary.json").read_text())["summary"]
+    assert summary["duration_s"] == pytest.approx(2.0)
+    assert 25.0 < summary["distance_m"] < 35.0
+    assert summary["warnings"] == {}
+
+
+def test_drive_with_json_prints_one_object(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["drive", *SHORT, "--no-video", "--json", "--traffic-mode", "none"]
+    assert cli.main([*words, "--out", str(tmp_path)]) == 0
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["command"] == "drive"
+    assert json.loads(captured.out)["seed"] == 3
+    assert captured.err == ""
+
+
+def test_without_opengl_it_drives_reports_and_says_why_there_is_no_video(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_opengl(*arguments: object, **settings: object) -> None:
+        raise RenderError("no offscreen OpenGL; apt-get install libegl1")
+
+    monkeypatch.setattr("iits_mj.render.video.Offscreen", no_opengl)
+    words = ["drive", *SHORT, "--traffic-mode", "none", "--size", "64x64"]
+    assert cli.main([*words, "--out", str(tmp_path)]) == 0
+    captured = capsys.readouterr()
+    assert len(captured.err.strip().splitlines()) == 1
+    assert "driving without a video" in captured.err
+    assert "apt-get install libegl1" in captured.err
+    assert "There is no video" in (tmp_path / "report.html").read_text()
+    assert "drive.mp4" not in listing(tmp_path)
+    assert not [name for name in listing(tmp_path) if "partial" in name]
+
+
+def test_interrupted_drive_keeps_and_reports_what_was_driven(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cycle = Simulation.cycle
+
+    def interrupted(self: Simulation, *arguments: object) -> object:
+        if self.time > 0.95:
+            raise KeyboardInterrupt
+        return cycle(self, *arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Simulation, "cycle", interrupted)
+    words = ["drive", *SHORT, "--no-video", "--traffic-mode", "none", "--out", str(tmp_path)]
+    assert cli.main(words) == 130
+    assert "interrupted" in capsys.readouterr().out
+    assert len(list(csv.reader((tmp_path / "telemetry.csv").open()))) == 12
+    assert (tmp_path / "report.html").is_file()
+
+
+def test_recording_is_verified_bit_for_bit_and_driven_in(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "traffic.npz"
+    assert cli.main(["record", str(path), *SHORT]) == 0
+    assert cli.main(["replay", str(path), "--verify"]) == 0
+    assert "bit for bit, 21 frames" in capsys.readouterr().out
+    words = ["replay", str(path), "--duration", "1", "--no-video", "--out", str(tmp_path / "out")]
+    assert cli.main(words) == 0
+    assert "report.html" in listing(tmp_path / "out")
+
+
+def test_damaged_recording_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "traffic.npz"
+    path.write_bytes(b"PK\x03\x04 nothing")
+    assert cli.main(["replay", str(path), "--no-video", "--out", str(tmp_path)]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+@pytest.mark.slow
+def test_twenty_five_minutes_leave_no_warning_and_no_nan(tmp_path: Path) -> None:
+    words = ["drive", "--duration", "1500", "--no-video", "--density", "medium"]
+    assert cli.main([*words, "--speed", "9", "--out", str(tmp_path)]) == 0
+    summary = json.loads((tmp_path / "summary.json").read_text())["summary"]
+    assert summary["warnings"] == {}
+    assert summary["duration_s"] == pytest.approx(1500.0) or "end of the route" in summary["ended"]
+    assert summary["distance_m"] > 10_000.0
