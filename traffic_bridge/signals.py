@@ -144,24 +144,27 @@ class TrafficController:
             self._defined = True
         number = self._count
         self._count += 1
-        names: list[str] = []
-        station = start + self._api.vehicletype.getLength(BLOCKER)
-        while station <= end or not names:
+        # All places are found before the first truck is put down: a closure is whole or not at all.
+        first = start + self._api.vehicletype.getLength(BLOCKER)
+        places = []
+        for k in range(max(int((end - first) / BLOCKER_SPACING) + 1, 1)):
+            station = first + k * BLOCKER_SPACING
             table = self._lanes.find(lane, station)
             if table is None:
                 raise InputError(f"lane {lane} does not exist at station {station:g}")
+            places.append((table, table.position_of(station)))
+        names: list[str] = []
+        for table, position in places:
             name = f"{BLOCKER}.{number}.{len(names)}"
-            edges = self._lanes.edges
-            route = f"along.{edges.index(table.edge)}"
+            route = f"along.{self._lanes.edges.index(table.edge)}"
             with self._session.guard(f"closing lane {lane}"):
                 self._api.vehicle.add(name, route, typeID=BLOCKER, departSpeed="0")
-                self._api.vehicle.moveTo(name, table.id, table.position_of(station))
+                self._api.vehicle.moveTo(name, table.id, position)
                 self._api.vehicle.setSpeedMode(name, 0)
                 self._api.vehicle.setSpeed(name, 0.0)
                 self._api.vehicle.setLaneChangeMode(name, 0)
             self._vehicles.add(name, "truck", 0.0)
             names.append(name)
-            station += BLOCKER_SPACING
         self._closures[number] = names
         return number
 

@@ -182,6 +182,7 @@ class World:
         types = [self.vehicles.type_of(row.name) for row in rows]
         size = np.array([(t.length, t.width, t.height) for t in types])
         station, offset = np.empty(len(rows)), np.empty(len(rows))
+        lanes = [-1] * len(rows)
         direction, on_route = np.ones(len(rows)), np.ones(len(rows), dtype=bool)
         for i, row in enumerate(rows):
             table = self.lanes.tables.get(row.lane)
@@ -189,7 +190,10 @@ class World:
                 station[i], offset[i], direction[i] = self._off_route(row.name, ego, size[i, 0])
                 on_route[i] = False
             else:
-                station[i], offset[i] = table.at(row.position - 0.5 * size[i, 0])
+                middle = row.position - 0.5 * size[i, 0]
+                station[i], offset[i] = table.at(middle)
+                # On its lane's centre a vehicle is in that lane; else the road is asked below.
+                lanes[i] = table.lane if middle > 0.0 else -1
                 direction[i] = table.direction
                 on_route[i] = table.direction > 0
         speed = direction * np.array([row.speed for row in rows])
@@ -206,6 +210,8 @@ class World:
             if not near:
                 continue
             s, d = float(station[i]), float(shown[i])
+            centered = lanes[i] >= 0 and shown[i] == offset[i]
+            lane = lanes[i] if centered else self.route.lane_at(s, d) if on_route[i] else -1
             seen.append(
                 TrackedVehicle(
                     id=row.name,
@@ -219,7 +225,7 @@ class World:
                     lateral_speed=float(direction[i] * lateral[i]),
                     station=s,
                     offset=d,
-                    lane=self.route.lane_at(s, d) if on_route[i] else -1,
+                    lane=lane,
                     length=types[i].length,
                     width=types[i].width,
                     height=types[i].height,
