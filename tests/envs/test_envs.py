@@ -14,7 +14,7 @@ LOW_LEVEL = ["iits_mj/Cruise-v0", "iits_mj/LaneKeep-v0"]
 @pytest.fixture(scope="module")
 def highway():
     pytest.importorskip("libsumo")
-    environment = gymnasium.make("iits_mj/Highway-v0", duration=8.0)
+    environment = gymnasium.make("iits_mj/Highway-v0", duration=20.0)
     yield environment
     environment.close()
 
