@@ -56,8 +56,8 @@ def tunnel(corridor: Corridor, start: float, end: float) -> Parts:
         sweep([(1.0, 0.0, 3.0), (1.0, 0.0, -0.3)]),
     ]
     curbs = [
-        sweep([(0.0, WALL_GAP, -0.05), (0.0, WALL_GAP, 0.22), (0.0, 0.0, 0.22)][:2]),
-        sweep([(0.0, WALL_GAP, 0.22), (0.0, 0.0, 0.22)][::-1]),
+        sweep([(0.0, WALL_GAP, -0.05), (0.0, WALL_GAP, 0.22)]),
+        sweep([(0.0, WALL_GAP, 0.22), (0.0, 0.0, 0.22)]),
         sweep([(1.0, 0.0, 0.22), (1.0, -WALL_GAP, 0.22)]),
         sweep([(1.0, -WALL_GAP, 0.22), (1.0, -WALL_GAP, -0.05)]),
     ]
@@ -112,16 +112,16 @@ def _portal(route: Route, station: float, outward: float) -> Shape:
         offsets = np.array([[inner[i], inner[i + 1]]] * 2)
         points = row.across(offsets, np.array([[lower[i], lower[i + 1]]]))
         faces.append(surface(points if outward < 0 else points[::-1]))
-    for low, high, across in ((PORTAL_TOP - 0.5, PORTAL_TOP + 0.25, 0.9),):
-        thick = Corridor.sample(
-            route, np.array([station + outward * across, station - outward * across])
-        )
-        top = thick.across(np.array([[top_left, top_right]] * 2), high)
-        side = np.stack(
-            [thick.across(np.array([[top_right, top_left]] * 2), z)[0] for z in (low, high)]
-        )
-        faces.append(surface(top if outward < 0 else top[::-1]))
-        faces.append(surface(side if outward > 0 else side[:, ::-1]))
+    low, high, across = PORTAL_TOP - 0.5, PORTAL_TOP + 0.25, 0.9
+    thick = Corridor.sample(
+        route, np.array([station + outward * across, station - outward * across])
+    )
+    top = thick.across(np.array([[top_left, top_right]] * 2), high)
+    side = np.stack(
+        [thick.across(np.array([[top_right, top_left]] * 2), z)[0] for z in (low, high)]
+    )
+    faces.append(surface(top if outward < 0 else top[::-1]))
+    faces.append(surface(side if outward > 0 else side[:, ::-1]))
     return merge(faces)
 
 

@@ -8,6 +8,7 @@ from scipy.interpolate import LinearNDInterpolator
 from iits_mj.model.corridor import MARKING_LIFT, Corridor, markings, run_outs
 from iits_mj.model.landscape import Landscape, is_plain
 from iits_mj.model.road_scene import ROAD_GROUP, add_road
+from iits_mj.model.structures import tunnel
 from iits_mj.road import RoadMap, Route
 
 
@@ -148,3 +149,19 @@ def test_scene_without_visuals_has_light_and_sky_only():
     assert model.ngeom == 0
     assert model.nlight == 1
     assert model.ntex == 1
+
+
+def test_tunnel_curbs_and_floor_cover_the_ground_on_both_sides(highway):
+    parts = list(tunnel(Corridor.sample(highway), *highway.tunnels[0]))
+    curbs = next(shape for material, shape in parts if material == "road_concrete")
+    a, b, c = (curbs.vertices[curbs.faces[:, i]] for i in range(3))
+    normal = np.cross(b - a, c - a)
+    up = normal[:, 2] > 0.9 * np.linalg.norm(normal, axis=1)
+    station = 0.5 * sum(highway.tunnels[0])
+    right, left = (float(edge) for edge in highway.surface_edges(station))
+    for offset in (right - 0.5, left + 0.5):
+        point = highway.evaluate(station, offset)
+        middle = (a + b + c)[up] / 3.0
+        assert np.min(np.hypot(middle[:, 0] - point.x, middle[:, 1] - point.y)) < 10.0
+        across = np.array([highway.locate(x, y, station)[1] for x, y, _ in middle[::9]])
+        assert np.any(np.abs(across - offset) < 0.4)
