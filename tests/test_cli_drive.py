@@ -7,6 +7,7 @@ import html.parser
 import json
 from pathlib import Path
 
+import mujoco
 import pytest
 
 from iits_mj import cli
@@ -123,6 +124,37 @@ def test_damaged_recording_is_one_line(tmp_path: Path, capsys: pytest.CaptureFix
     path.write_bytes(b"PK\x03\x04 nothing")
     assert cli.main(["replay", str(path), "--no-video", "--out", str(tmp_path)]) == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+class Window:
+    """Stands in for MuJoCo's viewer, which needs a display; closed after 20 pictures."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        self.cam = mujoco.MjvCamera()
+        self.pictures = 0
+        assert data.time == 0.0
+        assert model.body("tractor").id > 0
+
+    def __enter__(self) -> Window:
+        return self
+
+    def __exit__(self, *arguments: object) -> None:
+        assert self.pictures == 20
+
+    def is_running(self) -> bool:
+        return self.pictures < 20
+
+    def sync(self) -> None:
+        self.pictures += 1
+
+
+def test_view_shows_the_drive_until_the_window_is_closed(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DISPLAY", ":9")
+    monkeypatch.setattr("mujoco.viewer.launch_passive", Window)
+    assert cli.main(["view", "--traffic-mode", "none", "--pace", "20"]) == 0
+    assert "the window was closed" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -136,7 +136,8 @@ def _add(
             f"--{flag}", action=argparse.BooleanOptionalAction, default=None, help=text
         )
         return
-    metavar = rule.metavar or ("NAME" if rule.allowed() else flag.upper())
+    plain = {int: "N", float: "VALUE", Path: "FILE"}.get(value_type, "NAME")
+    metavar = rule.metavar or plain
     if rule.positional:
         optional = field.default is not dataclasses.MISSING
         parser.add_argument(field.name, nargs="?" if optional else None, metavar=metavar, help=text)
