@@ -362,13 +362,14 @@ class Planner:
         station, v, a = roll_out(
             self._start(scene),
             path,
-            speed_cap(path, self.preview, scene.footprint.front_overhang, speed, profile),
+            speed_cap(path, self.preview, speed, profile),
             leads,
             scene.ego.mass,
             self.preview,
             steps,
             config.step,
             speed,
+            path.end - speed.stop_gap - scene.footprint.front_overhang,
             self._emergency,
         )
         return on_road(

@@ -48,7 +48,7 @@ class SpeedConfig:
     cruise_speed: float = 16.67
     curve_acceleration: float = 1.3
     preview: float = 400.0
-    stop_gap: float = 8.0
+    stop_gap: float = 3.0
     power: float = 330e3
     rolling_resistance: float = 0.006
     drag: float = 3.81
@@ -63,14 +63,13 @@ class SpeedConfig:
 def speed_cap(
     path: LanePath,
     preview: RoadPreview,
-    front_overhang: float,
     config: SpeedConfig,
     profile: SpeedProfile | None = None,
 ) -> FloatArray:
     """Highest comfortable speed along a path, shape of path.station [m/s].
 
-    The least of cruise speed or profile, the lane's limit, curve speed, and a stop before the end
-    of lane or road, each approached at the preview deceleration.
+    The least of cruise speed or profile, the lane's limit and curve speed, each approached at the
+    preview deceleration.
     """
     station = path.station
     curvature = np.interp(station, preview.station, preview.curvature)
@@ -81,11 +80,7 @@ def speed_cap(
     )
     cap = np.minimum(wanted, path.speed_limit)
     cap = np.minimum(cap, curve_speed(curvature, config.curve_acceleration))
-    deceleration = config.following.preview_deceleration
-    cap = braking_profile(station, cap, deceleration)
-    stop = path.end - config.stop_gap - front_overhang
-    to_stop = np.sqrt(2.0 * deceleration * np.maximum(stop - station, 0.0))
-    return np.asarray(np.minimum(cap, to_stop))
+    return braking_profile(station, cap, config.following.preview_deceleration)
 
 
 def most_urgent(leads: list[Lead], speed: float, config: SpeedConfig) -> float:
@@ -135,6 +130,7 @@ def roll_out(
     steps: int,
     step: float,
     config: SpeedConfig,
+    stop: float = math.inf,
     emergency: bool = False,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Station, speed and acceleration at steps + 1 instants, the first being now.
@@ -149,6 +145,7 @@ def roll_out(
       steps: number of steps.
       step: [s].
       config: limits.
+      stop: station at which to stand at the latest [m], for the end of lane or road.
       emergency: brake as hard as allowed instead of following.
     """
     following = config.following
@@ -164,7 +161,9 @@ def roll_out(
         position = min(max((place - first) * inverse, 0.0), last - 1e-6)
         row = int(position)
         share = position - row
-        return float(caps[row] + share * (caps[row + 1] - caps[row]))
+        cap_here = caps[row] + share * (caps[row + 1] - caps[row])
+        left = max(stop - place, 0.0)
+        return float(min(cap_here, math.sqrt(2.0 * following.preview_deceleration * left)))
 
     for k in range(steps + 1):
         time = k * step
