@@ -64,7 +64,7 @@ def _body(painter: Painter, p: TruckParameters, *, laden: bool) -> None:
     corners = boxes([((front + 0.004, 0, 2.6), (0.01, t.width - 0.24, 2.3))])
     painter.mesh("front_wall", corners, "trailer_strap")
     painter.box(
-        "roof", (middle, 0, top - 0.015), (t.length - 0.1, t.width - 0.1, 0.03), "trailer_curtain"
+        "roof", (middle, 0, top - 0.030), (t.length - 0.1, t.width - 0.1, 0.02), "trailer_curtain"
     )
     straps = np.arange(rear + 0.45, front - 0.3, STRAP_SPACING)
     # Laden curtains are buckled to the floor; an empty trailer's straps hang shorter.
@@ -174,12 +174,13 @@ def _rear(painter: Painter, p: TruckParameters) -> None:
     tall = top - FLOOR - 0.30
     doors = boxes([((rear - 0.004, 0.5 * half - 0.02, middle), (0.03, half - 0.08, tall))])
     painter.mesh("doors", doors.with_mirror(), "trailer_curtain")
+    # Flat on the doors: what stands out far throws ragged shadows in a low sun.
     bars = boxes(
-        [((rear - 0.035, y, middle), (0.03, 0.035, tall + 0.1)) for y in (0.22, 0.86)]
-        + [((rear - 0.045, y - 0.08, 1.75), (0.03, 0.22, 0.05)) for y in (0.30, 0.94)]
+        [((rear - 0.020, y, middle), (0.014, 0.035, tall + 0.1)) for y in (0.22, 0.86)]
+        + [((rear - 0.024, y - 0.08, 1.75), (0.014, 0.22, 0.05)) for y in (0.30, 0.94)]
     )
     hinges = boxes(
-        [((rear - 0.02, half - 0.05, z), (0.05, 0.10, 0.09)) for z in (1.6, 2.3, 3.0, 3.6)]
+        [((rear - 0.014, half - 0.05, z), (0.03, 0.10, 0.09)) for z in (1.6, 2.3, 3.0, 3.6)]
     )
     painter.mesh("door_bars", merge([bars, hinges]).with_mirror(), "truck_aluminum")
     painter.box(
