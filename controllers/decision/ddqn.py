@@ -99,13 +99,14 @@ class DoubleDqn:
         )
 
     def state(self) -> dict[str, Any]:
-        """Everything that evolves, for a checkpoint."""
-        return {
+        """Everything that evolves, for a checkpoint; a copy."""
+        state = {
             "online": self.online.state_dict(),
             "target": self.target.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "updates": self.updates,
         }
+        return copy.deepcopy(state)
 
     def restore(self, state: dict[str, Any]) -> None:
         """Takes up what `state` gave."""

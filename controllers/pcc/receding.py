@@ -190,7 +190,7 @@ class RecedingPlanner:
             fence,
             k_a=1e-3 * config.k_a,
             price_time=self._time_price(time, road.station[0]),
-            price_energy=0.5 * vehicle.inertial_mass * vehicle.fuel.f1 / vehicle.efficiency,
+            price_energy=self._energy_price(),
         )
         answer = self._solver.solve(task, guess)
         return answer.speed, answer.wall_time
@@ -202,6 +202,17 @@ class RecedingPlanner:
         if self._last is not None:
             guess = np.interp(road.station, self._last.station, self._last.speed)
         return np.clip(guess, np.sqrt(low), np.sqrt(high))
+
+    def _energy_price(self) -> float:
+        """Worth of final v^2 [kg/(m2/s2)]: the fuel that a little more force costs at v_ref.
+
+        The optimum's condition on the engine's force, `f1/eta + 2 f2 R v/eta^2` a joule, on level.
+        """
+        vehicle, v = self.vehicle, self.config.v_ref
+        resistance = float(vehicle.slope_force(np.zeros(1))[0]) + vehicle.drag * v**2
+        joule = vehicle.fuel.f1 / vehicle.efficiency
+        joule += 2.0 * vehicle.fuel.f2 * resistance * v / vehicle.efficiency**2
+        return 0.5 * vehicle.inertial_mass * joule
 
     def _time_price(self, time: float, station: float) -> float:
         """Price of a second [kg/s] for which v_ref is the best speed on the level, with feedback.

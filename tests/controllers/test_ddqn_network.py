@@ -1,0 +1,161 @@
+"""The policy's network in numpy, its file, and the policy as a decision maker."""
+
+import json
+
+import numpy as np
+import pytest
+
+from controllers.decision import make
+from controllers.decision.highway_env import HighwayEnv, TripConfig, cell_trip
+from controllers.decision.network import LAYERS, QNetwork
+from controllers.decision.observation import OBSERVATION_SIZE
+from controllers.decision.policy import SHIPPED, GreedyPolicy
+from iits_mj.errors import InputError
+from iits_mj.messages import Decision
+
+
+def network(seed=0):
+    return QNetwork.random(np.random.default_rng(seed))
+
+
+def rewrite(path, **changes):
+    """The file with arrays replaced; None drops one."""
+    with np.load(path) as content:
+        arrays = {name: content[name] for name in content.files}
+    arrays.update(changes)
+    np.savez(path, **{name: value for name, value in arrays.items() if value is not None})
+
+
+@pytest.fixture
+def saved(tmp_path):
+    path = tmp_path / "weights.npz"
+    network().save(path, command="a test")
+    return path
+
+
+def test_layers_are_the_papers():
+    assert LAYERS == (216, 256, 512, 256, 3)
+
+
+def test_values_equal_torch_to_1e_5():
+    torch = pytest.importorskip("torch", reason="torch is not installed (the train extra)")
+    from controllers.decision.ddqn import DoubleDqn, LearnerConfig
+
+    learner = DoubleDqn(LearnerConfig(), seed=3)
+    batch = np.random.default_rng(1).uniform(-1.0, 1.0, (50, OBSERVATION_SIZE)).astype(np.float32)
+    with torch.no_grad():
+        wanted = learner.online(torch.from_numpy(batch)).numpy()
+    assert np.abs(learner.network().values(batch) - wanted).max() < 1e-5
+
+
+def test_one_observation_gives_its_row_of_the_batch():
+    batch = np.random.default_rng(1).uniform(-1.0, 1.0, (4, OBSERVATION_SIZE))
+    rows = network().values(batch)
+    assert network().values(batch[2]) == pytest.approx(rows[2], abs=1e-5)
+
+
+def test_a_saved_network_is_read_back_with_its_metadata(saved):
+    loaded = QNetwork.load(saved)
+    assert loaded.metadata["command"] == "a test"
+    for mine, theirs in zip(network().weights, loaded.weights, strict=True):
+        assert np.array_equal(mine, theirs)
+
+
+def test_the_shipped_file_is_small_and_tells_how_it_was_made():
+    assert SHIPPED.stat().st_size < 2 * 2**20
+    metadata = QNetwork.load(SHIPPED).metadata
+    assert metadata["command"].startswith("iits-mj train")
+    assert metadata["validation"]["collisions"] == 0.0
+
+
+def test_wrong_shape_is_refused(saved):
+    rewrite(saved, w1=np.zeros((512, 255), np.float32))
+    with pytest.raises(InputError, match=r"shape .*512, 255"):
+        QNetwork.load(saved)
+
+
+def test_a_missing_layer_is_refused(saved):
+    rewrite(saved, b2=None)
+    with pytest.raises(InputError, match="lacks b2"):
+        QNetwork.load(saved)
+
+
+def test_numbers_that_are_not_finite_are_refused(saved):
+    rewrite(saved, b3=np.array([0.0, np.nan, 0.0], np.float32))
+    with pytest.raises(InputError, match="not finite"):
+        QNetwork.load(saved)
+
+
+def test_another_version_of_the_observation_is_refused(saved):
+    header = {"format": "iits_mj.q_network.1", "observation_version": 99}
+    rewrite(saved, metadata=np.array(json.dumps(header)))
+    with pytest.raises(InputError, match="version 99 of the observation"):
+        QNetwork.load(saved)
+
+
+def test_a_file_without_metadata_is_refused(saved):
+    rewrite(saved, metadata=None)
+    with pytest.raises(InputError, match="metadata"):
+        QNetwork.load(saved)
+
+
+@pytest.mark.parametrize("where", [0, 100, 3000])
+def test_damaged_files_are_refused(saved, where):
+    content = bytearray(saved.read_bytes())
+    content[where : where + 2000] = b"\x00" * 2000
+    saved.write_bytes(bytes(content))
+    with pytest.raises(InputError, match="weights file"):
+        QNetwork.load(saved)
+
+
+@pytest.mark.parametrize("content", [b"", b"hello", b"PK\x03\x04"])
+def test_files_of_another_kind_are_refused(tmp_path, content):
+    path = tmp_path / "other.npz"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="weights file"):
+        QNetwork.load(path)
+
+
+def test_pickled_objects_are_refused(tmp_path):
+    path = tmp_path / "pickle.npz"
+    np.savez(path, metadata=np.array([{"a": 1}], dtype=object))
+    with pytest.raises(InputError, match="weights file"):
+        QNetwork.load(path)
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(InputError, match="does not exist"):
+        make("ddqn", str(tmp_path / "none.npz"))
+
+
+def test_nan_in_an_observation_names_the_feature():
+    observation = np.zeros(OBSERVATION_SIZE)
+    # Second frame (54 numbers a frame), row "behind2" (6 a row), feature "relative_speed".
+    observation[54 + 2 * 6 + 3] = np.nan
+    with pytest.raises(InputError, match="relative_speed of row behind2, 1 s ago, is nan"):
+        network().values(observation)
+
+
+def test_an_observation_of_wrong_length_is_refused():
+    with pytest.raises(InputError, match="shape"):
+        network().values(np.zeros(215))
+
+
+@pytest.mark.parametrize(("action", "wanted"), [(0, -1), (1, 0), (2, 1)])
+def test_greedy_takes_the_greatest_value(action, wanted):
+    biases = [np.zeros(n, np.float32) for n in LAYERS[1:]]
+    biases[-1][action] = 1.0
+    weights = [np.zeros_like(w) for w in network().weights]
+    flat = QNetwork(tuple(weights), tuple(biases))
+    assert flat.greedy(np.zeros(OBSERVATION_SIZE)) is Decision(wanted)
+
+
+def test_policy_never_asks_for_a_lane_that_is_not_there():
+    env = HighwayEnv()
+    env.reset(np.random.default_rng(0), cell_trip("sparse", 15.0, TripConfig()))
+    biases = [np.zeros(n, np.float32) for n in LAYERS[1:]]
+    biases[-1][2] = 1.0  # always right, from the right lane
+    policy = GreedyPolicy(
+        QNetwork(tuple(np.zeros_like(w) for w in network().weights), tuple(biases))
+    )
+    assert policy.decide(env.context()) is Decision.KEEP

@@ -1,0 +1,190 @@
+"""The fast world: traffic that behaves, a truck on hills, rewards as stated."""
+
+import numpy as np
+import pytest
+
+from controllers.decision import make
+from controllers.decision.highway import (
+    CELLS,
+    HighwayConfig,
+    HighwayTraffic,
+    Obstacle,
+    idm_acceleration,
+)
+from controllers.decision.highway_env import HighwayEnv, TripConfig, cell_trip
+from controllers.decision.highway_truck import HighwayTruck
+from controllers.decision.reward import RewardConfig, decision_charge, speed_charge
+from iits_mj.errors import InputError
+from iits_mj.messages import Decision
+from iits_mj.parameters import TruckParameters
+
+PARAMETERS = TruckParameters.load()
+
+
+def trip(decision_name, density="dense", speed=12.5, seed=0, duration=240.0):
+    env = HighwayEnv(parameters=PARAMETERS)
+    maker = make(decision_name)
+    maker.reset()
+    env.reset(np.random.default_rng(seed), cell_trip(density, speed, TripConfig(duration=duration)))
+    poses = []
+    over = False
+    while not over:
+        step = env.step(maker.decide(env.context()))
+        poses.append((env.truck.front, env.truck.speed, env.lane, *env.traffic.front.tolist()))
+        over = step.terminated or step.truncated
+    return env, poses
+
+
+def test_a_trip_repeats_itself_to_the_bit():
+    assert trip("aggressive", seed=4)[1] == trip("aggressive", seed=4)[1]
+    assert trip("aggressive", seed=4)[1] != trip("aggressive", seed=5)[1]
+
+
+def test_idm_holds_its_equilibrium_gap():
+    config = HighwayConfig()
+    v, v0, time_gap = 10.0, 15.0, 1.5
+    gap = (config.standstill_gap + v * time_gap) / np.sqrt(1.0 - (v / v0) ** 4)
+    one = np.ones(1)
+    a = idm_acceleration(v * one, v0 * one, gap * one, v * one, time_gap * one, config)
+    assert a[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_traffic_never_overlaps_in_a_lane():
+    traffic = HighwayTraffic(
+        HighwayConfig(spawn_probability=0.12, traffic_speed=13.0), np.random.default_rng(0)
+    )
+    truck = Obstacle(0.0, 16.5, 11.0, 0)
+    traffic.fill(truck)
+    for _ in range(600):
+        truck = Obstacle(truck.front + 11.0 * 0.2, 16.5, 11.0, 0)
+        traffic.step([truck])
+        for lane in (0, 1):
+            order = np.argsort(traffic.front[traffic.lane == lane])
+            front = traffic.front[traffic.lane == lane][order]
+            rear = front - traffic.length[traffic.lane == lane][order]
+            assert (rear[1:] - front[:-1] > 0.0).all()
+
+
+@pytest.mark.parametrize("truck_speed", [9.0, 16.67])
+def test_density_is_kept_for_a_slower_and_a_faster_truck(truck_speed):
+    config = HighwayConfig(spawn_probability=0.05, traffic_speed=12.5)
+    traffic = HighwayTraffic(config, np.random.default_rng(1))
+    # The truck passes on a lane of its own, so that it holds nobody up.
+    truck = Obstacle(0.0, 16.5, truck_speed, 7)
+    traffic.fill(truck)
+    counts = []
+    for _ in range(6000):
+        truck = Obstacle(truck.front + truck_speed * 0.2, 16.5, truck_speed, 7)
+        traffic.step([truck])
+        counts.append(traffic.front.size)
+    wanted = 2 * (config.window_ahead + config.window_behind) / config.mean_headway
+    assert np.mean(counts[1000:]) == pytest.approx(wanted, rel=0.35)
+
+
+def test_followers_brake_for_the_truck():
+    traffic = HighwayTraffic(HighwayConfig(spawn_probability=0.0), np.random.default_rng(0))
+    traffic._spawn(0, 0.0)
+    for _ in range(300):
+        traffic.step([Obstacle(80.0, 16.5, 0.0, 0), Obstacle(80.0, 16.5, 0.0, 1)])
+    assert traffic.speed[0] == pytest.approx(0.0, abs=0.1)
+    assert 80.0 - 16.5 - traffic.front[0] > 1.0
+
+
+def test_lateral_move_of_a_change_is_smooth_and_ends_in_the_lane():
+    traffic = HighwayTraffic(HighwayConfig(spawn_probability=0.0), np.random.default_rng(0))
+    traffic._spawn(0, 0.0)
+    traffic.lane[0], traffic.change_time[0], traffic.change_from[0] = 1, 0.0, 0.0
+    offsets = []
+    for _ in range(25):
+        traffic._clock += 0.2
+        offsets.append(traffic.tracked()[0].offset)
+    assert offsets[-1] == pytest.approx(4.0)
+    assert (np.diff(offsets) >= 0.0).all()
+    assert np.diff(offsets).max() < 0.5
+
+
+def test_truck_holds_the_speed_at_which_power_meets_the_grade():
+    truck = HighwayTruck(PARAMETERS, 36_000.0)
+    truck.speed = 16.0
+    for _ in range(2000):
+        truck.step(0.2, 16.67, [], 0.05)
+    assert truck.power_limit(0.05) == pytest.approx(0.0, abs=1e-3)
+    assert 11.0 < truck.speed < 15.0
+
+
+def test_keeping_the_lane_is_never_a_collision():
+    for density, speed in CELLS:
+        env, _ = trip("keep", density, speed, seed=2, duration=200.0)
+        assert env.summary.collisions == 0
+        assert env.summary.changes == 0
+
+
+def test_overtaking_loses_less_speed_than_keeping_in_medium_traffic():
+    keep, _ = trip("keep", "medium", 12.5, seed=1, duration=500.0)
+    change, _ = trip("aggressive", "medium", 12.5, seed=1, duration=500.0)
+    assert change.summary.speed_loss < 0.7 * keep.summary.speed_loss
+
+
+def test_a_change_takes_six_seconds_and_costs_ten():
+    env = HighwayEnv(TripConfig(traffic=HighwayConfig(spawn_probability=0.0)), PARAMETERS)
+    env.reset(np.random.default_rng(0))
+    step = env.step(Decision.LEFT)
+    assert step.seconds == 6.0
+    assert step.reward.change == -10.0
+    assert env.lane == 1
+    assert env.context().scene.ego.offset == pytest.approx(4.0)
+
+
+def test_a_change_to_a_missing_lane_is_refused_and_still_costs_ten():
+    env = HighwayEnv(TripConfig(traffic=HighwayConfig(spawn_probability=0.0)), PARAMETERS)
+    env.reset(np.random.default_rng(0))
+    step = env.step(Decision.RIGHT)
+    assert (step.seconds, step.reward.change, step.reward.danger) == (1.0, -10.0, 0.0)
+    assert (env.lane, env.summary.refused, env.summary.changes) == (0, 1, 0)
+
+
+def test_a_change_beside_a_vehicle_is_refused_and_costs_thirty():
+    env = HighwayEnv(TripConfig(traffic=HighwayConfig(spawn_probability=0.0)), PARAMETERS)
+    env.reset(np.random.default_rng(0))
+    env.traffic._spawn(1, env.truck.front - 5.0)
+    step = env.step(Decision.LEFT)
+    assert (step.reward.change, step.reward.danger) == (-10.0, -20.0)
+    assert (env.lane, env.summary.dangerous) == (0, 1)
+
+
+def test_the_end_of_time_is_a_truncation():
+    env = HighwayEnv(TripConfig(duration=5.0), PARAMETERS)
+    env.reset(np.random.default_rng(0))
+    for _ in range(4):
+        step = env.step(Decision.KEEP)
+        assert not step.terminated
+        assert not step.truncated
+    step = env.step(Decision.KEEP)
+    assert step.truncated
+    assert not step.terminated
+    with pytest.raises(InputError, match="reset"):
+        env.step(Decision.KEEP)
+
+
+def test_a_collision_is_a_termination_with_its_charge():
+    env = HighwayEnv(TripConfig(traffic=HighwayConfig(spawn_probability=0.0)), PARAMETERS)
+    env.reset(np.random.default_rng(0))
+    env.traffic._spawn(0, env.truck.front + 1.0)
+    env.traffic.change_time[0] = 0.0  # it has just changed lanes and will not get away
+    step = env.step(Decision.KEEP)
+    assert step.terminated
+    assert step.reward.collision == -300.0
+    assert env.summary.collisions == 1
+
+
+def test_rewards_have_the_right_signs():
+    config = RewardConfig()
+    assert speed_charge(14.0, 16.0, 0.0, config) == -2.0
+    assert speed_charge(18.0, 16.0, 1.0, config) == pytest.approx(-2.0 * 0.99)
+    assert decision_charge(False, True, config).total == 0.0
+    assert decision_charge(True, True, config).total == -30.0
+
+
+def test_unknown_density_is_refused():
+    with pytest.raises(InputError, match="density 'packed' is unknown"):
+        HighwayConfig.cell("packed", 15.0)
