@@ -56,11 +56,12 @@ class VideoWriter:
         self.size = check_size(size)
         self.fps = fps
         self._camera = FollowCamera(camera, tunnels)
-        self._encoder = Mp4Encoder(path, self.size, fps)
+        # First what fails most often: an encoder given up unused would complain on stderr.
+        self._offscreen = Offscreen(model, self.size)
         try:
-            self._offscreen = Offscreen(model, self.size)
+            self._encoder = Mp4Encoder(path, self.size, fps)
         except BaseException:
-            self._encoder.abandon()
+            self._offscreen.close()
             raise
 
     @property
