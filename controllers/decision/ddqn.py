@@ -113,4 +113,7 @@ class DoubleDqn:
         self.online.load_state_dict(state["online"])
         self.target.load_state_dict(state["target"])
         self.optimizer.load_state_dict(state["optimizer"])
+        # A resumed training may ask for another rate than the stored one.
+        for group in self.optimizer.param_groups:
+            group["lr"] = self.config.learning_rate
         self.updates = int(state["updates"])
