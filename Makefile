@@ -53,12 +53,14 @@ $(BIN)/cmake: | $(BIN)/python
 	$(BIN)/pip install -q --disable-pip-version-check cmake ninja
 
 # Compiles only what changed, and puts the library where the editable install has it.
-build: $(VENV)/installed-test $(BIN)/cmake
+build: $(BIN)/cmake
+	@test -e $(VENV)/installed || $(MAKE) $(VENV)/installed
 	PATH="$(abspath $(BIN)):$$PATH" cmake -S . -B build/plugin -G Ninja -DSKBUILD_STATE=editable \
 	  -DPython3_EXECUTABLE="$(abspath $(BIN))/python" >/dev/null
 	PATH="$(abspath $(BIN)):$$PATH" cmake --build build/plugin
 	PATH="$(abspath $(BIN)):$$PATH" cmake --install build/plugin --prefix \
 	  "$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("platlib"))')" >/dev/null
+	@touch -c $(VENV)/installed $(VENV)/installed-test
 
 # --- checking -------------------------------------------------------------------------------
 
