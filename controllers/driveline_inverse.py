@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from iits_mj.parameters import GRAVITY, TruckParameters
+from iits_mj.parameters import TruckParameters
+from iits_mj.units import GRAVITY
 
 # Share of the engine brake's power at 1500 rpm, of that at 2300 rpm: 0.55 (see mjcf/truck.toml).
 _BRAKE_EXPONENT = math.log(0.55) / math.log(1500.0 / 2300.0)

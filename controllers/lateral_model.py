@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from iits_mj.parameters import GRAVITY, Axle, TruckParameters
+from iits_mj.parameters import Axle, TruckParameters
 from iits_mj.tire_law import cornering_stiffness
+from iits_mj.units import GRAVITY
 
 FloatArray = NDArray[np.float64]
 

@@ -7,13 +7,9 @@ behind the kingpin (semitrailer), heights are above the road, masses of a unit i
 
 from __future__ import annotations
 
-import csv
-import dataclasses
 import math
-import tomllib
-import types
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,11 +19,19 @@ from numpy.typing import NDArray
 
 from iits_mj.assets import mjcf_dir
 from iits_mj.errors import InputError
+from iits_mj.parameter_files import (
+    Table2D,
+    air_brake_tables,
+    build,
+    engine_tables,
+    gearbox_tables,
+    merge,
+    plain,
+    read_toml,
+    section,
+)
 
 FloatArray = NDArray[np.float64]
-GRAVITY = 9.81
-RPM = 2.0 * math.pi / 60.0
-KMH = 1.0 / 3.6
 
 
 @dataclass(frozen=True)
@@ -191,15 +195,6 @@ class EngineScalars:
 
 
 @dataclass(frozen=True)
-class Table2D:
-    """A map: `rows` (n,), `columns` (m,), `values` (n, m), in SI units."""
-
-    rows: FloatArray
-    columns: FloatArray
-    values: FloatArray
-
-
-@dataclass(frozen=True)
 class Engine(EngineScalars):
     """The identified engine.
 
@@ -323,21 +318,21 @@ class TruckParameters:
           InputError: unreadable file, unknown or missing key, wrong type, value not finite.
         """
         file = Path(path) if path is not None else mjcf_dir() / "truck.toml"
-        tree = _plain(_read_toml(file))
+        tree = plain(read_toml(file))
         if overlay is not None:
-            extra = overlay if isinstance(overlay, Mapping) else _read_toml(Path(overlay))
-            tree = _merge(tree, _plain(extra), "")
+            extra = overlay if isinstance(overlay, Mapping) else read_toml(Path(overlay))
+            tree = merge(tree, plain(extra), "")
         folder = file.resolve().parent
         tables = {
-            "engine": _engine_tables(folder),
-            "gearbox": _gearbox_tables(folder),
-            "air_brake": _air_brake_tables(folder),
+            "engine": engine_tables(folder),
+            "gearbox": gearbox_tables(folder),
+            "air_brake": air_brake_tables(folder),
         }
-        for section, content in tables.items():
-            scalars = dict(_section(tree, section))
+        for name, content in tables.items():
+            scalars = dict(section(tree, name))
             scalars.update({k: v for k, v in content.items() if k not in scalars})
-            tree[section] = scalars
-        return typing.cast(TruckParameters, _build(cls, tree, "truck"))
+            tree[name] = scalars
+        return typing.cast(TruckParameters, build(cls, tree, "truck"))
 
     @property
     def axles(self) -> tuple[Axle, ...]:
@@ -356,172 +351,3 @@ class TruckParameters:
                 f"payload {payload!r} kg is not allowed: use 0 to {self.payload.mass_max:g} kg"
             )
         return value
-
-
-def provenance(path: str | Path | None = None) -> list[tuple[str, str, str, str, str]]:
-    """Rows (name, value, unit, grade, source) of every quantity in the truck's TOML."""
-    file = Path(path) if path is not None else mjcf_dir() / "truck.toml"
-    return list(_provenance_rows(_read_toml(file), ""))
-
-
-def _provenance_rows(node: Any, prefix: str) -> Iterator[tuple[str, str, str, str, str]]:
-    if isinstance(node, Mapping) and "value" in node:
-        yield (prefix, str(node["value"]), node["unit"], node["grade"], node["source"])
-    elif isinstance(node, Mapping):
-        for key, child in node.items():
-            yield from _provenance_rows(child, f"{prefix}.{key}" if prefix else key)
-    elif isinstance(node, list):
-        for child in node:
-            yield from _provenance_rows(child, f"{prefix}[{child['name']}]")
-
-
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"parameter file {str(path)!r} cannot be read: {error}") from error
-
-
-def _plain(node: Any) -> Any:
-    if isinstance(node, Mapping):
-        if "value" in node:
-            return node["value"]
-        return {key: _plain(child) for key, child in node.items()}
-    if isinstance(node, list):
-        return [_plain(child) for child in node]
-    return node
-
-
-def _merge(base: Any, extra: Mapping[str, Any], where: str) -> dict[str, Any]:
-    merged = dict(base)
-    for key, value in extra.items():
-        name = f"{where}{key}"
-        if isinstance(value, Mapping) and isinstance(base.get(key), Mapping):
-            merged[key] = _merge(base[key], value, f"{name}.")
-        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
-            merged[key] = _merge_named(base.get(key, []), value, name)
-        else:
-            merged[key] = value
-    return merged
-
-
-def _merge_named(base: list[Any], extra: list[Any], where: str) -> list[Any]:
-    """Merges a list of tables by their `name`: an overlay may change one axle of three."""
-    rows = {row["name"]: row for row in base}
-    for row in extra:
-        name = row.get("name")
-        if name not in rows:
-            raise InputError(f"parameter {where}: no entry named {name!r}; there are {list(rows)}")
-        rows[name] = _merge(rows[name], row, f"{where}[{name}].")
-    return list(rows.values())
-
-
-def _section(tree: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    section = tree.get(name)
-    if not isinstance(section, Mapping):
-        raise InputError(f"the truck's parameters lack the section [{name}]")
-    return section
-
-
-def _build(kind: Any, node: Any, where: str) -> Any:
-    origin = typing.get_origin(kind)
-    if dataclasses.is_dataclass(kind):
-        return _build_dataclass(kind, node, where)
-    if origin is tuple:
-        item = typing.get_args(kind)[0]
-        if not isinstance(node, (list, tuple)):
-            raise InputError(f"parameter {where} = {node!r}: a list is wanted")
-        return tuple(_build(item, child, f"{where}[{i}]") for i, child in enumerate(node))
-    if origin is dict:
-        item = typing.get_args(kind)[1]
-        return {key: _build(item, child, f"{where}.{key}") for key, child in node.items()}
-    if kind is str or origin is types.UnionType:
-        return node
-    if kind in (int, float):
-        return _number(kind, node, where)
-    return node
-
-
-def _build_dataclass(kind: Any, node: Any, where: str) -> Any:
-    if dataclasses.is_dataclass(node):
-        return node
-    if not isinstance(node, Mapping):
-        raise InputError(f"parameter {where} = {node!r}: a table is wanted")
-    hints = typing.get_type_hints(kind)
-    names = [f.name for f in dataclasses.fields(kind)]
-    unknown = sorted(set(node) - set(names))
-    if unknown:
-        raise InputError(f"parameter {where}.{unknown[0]} is unknown; allowed are: {names}")
-    missing = [name for name in names if name not in node]
-    if missing:
-        raise InputError(f"parameter {where}.{missing[0]} is missing")
-    return kind(**{name: _build(hints[name], node[name], f"{where}.{name}") for name in names})
-
-
-def _number(kind: type, node: Any, where: str) -> int | float:
-    if isinstance(node, bool) or not isinstance(node, (int, float)):
-        raise InputError(f"parameter {where} = {node!r}: a number is wanted")
-    if not math.isfinite(node):
-        raise InputError(f"parameter {where} = {node!r}: a finite number is wanted")
-    if kind is int and node != int(node):
-        raise InputError(f"parameter {where} = {node!r}: a whole number is wanted")
-    return kind(node)
-
-
-def _read_csv(path: Path) -> tuple[list[str], FloatArray]:
-    """Header and numbers of a CSV table whose first lines may be `#` comments."""
-    try:
-        lines = [row for row in path.read_text(encoding="utf-8").splitlines() if row[:1] != "#"]
-        rows = list(csv.reader(lines))
-        values = np.array([[float(cell) for cell in row] for row in rows[1:]])
-    except (OSError, ValueError) as error:
-        raise InputError(f"table {str(path)!r} cannot be read: {error}") from error
-    if values.ndim != 2 or values.shape[1] != len(rows[0]) or not np.isfinite(values).all():
-        raise InputError(f"table {str(path)!r}: every row must have {len(rows[0])} finite numbers")
-    return rows[0], values
-
-
-def _table(path: Path, row_unit: float, column_unit: float, value_unit: float) -> Table2D:
-    header, values = _read_csv(path)
-    columns = np.array([float(cell) for cell in header[1:]]) * column_unit
-    return Table2D(values[:, 0] * row_unit, columns, values[:, 1:] * value_unit)
-
-
-def _engine_tables(folder: Path) -> dict[str, Any]:
-    _, full = _read_csv(folder / "engine_full_load.csv")
-    return {
-        "full_load_speed": full[:, 0] * RPM,
-        "full_load_torque": full[:, 1],
-        "pedal_map": _table(folder / "engine_pedal_map.csv", RPM, 0.01, 1.0),
-        "fuel_map": _table(folder / "engine_fuel_map.csv", 1.0, RPM, 1e-3 / 3.6e6),
-    }
-
-
-def _gearbox_tables(folder: Path) -> dict[str, Any]:
-    _, gears = _read_csv(folder / "gearbox.csv")
-    forward = gears[gears[:, 0] >= 1]
-    return {
-        "ratios": forward[:, 1],
-        "inertias": forward[:, 2],
-        "upshift": _table(folder / "gearbox_upshift.csv", 1.0, 1.0, KMH),
-        "downshift": _table(folder / "gearbox_downshift.csv", 1.0, 1.0, KMH),
-    }
-
-
-def _air_brake_tables(folder: Path) -> dict[str, Any]:
-    header, rows = _read_csv(folder / "air_brake_pressure_demand.csv")
-    rows = rows[::-1]
-    column = {name: i for i, name in enumerate(header)}
-    kpa = 1e3
-
-    def circuits(mass: str) -> FloatArray:
-        front = rows[:, column[f"front_wheel_cmd_{mass}(x0.3)"]]
-        rear = rows[:, column[f"rear_wheel_cmd_{mass}(x0.7)"]]
-        trailer = rows[:, column[f"trailer_cmd_{mass}(rear x1.1)"]]
-        return np.column_stack([front, rear, trailer]) * kpa
-
-    return {
-        "demand": -rows[:, 0],
-        "pressure_light": circuits("18t"),
-        "pressure_heavy": circuits("50t"),
-    }

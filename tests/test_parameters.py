@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from iits_mj.errors import InputError
-from iits_mj.parameters import TruckParameters, provenance
+from iits_mj.parameter_files import provenance
+from iits_mj.parameters import TruckParameters
 
 
 def test_every_figure_has_unit_grade_and_a_place():

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from controllers.following import FollowingConfig, follow_acceleration
-from iits_mj.parameters import GRAVITY, TruckParameters
+from iits_mj.parameters import TruckParameters
+from iits_mj.units import GRAVITY
 
 
 class HighwayTruck:

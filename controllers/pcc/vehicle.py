@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from controllers.pcc.fuel import FuelMap, Willans
 from controllers.pcc.profile import RoadProfile
 from iits_mj.errors import PlanningError
-from iits_mj.parameters import GRAVITY, TruckParameters
+from iits_mj.parameters import TruckParameters
+from iits_mj.units import GRAVITY
 
 FloatArray = NDArray[np.float64]
 _CRAWL = 2.0  # [m/s]

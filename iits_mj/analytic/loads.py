@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.parameters import GRAVITY, Axle, TruckParameters
+from iits_mj.parameters import Axle, TruckParameters
 from iits_mj.tire_law import cornering_stiffness
+from iits_mj.units import GRAVITY
 
 FloatArray = NDArray[np.float64]
 

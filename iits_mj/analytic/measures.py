@@ -11,7 +11,8 @@ from scipy import signal
 from iits_mj.analytic.loads import axle_cornering_stiffness, static_axle_loads
 from iits_mj.analytic.yaw_sideslip import LateralSystem, YawSideslip
 from iits_mj.errors import InputError
-from iits_mj.parameters import GRAVITY, TruckParameters
+from iits_mj.parameters import TruckParameters
+from iits_mj.units import GRAVITY
 
 FloatArray = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.errors import InputError
-from iits_mj.parameters import RPM
+from iits_mj.units import RPM
 
 FloatArray = NDArray[np.float64]
 

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from iits_mj.identification.log import PRESSURES, Log
 from iits_mj.model.air_brake import torque_slope
-from iits_mj.parameters import GRAVITY, TruckParameters
+from iits_mj.parameters import TruckParameters
+from iits_mj.units import GRAVITY
 
 FloatArray = NDArray[np.float64]
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from iits_mj.parameters import GRAVITY, RPM, FloatArray, TruckParameters
+from iits_mj.parameters import FloatArray, TruckParameters
+from iits_mj.units import GRAVITY, RPM
 
 # Local names of the sensors that the plugin knows, in the order of the model.
 SIGNALS = (

@@ -29,7 +29,8 @@ from iits_mj.model.statics import (
     wheel_height,
     wheel_inertia,
 )
-from iits_mj.parameters import GRAVITY, Axle, TruckParameters
+from iits_mj.parameters import Axle, TruckParameters
+from iits_mj.units import GRAVITY
 
 # Contact bits: the truck's hulls meet the ground (bit 0) and traffic (bit 2), never each other.
 TRUCK_CONTYPE, TRUCK_CONAFFINITY = 2, 5

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 
 from iits_mj.model import air_brake, powertrain
 from iits_mj.model.statics import static_loads
-from iits_mj.parameters import GRAVITY, Axle, TruckParameters
+from iits_mj.parameters import Axle, TruckParameters
+from iits_mj.units import GRAVITY
 
 SIDES = ("left", "right")
 

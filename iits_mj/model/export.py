@@ -9,7 +9,8 @@ import numpy as np
 
 from iits_mj.errors import InputError
 from iits_mj.model.builder import truck_spec
-from iits_mj.parameters import TruckParameters, provenance
+from iits_mj.parameter_files import provenance
+from iits_mj.parameters import TruckParameters
 from iits_mj.plugin_library import register
 
 XML_HEADER = (

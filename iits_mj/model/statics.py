@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from iits_mj.parameters import GRAVITY, Axle, Semitrailer, Tractor, TruckParameters
+from iits_mj.parameters import Axle, Semitrailer, Tractor, TruckParameters
+from iits_mj.units import GRAVITY
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.errors import InputError
-from iits_mj.parameters import RPM
 from iits_mj.simulation.frame import Frame
+from iits_mj.units import RPM
 
 if TYPE_CHECKING:
     from iits_mj.simulation.loop import Simulation

@@ -8,10 +8,11 @@ import numpy as np
 
 from iits_mj.identification.longitudinal import acceleration, prepare
 from iits_mj.messages import VehicleCommand
-from iits_mj.parameters import KMH, TruckParameters
+from iits_mj.parameters import TruckParameters
 from iits_mj.results import Check, Line, Panel
 from iits_mj.road import Route
 from iits_mj.truck import Truck
+from iits_mj.units import KMH
 from iits_mj.validation.longitudinal_run import Run, run
 
 # What the paper's Fig. "Drive-line" and the published reference run read.

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.messages import VehicleCommand, XbrMode
-from iits_mj.parameters import KMH
 from iits_mj.results import Check, Line, Panel
 from iits_mj.truck import Truck
+from iits_mj.units import KMH
 from iits_mj.validation.longitudinal_run import Run, run
 
 FloatArray = NDArray[np.float64]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from iits_mj.parameters import GRAVITY
 from iits_mj.results import Check, Line, Panel, Results
+from iits_mj.units import GRAVITY
 from iits_mj.validation import frequency, low_speed, step_steer
 from iits_mj.validation.circle import RADIUS, circle
 from iits_mj.validation.config import ValidateConfig

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.analytic import Kinematic
-from iits_mj.parameters import KMH, TruckParameters
+from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
+from iits_mj.units import KMH
 from iits_mj.validation.recorder import Recording, drive
 
 FloatArray = NDArray[np.float64]

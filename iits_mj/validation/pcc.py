@@ -12,9 +12,10 @@ from controllers.pcc import PccConfig, PccSolution, RoadProfile, plan
 from iits_mj import options
 from iits_mj.errors import InputError
 from iits_mj.options import option
-from iits_mj.parameters import KMH, TruckParameters
+from iits_mj.parameters import TruckParameters
 from iits_mj.results import Check, Line, Panel, Results
 from iits_mj.road import RoadMap
+from iits_mj.units import KMH
 
 PAPER_SAVING_PERCENT = 21.68
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.analytic import laden_trailer
-from iits_mj.parameters import GRAVITY, TruckParameters
+from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
+from iits_mj.units import GRAVITY
 
 FloatArray = NDArray[np.float64]
 

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from iits_mj.parameters import KMH, TruckParameters
+from iits_mj.parameters import TruckParameters
 from iits_mj.results import Check, Line, Panel, Results
+from iits_mj.units import KMH
 from iits_mj.validation import low_speed
 from iits_mj.validation.config import ValidateConfig
 from iits_mj.validation.rollover import rigid_threshold, tilt_table

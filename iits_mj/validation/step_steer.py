@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.analytic import YawSideslip, simulate
-from iits_mj.parameters import KMH, TruckParameters
+from iits_mj.parameters import TruckParameters
 from iits_mj.results import Check, Line, Panel
 from iits_mj.truck import Truck
+from iits_mj.units import KMH
 from iits_mj.validation.metrics import fit, peak_ratio
 from iits_mj.validation.recorder import Recording, drive
 

@@ -8,8 +8,9 @@ from iits_mj.analytic import (
     static_axle_loads,
 )
 from iits_mj.errors import InputError
-from iits_mj.parameters import GRAVITY, TruckParameters
+from iits_mj.parameters import TruckParameters
 from iits_mj.tire_law import cornering_stiffness, friction
+from iits_mj.units import GRAVITY
 
 PARAMETERS = TruckParameters.load()
 

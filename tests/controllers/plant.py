@@ -15,7 +15,8 @@ import numpy as np
 from controllers.driveline_inverse import DrivelineInverse
 from controllers.lateral_model import LateralModel
 from iits_mj.messages import EgoState, VehicleCommand
-from iits_mj.parameters import GRAVITY, TruckParameters
+from iits_mj.parameters import TruckParameters
+from iits_mj.units import GRAVITY
 
 STEP = 0.005
 _GEAR_SPEED = np.array([0.0, 1.0, 2.0, 2.8, 3.8, 5.0, 6.5, 8.5, 11.0, 14.0, 17.0, 21.0])

@@ -7,7 +7,7 @@ from vehicle_sled import KMH, PARAMETERS, Sled, sled_xml
 
 import iits_mj
 from iits_mj.model.air_brake import overrun_force, pressure_table, torque_slope
-from iits_mj.parameters import GRAVITY
+from iits_mj.units import GRAVITY
 
 FULL_PHYSICS = mujoco.mjtState.mjSTATE_FULLPHYSICS
 BRAKE = PARAMETERS.air_brake
