@@ -196,8 +196,11 @@ class Truck:
     def observe(self) -> EgoState:
         """What the truck reports at this instant."""
         model, data = self.model, self.data
-        # Sensors belong to the state before the last step; this brings them up to now.
+        # Sensors belong to the state before the last step; this brings them up to now. The solver's
+        # first guess is put back, so that watching leaves no trace in the bits that follow.
+        warm_start = data.qacc_warmstart.copy()
         mujoco.mj_forward(model, data)
+        data.qacc_warmstart[:] = warm_start
         read = self._read
         position = data.xpos[self._tractor]
         rotation = data.xmat[self._tractor].reshape(3, 3)

@@ -258,12 +258,8 @@ class Simulation:
 
     def _glance(self) -> EgoState:
         """The truck between two control instants, without a trace in the bits that follow."""
-        # Observing runs mj_forward, which leaves the solver another first guess, and moves the
-        # truck's memory of where it is on the route, which the copy has for itself.
-        warm_start = self.truck.data.qacc_warmstart.copy()
-        ego = copy.copy(self.truck).observe()
-        self.truck.data.qacc_warmstart[:] = warm_start
-        return ego
+        # Observing moves the truck's memory of where it is on the route: the copy has its own.
+        return copy.copy(self.truck).observe()
 
     def _plan(self, ego: EgoState) -> None:
         self.scene = Scene(ego.time, ego, self.vehicles, self.truck.footprint)
