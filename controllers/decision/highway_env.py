@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from controllers.decision.base import DecisionContext, Observation
-from controllers.decision.highway import HighwayConfig, HighwayTraffic, Obstacle
+from controllers.decision.highway import HighwayTraffic
+from controllers.decision.highway_config import HighwayConfig, Obstacle
 from controllers.decision.highway_road import LANE_WIDTH, LANES, HighwayRoad
 from controllers.decision.highway_truck import HighwayTruck
 from controllers.decision.observation import ObservationHistory, observe_frame

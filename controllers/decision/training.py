@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from controllers.decision.highway import CELLS, HighwayConfig
+from controllers.decision.highway_config import CELLS, HighwayConfig
 from controllers.decision.highway_env import HighwayEnv, TripConfig, cell_trip
 from controllers.decision.network import ACTIONS, OBSERVATION_SIZE, QNetwork
 from controllers.decision.replay import Replay, Returns, Transition

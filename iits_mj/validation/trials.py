@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from controllers import decision as decisions
-from controllers.decision.highway import CELLS
+from controllers.decision.highway_config import CELLS
 from controllers.decision.highway_env import HighwayEnv, TripConfig, cell_trip
 from controllers.decision.training import TEST_SEEDS
 from iits_mj.errors import InputError

@@ -4,13 +4,8 @@ import numpy as np
 import pytest
 
 from controllers.decision import make
-from controllers.decision.highway import (
-    CELLS,
-    HighwayConfig,
-    HighwayTraffic,
-    Obstacle,
-    idm_acceleration,
-)
+from controllers.decision.highway import HighwayTraffic
+from controllers.decision.highway_config import CELLS, HighwayConfig, Obstacle, idm_acceleration
 from controllers.decision.highway_env import HighwayEnv, TripConfig, cell_trip
 from controllers.decision.highway_truck import HighwayTruck
 from controllers.decision.reward import RewardConfig, decision_charge, speed_charge
