@@ -50,9 +50,10 @@ VIEWS = {
     "aerial": View(115.0, -28.0, -27.0, 25.0, 0.0, 0.0, 1.2, slopes=False),
 }
 CAMERAS = tuple(VIEWS)
+# Nearly straight along the truck: it may drive close to either wall.
 _TUNNEL_VIEWS = {
-    "behind": View(27.0, -4.0, -5.5, 2.0, 0.9, 2.9, 0.7),
-    "ahead": View(16.0, 172.0, -6.0, -1.0, 0.8, 1.9, 0.5),
+    "behind": View(27.0, -0.5, -6.0, 2.0, 0.2, 2.9, 0.7),
+    "ahead": View(16.0, 178.5, -6.0, -1.0, 0.2, 1.9, 0.5),
 }
 _TUNNEL_NEAR, _TUNNEL_TIME = 75.0, 1.2
 
