@@ -52,7 +52,7 @@ VIEWS = {
 CAMERAS = tuple(VIEWS)
 # Nearly straight along the truck: it may drive close to either wall.
 _TUNNEL_VIEWS = {
-    "behind": View(27.0, -0.5, -6.0, 2.0, 0.2, 2.9, 0.7),
+    "behind": View(27.0, -0.5, -5.5, 2.0, 0.2, 2.9, 0.7),
     "ahead": View(16.0, 178.5, -6.0, -1.0, 0.2, 1.9, 0.5),
 }
 _TUNNEL_NEAR, _TUNNEL_TIME = 75.0, 1.2
