@@ -6,9 +6,9 @@ time to be reached, then `close()`; each is a context manager.
 
 from __future__ import annotations
 
-from types import TracebackType
-from typing import Protocol, Self, runtime_checkable
+from typing import Protocol, runtime_checkable
 
+from iits_mj.closing import Closing
 from iits_mj.errors import InputError, TrafficError
 from iits_mj.messages import EgoState, TrackedVehicle
 from iits_mj.road import Route
@@ -40,19 +40,8 @@ class Traffic(Protocol):
         """Ends the traffic; may be called again."""
 
 
-class Mode:
+class Mode(Closing):
     """Context manager of every mode."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Ends the traffic; may be called again."""

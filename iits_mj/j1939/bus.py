@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
 
 import can
 
+from iits_mj.closing import Closing
 from iits_mj.errors import BusError
 from iits_mj.j1939.frame import Frame
 
 
-class Bus:
+class Bus(Closing):
     """A CAN bus that carries `Frame`s; a context manager.
 
     Args:
@@ -58,17 +58,6 @@ class Bus:
     def close(self) -> None:
         """Leaves the bus."""
         self._bus.shutdown()
-
-    def __enter__(self) -> Bus:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def read_log(path: str | Path) -> Iterator[Frame]:

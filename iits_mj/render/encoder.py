@@ -5,16 +5,16 @@ from __future__ import annotations
 import os
 from collections.abc import Generator
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.closing import Finishing
 from iits_mj.errors import InputError, RenderError
 
 
-class Mp4Encoder:
+class Mp4Encoder(Finishing):
     """Takes pictures one by one; the file appears whole when it is closed without an error.
 
     Args:
@@ -84,20 +84,6 @@ class Mp4Encoder:
             self._pipe.close()
             self._pipe = None
         self._partial.unlink(missing_ok=True)
-
-    def __enter__(self) -> Mp4Encoder:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if kind is None:
-            self.close()
-        else:
-            self.abandon()
 
 
 def _pipe(

@@ -5,13 +5,13 @@ from __future__ import annotations
 import copy
 import math
 import os
-from types import TracebackType
 from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.closing import Closing
 from iits_mj.errors import InputError, RenderError
 
 PACKAGES = "libegl1 libgl1-mesa-dri libopengl0"
@@ -66,7 +66,7 @@ def make_context(width: int, height: int) -> Any:
     return context
 
 
-class Offscreen:
+class Offscreen(Closing):
     """Draws a model's data into arrays of pixels.
 
     It keeps a copy of the model, whose far geoms it hides from frame to frame; the model given is
@@ -155,17 +155,6 @@ class Offscreen:
         if self._gl is not None:
             self._gl.free()
             self._gl = None
-
-    def __enter__(self) -> Offscreen:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _cull(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> None:
         """Hides static geoms that are far away or outside the cone of view."""

@@ -7,13 +7,13 @@ with VideoObserver("drive.mp4", truck, size=(960, 540), camera="chase", fps=20) 
 from __future__ import annotations
 
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.closing import Finishing
 from iits_mj.errors import InputError
 from iits_mj.messages import Trajectory
 from iits_mj.render.cameras import FollowCamera
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 TIMESTEP = 0.002
 
 
-class VideoWriter:
+class VideoWriter(Finishing):
     """A film of any model that has the bodies `tractor` and `trailer`.
 
     Args:
@@ -109,22 +109,8 @@ class VideoWriter:
         self._offscreen.close()
         self._encoder.abandon()
 
-    def __enter__(self) -> VideoWriter:
-        return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if kind is None:
-            self.close()
-        else:
-            self.abandon()
-
-
-class VideoObserver:
+class VideoObserver(Finishing):
     """Watches a drive and films it with the instrument panel.
 
     Args:
@@ -190,17 +176,3 @@ class VideoObserver:
     def abandon(self) -> None:
         """Ends without a film."""
         self._writer.abandon()
-
-    def __enter__(self) -> VideoObserver:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if kind is None:
-            self.close()
-        else:
-            self.abandon()

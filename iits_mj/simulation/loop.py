@@ -8,11 +8,11 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import TracebackType
 
 import mujoco
 
 from controllers.stack import Stack
+from iits_mj.closing import Closing
 from iits_mj.errors import Error, InputError
 from iits_mj.messages import EgoState, Scene, TrackedVehicle, VehicleCommand
 from iits_mj.road import Route
@@ -34,7 +34,7 @@ END_MARGIN = 5.0
 NEAR = 1.0
 
 
-class Simulation:
+class Simulation(Closing):
     """A truck with its stack on a route, in traffic.
 
     Args:
@@ -221,17 +221,6 @@ class Simulation:
         """Ends SUMO."""
         if self.traffic is not None:
             self.traffic.close()
-
-    def __enter__(self) -> Simulation:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _advance(self, steps: int) -> None:
         self.truck.step(steps)

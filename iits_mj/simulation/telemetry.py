@@ -11,12 +11,12 @@ import math
 import os
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.closing import Closing
 from iits_mj.errors import InputError
 from iits_mj.simulation.frame import Frame
 from iits_mj.units import RPM
@@ -86,7 +86,7 @@ COLUMNS: dict[str, Callable[[Frame], Value]] = {
 }
 
 
-class Telemetry:
+class Telemetry(Closing):
     """Observer that writes the table and keeps its columns for plots.
 
     Used as a context manager; on leaving it the table appears at `path`. Empty cells mean "no
@@ -113,17 +113,6 @@ class Telemetry:
             ) from error
         self._writer = csv.writer(self._file, lineterminator="\n")
         self._writer.writerow(COLUMNS)
-
-    def __enter__(self) -> Telemetry:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def observe(self, simulation: Simulation, frame: Frame) -> None:
         """Adds one row."""
