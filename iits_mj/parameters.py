@@ -7,6 +7,7 @@ behind the kingpin (semitrailer), heights are above the road, masses of a unit i
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import typing
 from collections.abc import Mapping
@@ -89,11 +90,16 @@ class Semitrailer:
 
 @dataclass(frozen=True)
 class Payload:
-    """The load at its greatest mass; a smaller load keeps CG and radii of gyration."""
+    """The load at its greatest mass; a smaller load keeps CG and radii of gyration.
+
+    `cg_height` may lie between `cg_height_min` and `cg_height_max`, see `with_payload_height`.
+    """
 
     mass_max: float
     cg_position: float
     cg_height: float
+    cg_height_min: float
+    cg_height_max: float
     inertia_x: float
     inertia_y: float
     inertia_z: float
@@ -111,6 +117,7 @@ class FifthWheel:
     roll_stiffness: float
     roll_damping: float
     roll_lash: float
+    plate_width: float
     yaw_friction: float
 
 
@@ -351,3 +358,21 @@ class TruckParameters:
                 f"payload {payload!r} kg is not allowed: use 0 to {self.payload.mass_max:g} kg"
             )
         return value
+
+    def with_payload_height(self, height: float | None) -> TruckParameters:
+        """The same truck with the payload's CG at this height above the road [m].
+
+        None changes nothing. The load keeps its inertia about its own CG.
+
+        Raises:
+          InputError: the height is not within the payload's bounds.
+        """
+        if height is None:
+            return self
+        value, load = float(height), self.payload
+        if not load.cg_height_min <= value <= load.cg_height_max:
+            raise InputError(
+                f"payload_height {height!r} m is not allowed: use {load.cg_height_min:g} to "
+                f"{load.cg_height_max:g} m above the road"
+            )
+        return dataclasses.replace(self, payload=dataclasses.replace(load, cg_height=value))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 
+from iits_mj.mass_state import axle_loads_by_name, kingpin_load
 from iits_mj.model import air_brake, powertrain
-from iits_mj.model.statics import static_loads
 from iits_mj.parameters import Axle, TruckParameters
 from iits_mj.units import GRAVITY
 
@@ -41,8 +41,9 @@ def add_extension(root: ET.Element, p: TruckParameters, payload: float) -> None:
     steering = {name: text(getattr(p.steering, name)) for name in of_steering}
     steering |= {"wheelbase": text(wheelbase), "track": text(steer.track)}
     _instance(plugin("steering"), "steering", steering)
-    of_coupling = ("roll_stiffness", "roll_damping", "roll_lash", "yaw_friction")
+    of_coupling = ("roll_stiffness", "roll_damping", "roll_lash", "plate_width", "yaw_friction")
     fifth_wheel = {name: text(getattr(p.fifth_wheel, name)) for name in of_coupling}
+    fifth_wheel["kingpin_load"] = text(kingpin_load(p, payload))
     _instance(plugin("fifth_wheel"), "fifth_wheel", fifth_wheel)
     air = plugin("aerodynamics")
     share = p.aerodynamics.tractor_share
@@ -80,7 +81,7 @@ def add_tendons(root: ET.Element, p: TruckParameters, payload: float) -> None:
             linkage, "joint", joint=f"{p.tractor.axles[0].name}_{side}_knuckle", coef="0.5"
         )
     # Load compensation: a spring on the sum of the group's heave pushes every axle alike.
-    loads = dict(zip((a.name for a in p.axles), static_loads(p, payload).axles, strict=True))
+    loads = axle_loads_by_name(p, payload)
     for name, axles in (("tandem", p.tractor.axles[1:]), ("triaxle", p.semitrailer.axles)):
         share = equalized_share(p, axles[0])
         rate = 2 * axles[0].spring_rate * share / len(axles)

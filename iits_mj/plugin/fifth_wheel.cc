@@ -15,7 +15,8 @@ namespace {
 
 constexpr double kWindUp = 0.002;  // [rad] of yaw to full friction
 
-const char* const kAttributes[] = {"roll_stiffness", "roll_damping", "roll_lash", "yaw_friction"};
+const char* const kAttributes[] = {"roll_stiffness", "roll_damping", "roll_lash",
+                                   "plate_width",    "kingpin_load", "yaw_friction"};
 
 }  // namespace
 
@@ -29,12 +30,15 @@ FifthWheel* FifthWheel::Create(const mjModel* m, int instance) {
       {"roll_stiffness", 0, 1e9, &f->roll_stiffness_},
       {"roll_damping", 0, 1e7, &f->roll_damping_},
       {"roll_lash", 0, 0.5, &f->roll_lash_},
+      {"plate_width", 0, 3, &f->plate_width_},
+      {"kingpin_load", 0, 1e6, &f->kingpin_load_},
       {"yaw_friction", 0, 1e6, &f->yaw_friction_},
   };
   for (const auto& a : attributes) {
     *a.value = std::nan("");
     if (!ReadNumber(m, instance, a.name, a.low, a.high, a.value)) return nullptr;
   }
+  f->lift_moment_ = 0.5 * f->plate_width_ * f->kingpin_load_;
   std::vector<int> bodies = BodiesOfInstance(m, instance);
   if (bodies.size() == 1 && m->body_jntnum[bodies[0]] == 3) {
     int joint = m->body_jntadr[bodies[0]];
@@ -47,18 +51,25 @@ FifthWheel* FifthWheel::Create(const mjModel* m, int instance) {
   return nullptr;
 }
 
+// The kingpin load presses the trailer onto the plate: it carries roll stiffly until the load has
+// moved to the plate's edge. Then the plate opens at that moment, over the lash, and the locked
+// kingpin carries the rest.
+double FifthWheel::RollMoment(double roll, double rate) const {
+  double elastic = roll_stiffness_ * std::abs(roll);
+  double open = elastic - lift_moment_;  // as if there were no lash
+  double beyond = open - roll_stiffness_ * roll_lash_;
+  double moment = open > 0 ? lift_moment_ + std::max(0.0, beyond) : elastic;
+  bool touching = open <= 0 || beyond > 0;
+  // Damping never turns the push of plate or kingpin into a pull.
+  double damping = touching ? roll_damping_ * (roll < 0 ? -rate : rate) : 0;
+  double total = open <= 0 ? moment + damping : std::max(0.0, moment + damping);
+  return roll < 0 ? total : -total;
+}
+
 void FifthWheel::Passive(const mjModel* m, mjData* d, int instance) const {
   State* s = reinterpret_cast<State*>(d->plugin_state + m->plugin_stateadr[instance]);
   int roll_dof = m->jnt_dofadr[roll_];
-  double roll = d->qpos[m->jnt_qposadr[roll_]];
-  double beyond = roll - std::clamp(roll, -roll_lash_, roll_lash_);
-  double torque = 0;
-  if (beyond != 0) {
-    torque = -roll_stiffness_ * beyond - roll_damping_ * d->qvel[roll_dof];
-    // The plate pushes, it never pulls back into the lash.
-    torque = beyond > 0 ? std::min(torque, 0.0) : std::max(torque, 0.0);
-  }
-  d->qfrc_passive[roll_dof] += torque;
+  d->qfrc_passive[roll_dof] += RollMoment(d->qpos[m->jnt_qposadr[roll_]], d->qvel[roll_dof]);
 
   int yaw_dof = m->jnt_dofadr[yaw_];
   s->next_wind_up = std::clamp(s->wind_up + m->opt.timestep * d->qvel[yaw_dof], -kWindUp, kWindUp);

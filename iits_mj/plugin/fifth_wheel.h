@@ -1,4 +1,4 @@
-// Fifth-wheel plugin `iits.fifth_wheel`: roll stiffness after lash, friction of the greased plate.
+// Fifth-wheel plugin `iits.fifth_wheel`: roll moment of plate and lash, friction of the plate.
 #ifndef IITS_MJ_PLUGIN_FIFTH_WHEEL_H_
 #define IITS_MJ_PLUGIN_FIFTH_WHEEL_H_
 
@@ -22,10 +22,12 @@ class FifthWheel {
 
  private:
   FifthWheel() = default;
+  double RollMoment(double roll, double rate) const;
 
   int yaw_ = -1, roll_ = -1;  // joints
   // Attributes, see README.md.
-  double roll_stiffness_, roll_damping_, roll_lash_, yaw_friction_;
+  double roll_stiffness_, roll_damping_, roll_lash_, plate_width_, kingpin_load_, yaw_friction_;
+  double lift_moment_ = 0;  // at which the plate opens [N m]
 };
 
 }  // namespace iits

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from iits_mj.analytic import kingpin_load
 from iits_mj.truck import Truck
 
 
@@ -21,25 +22,50 @@ def passive_torque(truck, joint, angle, rate=0.0):
     return truck.data.qfrc_passive[handle.dofadr[0]]
 
 
-def tires_only(truck, angle):
-    """The tires push on the tilted trailer, too: their part, from a model without lash spring."""
-    other = Truck.load(
-        payload=0, parameters={"fifth_wheel": {"roll_stiffness": 0.0}}, visuals=False
-    )
-    return passive_torque(other, "fifth_wheel_roll", angle)
+def roll_torque(angle, **fifth_wheel):
+    """Torque of the coupling alone [N m]: the tires push on the tilted trailer, too."""
+    torques = [
+        passive_torque(
+            Truck.load(payload=0, parameters={"fifth_wheel": values}, visuals=False),
+            "fifth_wheel_roll",
+            angle,
+        )
+        for values in (fifth_wheel, {**fifth_wheel, "roll_stiffness": 0.0})
+    ]
+    return torques[0] - torques[1]
+
+
+def lift_moment(truck):
+    """Kingpin load on the plate's edge [N m]."""
+    return 0.5 * kingpin_load(truck.parameters, 0) * truck.parameters.fifth_wheel.plate_width
 
 
 @pytest.mark.parametrize("angle_deg", [-0.9, 0.5, 0.99])
-def test_lash_carries_no_roll(truck, angle_deg):
-    angle = np.radians(angle_deg)
-    torque = passive_torque(truck, "fifth_wheel_roll", angle) - tires_only(truck, angle)
+def test_bare_lash_carries_no_roll(angle_deg):
+    torque = roll_torque(np.radians(angle_deg), plate_width=0.0)
     assert torque == pytest.approx(0.0, abs=1e-6)
 
 
-def test_beyond_the_lash_a_degree_takes_100_kilonewton_metres(truck):
-    angle = np.radians(1.5)
-    torque = passive_torque(truck, "fifth_wheel_roll", angle) - tires_only(truck, angle)
-    assert torque == pytest.approx(-50e3, rel=0.01)
+def test_beyond_the_bare_lash_a_degree_takes_100_kilonewton_metres():
+    assert roll_torque(np.radians(1.5), plate_width=0.0) == pytest.approx(-50e3, rel=0.01)
+
+
+def test_kingpin_load_keeps_the_plate_closed():
+    assert roll_torque(np.radians(-0.1)) == pytest.approx(10e3, rel=0.01)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.95])
+def test_plate_opens_through_the_lash_with_the_load_on_its_edge(truck, share):
+    moment = lift_moment(truck)
+    coupling = truck.parameters.fifth_wheel
+    angle = moment / coupling.roll_stiffness + share * coupling.roll_lash
+    assert roll_torque(angle) == pytest.approx(-moment, rel=1e-6)
+
+
+def test_locked_kingpin_carries_roll_beyond_the_lash(truck):
+    coupling, moment = truck.parameters.fifth_wheel, lift_moment(truck)
+    angle = moment / coupling.roll_stiffness + coupling.roll_lash + np.radians(0.5)
+    assert roll_torque(angle) == pytest.approx(-moment - 50e3, rel=0.01)
 
 
 def test_greased_plate_brakes_yaw_with_its_friction(truck):
