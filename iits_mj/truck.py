@@ -86,6 +86,7 @@ class Truck:
         cls,
         payload: float | None = None,
         *,
+        payload_height: float | None = None,
         parameters: TruckParameters | Mapping[str, Any] | str | Path | None = None,
         route: Route | None = None,
         timestep: float = 0.002,
@@ -96,6 +97,8 @@ class Truck:
 
         Args:
           payload: [kg]; default: the greatest, 36 t, for 55 t in all.
+          payload_height: of the load's centre of gravity above the road [m], 1.3 to 3; default: the
+            parameters', 2.23 m.
           parameters: of the truck, or an overlay (TOML file or mapping) over the shipped figures.
           route: the road; default: a flat plane, driven along x.
           timestep: of the physics [s], 0.0005 to 0.005.
@@ -103,12 +106,13 @@ class Truck:
           edit_spec: called with the specification before it is compiled, to add cameras, traffic.
 
         Raises:
-          InputError: payload, time step or parameters are not allowed.
+          InputError: payload, its height, time step or parameters are not allowed.
           PluginError: the engine plugin is missing.
         """
         register()
         if not isinstance(parameters, TruckParameters):
             parameters = TruckParameters.load(overlay=parameters)
+        parameters = parameters.with_payload_height(payload_height)
         payload = parameters.payload.mass_max if payload is None else payload
         payload = parameters.check_payload(payload)
         if not (math.isfinite(timestep) and 0.0005 <= timestep <= 0.005):

@@ -6,7 +6,6 @@ they predict. Nothing here knows MuJoCo, and nothing is fitted to the simulation
 
 from iits_mj.analytic.kinematic import Kinematic
 from iits_mj.analytic.loads import (
-    LadenTrailer,
     axle_cornering_stiffness,
     cruise_axle_loads,
     kingpin_load,
@@ -30,7 +29,6 @@ from iits_mj.analytic.yaw_sideslip import LateralSystem, YawSideslip
 
 __all__ = [
     "Kinematic",
-    "LadenTrailer",
     "LateralSystem",
     "Response",
     "YawSideslip",

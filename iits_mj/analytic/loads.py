@@ -1,72 +1,24 @@
-"""Masses, static axle loads and cornering stiffnesses, computed from the truck's parameters."""
+"""Axle loads at speed and cornering stiffnesses, computed from the truck's parameters."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.mass_state import kingpin_load, laden_trailer, static_axle_loads
 from iits_mj.parameters import Axle, TruckParameters
 from iits_mj.tire_law import cornering_stiffness
 from iits_mj.units import GRAVITY
 
+__all__ = [
+    "axle_cornering_stiffness",
+    "cruise_axle_loads",
+    "kingpin_load",
+    "laden_trailer",
+    "static_axle_loads",
+]
+
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class LadenTrailer:
-    """Semitrailer with its payload: mass [kg], CG behind the kingpin and height [m], Iz [kg m2]."""
-
-    mass: float
-    cg_position: float
-    cg_height: float
-    inertia_z: float
-
-
-def laden_trailer(parameters: TruckParameters, payload: float) -> LadenTrailer:
-    """The semitrailer with `payload` kg; the payload keeps its CG and radius of gyration."""
-    load = parameters.check_payload(payload)
-    tare, cargo = parameters.semitrailer, parameters.payload
-    mass = tare.mass + load
-    cg_position = (tare.mass * tare.cg_position + load * cargo.cg_position) / mass
-    cg_height = (tare.mass * tare.cg_height + load * cargo.cg_height) / mass
-    inertia = (
-        tare.inertia_z
-        + tare.mass * (tare.cg_position - cg_position) ** 2
-        + cargo.inertia_z * load / cargo.mass_max
-        + load * (cargo.cg_position - cg_position) ** 2
-    )
-    return LadenTrailer(mass, cg_position, cg_height, inertia)
-
-
-def kingpin_load(parameters: TruckParameters, payload: float) -> float:
-    """Vertical load on the fifth wheel at rest on level ground [N]."""
-    trailer = laden_trailer(parameters, payload)
-    group = float(np.mean([axle.position for axle in parameters.semitrailer.axles]))
-    return trailer.mass * GRAVITY * (1.0 - trailer.cg_position / group)
-
-
-def static_axle_loads(parameters: TruckParameters, payload: float) -> FloatArray:
-    """Axle loads at rest on level ground [N], shape (6,), front to rear.
-
-    The axles of the tandem share their group's load equally, those of the tri-axle too (load
-    sharing suspensions), so that each group acts at its centre.
-    """
-    trailer_axles = parameters.semitrailer.axles
-    trailer = laden_trailer(parameters, payload)
-    kingpin = kingpin_load(parameters, payload)
-    per_trailer_axle = (trailer.mass * GRAVITY - kingpin) / len(trailer_axles)
-    tractor = parameters.tractor
-    front, *drive = tractor.axles
-    centre = float(np.mean([axle.position for axle in drive])) - front.position
-    moment = tractor.mass * GRAVITY * (tractor.cg_position - front.position) + kingpin * (
-        parameters.fifth_wheel.position - front.position
-    )
-    drive_group = moment / centre
-    steer = tractor.mass * GRAVITY + kingpin - drive_group
-    loads = [steer, *([drive_group / len(drive)] * len(drive))]
-    return np.array(loads + [per_trailer_axle] * len(trailer_axles))
 
 
 def cruise_axle_loads(parameters: TruckParameters, payload: float, speed: float) -> FloatArray:

@@ -11,6 +11,7 @@ import xml.etree.ElementTree as ET
 
 import mujoco
 
+from iits_mj.mass_state import axle_loads_by_name, payload_inertial
 from iits_mj.model import visuals
 from iits_mj.model.connections import (
     SIDES,
@@ -23,9 +24,7 @@ from iits_mj.model.connections import (
 )
 from iits_mj.model.statics import (
     beam_inertia,
-    payload_inertial,
     sprung,
-    static_loads,
     wheel_height,
     wheel_inertia,
 )
@@ -41,7 +40,7 @@ def truck_spec(parameters: TruckParameters, payload: float) -> mujoco.MjSpec:
     """The truck with its visual geoms, as an editable specification.
 
     Args:
-      parameters: of the truck.
+      parameters: of the truck; `with_payload_height` moves the load up or down.
       payload: [kg], 0 to `parameters.payload.mass_max`.
 
     Raises:
@@ -132,13 +131,15 @@ def _tractor(world: ET.Element, p: TruckParameters, payload: float) -> None:
     cg = text(-t.cg_position, 0, t.cg_height)
     ET.SubElement(body, "site", name="tractor_cg", pos=cg, size="0.05", group="4")
     _pressure_center(body, "tractor", (t.front_overhang, 0, p.aerodynamics.pressure_height))
-    loads = dict(zip((a.name for a in p.axles), static_loads(p, payload).axles, strict=True))
+    loads = axle_loads_by_name(p, payload)
     for axle in t.axles:
         _axle(body, p, axle, loads[axle.name], 0.0, steered=axle is t.axles[0])
     _trailer(body, p, payload, loads)
 
 
-def _trailer(tractor: ET.Element, p: TruckParameters, payload: float, loads: dict) -> None:
+def _trailer(
+    tractor: ET.Element, p: TruckParameters, payload: float, loads: dict[str, float]
+) -> None:
     f, t = p.fifth_wheel, p.semitrailer
     at = text(-f.position, 0, f.height)
     body = ET.SubElement(tractor, "body", name="trailer", pos=at)
@@ -176,9 +177,11 @@ def _trailer(tractor: ET.Element, p: TruckParameters, payload: float, loads: dic
     _pressure_center(body, "trailer", (middle, 0, p.aerodynamics.pressure_height - f.height))
     load = payload_inertial(p, payload)
     block = ET.SubElement(body, "body", name="payload")
+    at_load = (-load.cg_position, 0.0, load.cg_height - f.height)
     if payload > 0:
-        at_load = (-load.cg_position, 0.0, load.cg_height - f.height)
         _inertial(block, load.mass, at_load, load.inertia)
+    cg = text(*at_load)
+    ET.SubElement(block, "site", name="payload_cg", pos=cg, size="0.05", group="4")
     for axle in t.axles:
         _axle(body, p, axle, loads[axle.name], f.height, steered=False)
 

@@ -22,14 +22,17 @@ TABLE_START = "<!-- provenance: made by `python -m iits_mj.model` -->"
 TABLE_END = "<!-- end of provenance -->"
 
 
-def model_files(payload: float | None = None) -> dict[str, str]:
+def model_files(
+    payload: float | None = None, payload_height: float | None = None
+) -> dict[str, str]:
     """Texts of `truck.xml` and its meshes, by path below the model folder.
 
     Args:
       payload: [kg]; default: the greatest.
+      payload_height: of its CG above the road [m]; default: the parameters'.
     """
     register()
-    parameters = TruckParameters.load()
+    parameters = TruckParameters.load().with_payload_height(payload_height)
     payload = parameters.payload.mass_max if payload is None else payload
     spec = truck_spec(parameters, payload)
     files = {}
