@@ -69,6 +69,7 @@ def test_every_command_explains_its_flags(command: str, capsys: pytest.CaptureFi
         (("drive", "--payload", "nan"), "nan is not a finite number"),
         (("drive", "--payload", "36001"), "use 0 to 36000 kg"),
         (("drive", "--payload", "-1"), "use 0 to 36000 kg"),
+        (("drive", "--payload-height", "5"), "payload-height 5 is not allowed; use 1.3 to 3 m"),
         (("drive", "--density", "jammed"), "use one of: dense, medium, sparse"),
         (("drive", "--decision", "oracle"), "use one of: keep"),
         (("drive", "--camera", "moon"), "use one of: chase"),

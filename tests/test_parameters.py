@@ -74,3 +74,17 @@ def test_wrong_file_is_refused(tmp_path, content):
 def test_missing_file_is_named():
     with pytest.raises(InputError, match=r"nowhere\.toml"):
         TruckParameters.load("nowhere.toml")
+
+
+def test_load_may_lie_low_or_high_and_changes_nothing_else():
+    p = TruckParameters.load()
+    high = p.with_payload_height(2.8)
+    assert high.payload.cg_height == 2.8
+    assert p.with_payload_height(None) is p
+    assert high.with_payload_height(p.payload.cg_height) == p
+
+
+@pytest.mark.parametrize("height", [1.29, 3.01, float("nan"), float("inf")])
+def test_load_under_the_floor_or_over_the_roof_is_refused(height):
+    with pytest.raises(InputError, match=r"payload_height .* use 1\.3 to 3 m above the road"):
+        TruckParameters.load().with_payload_height(height)

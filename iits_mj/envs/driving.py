@@ -32,6 +32,7 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
     Args:
       task: name in `iits_mj.suite.TASKS_BY_DOMAIN["truck"]`.
       payload: on the semitrailer [kg].
+      payload_height: of the load's centre of gravity above the road [m], 1.3 to 3.
       time_limit: of an episode [s]; default the task's.
       render_mode: None or "rgb_array" (needs OpenGL).
       camera: of the pictures: "chase", "side" or "cab".
@@ -47,6 +48,7 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         task: str,
         *,
         payload: float = 36_000.0,
+        payload_height: float | None = None,
         time_limit: float | None = None,
         render_mode: str | None = None,
         camera: str = "chase",
@@ -60,6 +62,7 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
             task,
             task_kwargs={
                 "payload": payload,
+                "payload_height": payload_height,
                 "time_limit": time_limit,
                 "visuals": render_mode is not None,
                 "random": 0,

@@ -73,6 +73,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
       speed: reference speed of the truck [m/s].
       duration: of an episode [s].
       payload: on the semitrailer [kg].
+      payload_height: of the load's centre of gravity above the road [m], 1.3 to 3.
       render_mode: None or "rgb_array" (needs OpenGL).
       camera: of the pictures: "chase", "side" or "cab".
 
@@ -90,6 +91,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
         speed: float = 60.0 / 3.6,
         duration: float = 120.0,
         payload: float = 36_000.0,
+        payload_height: float | None = None,
         render_mode: str | None = None,
         camera: str = "chase",
     ) -> None:
@@ -107,6 +109,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
             speed=speed,
             duration=duration,
             payload=payload,
+            payload_height=payload_height,
             decision="keep",
         )
         self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (OBSERVATION_SIZE,), np.float32)

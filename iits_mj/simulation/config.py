@@ -29,6 +29,14 @@ class DriveConfig:
     payload: float = option(
         36_000.0, help="load on the semitrailer", unit="kg", low=0.0, high=36_000.0, metavar="KG"
     )
+    payload_height: float | None = option(
+        None,
+        help="height of the load's centre of gravity above the road; without it 2.23 m",
+        unit="m",
+        low=1.3,
+        high=3.0,
+        metavar="M",
+    )
     density: str = option("dense", help="how much traffic there is", choices=DENSITIES)
     traffic_speed: float = option(
         12.5, help="speed limit of the traffic", unit="m/s", low=3.0, high=40.0, metavar="MPS"

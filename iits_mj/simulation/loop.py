@@ -72,6 +72,7 @@ class Simulation(Closing):
 
         self.truck = Truck.load(
             config.payload,
+            payload_height=config.payload_height,
             route=self.route,
             timestep=TIMESTEP,
             visuals=visuals,

@@ -42,7 +42,8 @@ def build_environment(
     Args:
       domain_name: "truck".
       task_name: see `TASKS_BY_DOMAIN`.
-      task_kwargs: `random` (seed), `time_limit` [s], `payload` [kg], `visuals`.
+      task_kwargs: `random` (seed), `time_limit` [s], `payload` [kg], `payload_height` [m] and
+        `visuals`.
       environment_kwargs: of `dm_control.rl.control.Environment`.
 
     Raises:

@@ -53,6 +53,7 @@ def _environment(
     time_limit: float | None = None,
     random: Any = None,
     payload: float = 36_000.0,
+    payload_height: float | None = None,
     visuals: bool = True,
     environment_kwargs: Mapping[str, Any] | None = None,
 ) -> control.Environment:
@@ -65,11 +66,17 @@ def _environment(
       time_limit: instead of the default [s].
       random: seed or `numpy.random.RandomState` of the task.
       payload: on the semitrailer [kg].
+      payload_height: of the load's centre of gravity above the road [m], 1.3 to 3.
       visuals: adds road and landscape for pictures; the physics is the same without.
       environment_kwargs: further arguments of `control.Environment`.
     """
     truck = Truck.load(
-        payload, route=route, timestep=TIMESTEP, visuals=visuals, edit_spec=add_cameras
+        payload,
+        payload_height=payload_height,
+        route=route,
+        timestep=TIMESTEP,
+        visuals=visuals,
+        edit_spec=add_cameras,
     )
     options = {"control_timestep": CONTROL_TIMESTEP, "legacy_step": False}
     return control.Environment(

@@ -140,6 +140,12 @@ def test_time_limit_and_payload_are_arguments():
     assert environment.physics.ego().mass == pytest.approx(19_000.0)
 
 
+def test_height_of_the_load_is_an_argument():
+    settings = {"payload_height": 1.5, "visuals": False}
+    model = suite.load("truck", "stop", settings).physics.model
+    assert model.site("payload_cg").pos[2] == pytest.approx(1.5 - 1.10)
+
+
 def test_a_copy_of_the_physics_goes_its_own_way(environments):
     environment = environments["cruise"]
     environment.reset()
