@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from iits_mj.mass_state import laden_trailer, static_axle_loads
 from iits_mj.parameters import Axle, TruckParameters
 from iits_mj.tire_law import cornering_stiffness
-from iits_mj.units import GRAVITY
 
 FloatArray = NDArray[np.float64]
 
@@ -50,41 +50,23 @@ class LateralModel:
     @classmethod
     def of(cls, parameters: TruckParameters, gross_mass: float, lag: float) -> LateralModel:
         """The model of a truck at a gross combination mass [kg]."""
-        p, trailer = parameters, parameters.semitrailer
-        load = max(gross_mass - p.tractor.mass - trailer.mass, 0.0)
-        share = load / p.payload.mass_max
-        mass = trailer.mass + load
-        cg = (trailer.mass * trailer.cg_position + load * p.payload.cg_position) / mass
-        inertia = (
-            trailer.inertia_z
-            + share * p.payload.inertia_z
-            + trailer.mass * (trailer.cg_position - cg) ** 2
-            + load * (p.payload.cg_position - cg) ** 2
+        p = parameters
+        load = min(max(gross_mass - p.gross_mass(0.0), 0.0), p.payload.mass_max)
+        trailer = laden_trailer(p, load)
+        axles = tuple(
+            (axle.position, _axle_stiffness(axle, float(on_axle), p))
+            for axle, on_axle in zip(p.axles, static_axle_loads(p, load), strict=True)
         )
-        group = float(np.mean([axle.position for axle in trailer.axles]))
-        on_kingpin = mass * GRAVITY * (1.0 - cg / group)
-        rear = float(np.mean([axle.position for axle in p.tractor.axles[1:]]))
-        on_rear = (
-            p.tractor.mass * GRAVITY * p.tractor.cg_position + on_kingpin * p.fifth_wheel.position
-        ) / rear
-        on_front = p.tractor.mass * GRAVITY + on_kingpin - on_rear
-        loads = [on_front] + [on_rear / (len(p.tractor.axles) - 1)] * (len(p.tractor.axles) - 1)
-        on_trailer = (mass * GRAVITY - on_kingpin) / len(trailer.axles)
         return cls(
             mass=p.tractor.mass,
             cg=p.tractor.cg_position,
             inertia=p.tractor.inertia_z,
-            trailer_mass=mass,
-            trailer_cg=cg,
-            trailer_inertia=inertia,
+            trailer_mass=trailer.mass,
+            trailer_cg=trailer.cg_position,
+            trailer_inertia=trailer.inertia_z,
             kingpin=p.fifth_wheel.position,
-            axles=tuple(
-                (axle.position, _axle_stiffness(axle, load, p))
-                for axle, load in zip(p.tractor.axles, loads, strict=True)
-            ),
-            trailer_axles=tuple(
-                (axle.position, _axle_stiffness(axle, on_trailer, p)) for axle in trailer.axles
-            ),
+            axles=axles[: len(p.tractor.axles)],
+            trailer_axles=axles[len(p.tractor.axles) :],
             lag=lag,
         )
 
