@@ -285,7 +285,9 @@ class Truck:
         bogie_station = station - reach - tri
         bogie = self._point(bogie_station, offset)
         across = self._across(bogie_station)
-        bogie = bogie + _frame(king - bogie, across)[:, 2] * p.fifth_wheel.height
+        # The trailer's frame lies at the kingpin's height above the road, there as at the bogie.
+        along = self._point(bogie_station + 1.0, offset) - self._point(bogie_station - 1.0, offset)
+        bogie = bogie + _frame(along, across)[:, 2] * p.fifth_wheel.height
         relative = rotation.T @ _frame(king - bogie, across)
         yaw = math.atan2(relative[1, 0], relative[0, 0])
         pitch = -math.asin(relative[2, 0])

@@ -62,6 +62,26 @@ def test_observation_is_finite_and_at_the_reset_pose(truck):
     assert np.isfinite(values).all()
 
 
+@pytest.mark.parametrize("payload", [0.0, 36_000.0])
+def test_truck_stands_in_equilibrium_after_a_reset(payload):
+    truck = iits_mj.Truck.load(payload, visuals=False)
+    truck.reset(station=250.0, offset=1.0)
+    assert np.abs(truck.data.qacc).max() < 1e-5
+    np.testing.assert_allclose(truck.data.qpos[2:], truck.model.qpos0[2:], atol=1e-12)
+
+
+@pytest.mark.parametrize("grade", [-0.05, 0.08])
+def test_units_stand_in_line_on_a_grade_after_a_reset(grade):
+    truck = iits_mj.Truck.load(route=Route.straight(grade=grade), visuals=False)
+    assert truck.observe().pitch == pytest.approx(-np.arctan(grade), abs=1e-9)
+    np.testing.assert_allclose(truck.data.qpos[7:], truck.model.qpos0[7:], atol=1e-12)
+
+
+def test_height_of_the_load_is_refused_by_name():
+    with pytest.raises(InputError, match="payload_height"):
+        iits_mj.Truck.load(payload_height=0.5, visuals=False)
+
+
 def vars_of(ego):
     return [getattr(ego, name) for name in ego.__dataclass_fields__]
 

@@ -66,6 +66,8 @@ def truck_xml(parameters: TruckParameters, payload: float) -> str:
     add_tendons(root, parameters, payload)
     add_actuators(root, parameters)
     add_sensors(root, parameters)
+    # Standing on a level road: what MuJoCo makes of a keyframe without figures.
+    ET.SubElement(ET.SubElement(root, "keyframe"), "key", name="home")
     ET.indent(root)
     return ET.tostring(root, encoding="unicode")
 

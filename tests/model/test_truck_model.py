@@ -9,7 +9,7 @@ import pytest
 import iits_mj
 from iits_mj.assets import mjcf_dir
 from iits_mj.errors import InputError
-from iits_mj.mass_state import static_axle_loads
+from iits_mj.mass_state import laden_trailer, static_axle_loads
 from iits_mj.messages import VehicleCommand
 from iits_mj.model.builder import truck_spec
 from iits_mj.model.export import model_files, readme_text
@@ -60,7 +60,9 @@ def test_axle_loads_are_those_of_the_truck_and_stay_so(payload):
     data = mujoco.MjData(model)
     for _ in range(1000):
         mujoco.mj_step(model, data)
-    np.testing.assert_allclose(axle_loads(model, data), AXLE_LOADS_KN[payload], rtol=0.005)
+    loads = axle_loads(model, data)
+    np.testing.assert_allclose(loads, AXLE_LOADS_KN[payload], rtol=0.005)
+    assert sum(loads) == pytest.approx((19_000 + payload) * 9.81e-3, rel=1e-6)
     assert np.abs(data.qvel).max() < 1e-6
 
 
@@ -84,34 +86,89 @@ def test_payload_out_of_range_is_refused(payload):
         truck_spec(PARAMETERS, payload)
 
 
-def test_every_element_is_named_in_snake_case(laden):
-    kinds = {
-        "body": laden.nbody,
-        "joint": laden.njnt,
-        "geom": laden.ngeom,
-        "site": laden.nsite,
-        "actuator": laden.nactuator,
-        "sensor": laden.nsensor,
-        "tendon": laden.ntendon,
+def all_names(model):
+    """(kind, name) of every element of every kind that MuJoCo can name."""
+    counts = {
+        "body": model.nbody,
+        "jnt": model.njnt,
+        "geom": model.ngeom,
+        "site": model.nsite,
+        "cam": model.ncam,
+        "light": model.nlight,
+        "mesh": model.nmesh,
+        "mat": model.nmat,
+        "tex": model.ntex,
+        "tendon": model.ntendon,
+        "actuator": model.nactuator,
+        "sensor": model.nsensor,
+        "numeric": model.nnumeric,
+        "key": model.nkey,
+        "plugin": model.nplugin,
+        "eq": model.neq,
+        "pair": model.npair,
+        "exclude": model.nexclude,
+        "tuple": model.ntuple,
     }
-    for kind, count in kinds.items():
-        for i in range(count):
-            name = getattr(laden, kind)(i).name
-            assert re.fullmatch(r"[a-z][a-z0-9_]*", name), f"{kind} {i} is named {name!r}"
+    for kind, count in counts.items():
+        for address in getattr(model, f"name_{kind}adr")[:count]:
+            yield kind, model.names[address:].split(b"\0", 1)[0].decode()
 
 
-def test_left_and_right_are_mirror_images(laden):
-    counts = {"body": laden.nbody, "joint": laden.njnt, "geom": laden.ngeom, "site": laden.nsite}
-    for kind in counts:
-        names = [getattr(laden, kind)(i).name for i in range(counts[kind])]
-        for name in names:
-            if "left" in name.split("_"):
-                twin = "_".join("right" if part == "left" else part for part in name.split("_"))
-                assert twin in names, f"{kind} {name} has no twin {twin}"
-                left, right = getattr(laden, kind)(name), getattr(laden, kind)(twin)
-                if kind == "body":
-                    np.testing.assert_allclose(left.pos * [1, -1, 1], right.pos, atol=1e-12)
-                    np.testing.assert_allclose(left.mass, right.mass)
+@pytest.mark.parametrize("scene", ["truck.xml", "scene.xml"])
+def test_every_element_has_a_name_of_its_own_in_snake_case(scene):
+    model = mujoco.MjModel.from_xml_path(str(iits_mj.mjcf_path(scene)))
+    found = list(all_names(model))
+    assert len(found) > 200
+    assert len(set(found)) == len(found)
+    for kind, name in found:
+        assert re.fullmatch(r"[a-z][a-z0-9_]*", name), f"a {kind} is named {name!r}"
+
+
+@pytest.mark.parametrize("payload", [0.0, 1.0, 36_000.0])
+def test_masses_and_inertias_are_those_of_bodies_that_can_exist(payload):
+    model = build(payload)
+    for i in range(1, model.nbody):
+        body = model.body(i)
+        if body.mass == 0.0:  # places: centres of pressure, and the load of an empty truck
+            assert model.body_dofnum[i] == 0, body.name
+            continue
+        least, middle, most = sorted(body.inertia)
+        assert least > 0.0, body.name
+        assert least + middle >= most, body.name
+
+
+def test_model_files_give_the_truck_that_python_loads(laden):
+    shipped = mujoco.MjModel.from_xml_path(str(iits_mj.mjcf_path("truck.xml")))
+    state = []
+    for model in (laden, shipped):
+        data = mujoco.MjData(model)
+        data.qvel[0] = 10.0
+        data.ctrl[:4] = 0.5, 0.0, 0.0, 0.5
+        for _ in range(500):
+            mujoco.mj_step(model, data)
+        state.append(np.concatenate([data.qpos, data.qvel]))
+    np.testing.assert_allclose(state[1], state[0], atol=1e-4)
+
+
+def test_reset_and_keyframe_forget_all_that_was(laden):
+    full = mujoco.mjtState.mjSTATE_INTEGRATION
+    fresh, reset, keyed = (mujoco.MjData(laden) for _ in range(3))
+    for data in (reset, keyed):
+        data.ctrl[:4] = 0.8, 0.0, 0.0, 2.0
+        for _ in range(500):
+            mujoco.mj_step(laden, data)
+    mujoco.mj_resetData(laden, reset)
+    mujoco.mj_resetDataKeyframe(laden, keyed, laden.key("home").id)
+    for _ in range(300):
+        states = []
+        for data in (fresh, reset, keyed):
+            state = np.empty(mujoco.mj_stateSize(laden, full))
+            mujoco.mj_getState(laden, data, state, full)
+            states.append(state)
+            data.ctrl[:4] = 0.5, 0.0, 0.0, -1.0
+            mujoco.mj_step(laden, data)
+        np.testing.assert_array_equal(states[1], states[0])
+        np.testing.assert_array_equal(states[2], states[0])
 
 
 def test_controls_are_the_fields_of_the_vehicle_command(laden):
@@ -132,16 +189,80 @@ def test_scenes_step_with_noise_on_the_controls_without_a_warning(scene):
     assert np.isfinite(data.qpos).all()
 
 
-def test_energy_of_the_unpowered_truck_never_grows(laden):
-    laden.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
-    data = mujoco.MjData(laden)
-    data.ctrl[list(VehicleCommand.__dataclass_fields__).index("transmission_mode")] = 1
-    data.qvel[0] = 15.0
-    data.qvel[5] = 0.05
-    energy = []
-    for _ in range(2000):
-        mujoco.mj_step(laden, data)
-        energy.append(data.energy.sum())
-    # Tires, springs of the linkage and bristles store a little; over 20 ms it must go down.
-    coarse = np.array(energy)[::100]
-    assert (np.diff(coarse[1:]) < 0).all()
+@pytest.mark.parametrize("timestep", [0.001, 0.002, 0.005])
+def test_start_shift_steer_and_brake_leave_no_warning(timestep):
+    truck = iits_mj.Truck.load(timestep=timestep, visuals=False)
+    gears, speeds = set(), []
+
+    def drive(seconds, **command):
+        truck.command(**command)
+        for _ in range(round(seconds / 0.5)):
+            truck.step(round(0.5 / timestep))
+            ego = truck.observe()
+            gears.add(ego.gear)
+            speeds.append(ego.speed)
+
+    drive(12.0, accelerator_pedal=0.8)
+    drive(3.0, steering_wheel_angle=1.5)
+    drive(3.0, steering_wheel_angle=-1.5)
+    drive(2.0, accelerator_pedal=0.0, steering_wheel_angle=0.0, engine_brake=1.0)
+    drive(5.0, xbr_demand=-4.0, xbr_mode=2.0)
+    drive(2.0, parking_brake=1.0)
+    drive(
+        5.0,
+        parking_brake=0.0,
+        xbr_demand=0.0,
+        xbr_mode=0.0,
+        transmission_mode=2.0,
+        accelerator_pedal=0.4,
+        engine_brake=0.0,
+    )
+    assert len(gears) > 3
+    assert max(speeds) > 5.0
+    assert speeds[-1] < -0.5
+    assert not truck.data.warning.number.any()
+
+
+@pytest.mark.parametrize("height", [1.3, 3.0])
+def test_load_lies_where_it_is_asked_to_lie(height):
+    truck = iits_mj.Truck.load(payload_height=height, visuals=False)
+    model, data = truck.model, truck.data
+    body, site = model.body("payload"), data.site("payload_cg")
+    assert data.xipos[body.id][2] == pytest.approx(height, abs=1e-6)
+    np.testing.assert_allclose(site.xpos, data.xipos[body.id], atol=1e-9)
+    assert truck.parameters.payload.cg_height == height
+    # The level road does not see the height: same loads, still in equilibrium.
+    for _ in range(500):
+        mujoco.mj_step(model, data)
+    np.testing.assert_allclose(axle_loads(model, data), AXLE_LOADS_KN[36_000.0], rtol=0.005)
+    assert np.abs(data.qvel).max() < 1e-6
+
+
+def test_both_units_weigh_what_the_mass_state_says():
+    payload, height = 20_000.0, 2.6
+    truck = iits_mj.Truck.load(payload, payload_height=height, visuals=False)
+    model, data = truck.model, truck.data
+    expected = laden_trailer(PARAMETERS, payload, height)
+    root = model.body("trailer").id
+    parts = [i for i in range(model.nbody) if root in ancestors(model, i)]
+    mass = model.body_mass[parts]
+    center = mass @ data.xipos[parts] / mass.sum()
+    kingpin = data.xpos[root]
+    assert mass.sum() == pytest.approx(expected.mass)
+    assert kingpin[0] - center[0] == pytest.approx(expected.cg_position, abs=1e-6)
+    assert center[2] == pytest.approx(expected.cg_height, abs=1e-6)
+    inertia = np.zeros((3, 3))
+    for i in parts:
+        axes = data.ximat[i].reshape(3, 3)
+        arm = data.xipos[i] - center
+        inertia += axes @ np.diag(model.body_inertia[i]) @ axes.T
+        inertia += model.body_mass[i] * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    np.testing.assert_allclose(np.diag(inertia), expected.inertia, rtol=1e-6)
+
+
+def ancestors(model, body):
+    found = {body}
+    while body:
+        body = int(model.body_parentid[body])
+        found.add(body)
+    return found
