@@ -145,6 +145,7 @@ class Tire:
     vertical_stiffness: float
     vertical_damping: float
     cornering_coefficient: float
+    cornering_load: float
     pneumatic_trail: float
 
 
@@ -170,7 +171,7 @@ class TireCommon:
 
 @dataclass(frozen=True)
 class Aerodynamics:
-    """Air drag of the combination."""
+    """Air drag and side force of the combination."""
 
     tractor_share: float
     drag_area: float

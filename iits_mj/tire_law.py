@@ -1,8 +1,8 @@
 """The tire's load dependence, shared by the analytic models and (in C++) by the tire plugin.
 
 Cornering stiffness is the Magic Formula's `K_y = p sin(2 atan(Fz / (s Fz0)))` (Pacejka, Tire and
-Vehicle Dynamics, eq. 4.E25 without camber), scaled so that a tire at nominal load has
-`K_y = cornering_coefficient Fz0`. Friction falls linearly with relative load.
+Vehicle Dynamics, eq. 4.E25 without camber), scaled so that a tire at its `cornering_load` has
+`K_y = cornering_coefficient cornering_load`. Friction falls linearly with relative load.
 """
 
 from __future__ import annotations
@@ -18,12 +18,22 @@ FloatArray = NDArray[np.float64]
 def cornering_stiffness(load: ArrayLike, tire: Tire, common: TireCommon) -> FloatArray:
     """Cornering stiffness of one tire [N/rad] at vertical load [N], any shape.
 
-    `K_y(Fz) = c Fz0 sin(2 atan(Fz / (s Fz0))) / sin(2 atan(1 / s))`; zero for a lifted tire.
+    `K_y(Fz) = c Fz1 f(Fz) / f(Fz1)` with `f(Fz) = sin(2 atan(Fz / (s Fz0)))` and `Fz1` the load at
+    which the coefficient `c` holds; zero for a lifted tire.
     """
-    relative = np.maximum(np.asarray(load, dtype=float), 0.0) / common.nominal_load
-    scale = tire.cornering_coefficient * common.nominal_load
-    peak = np.sin(2.0 * np.arctan(1.0 / common.load_saturation))
-    return np.asarray(scale * np.sin(2.0 * np.arctan(relative / common.load_saturation)) / peak)
+    shape = _load_shape(np.maximum(np.asarray(load, dtype=float), 0.0), common)
+    scale = tire.cornering_coefficient * tire.cornering_load
+    return np.asarray(scale * shape / _load_shape(tire.cornering_load, common))
+
+
+def nominal_cornering_coefficient(tire: Tire, common: TireCommon) -> float:
+    """`K_y / Fz0` of a tire at the nominal load `Fz0` [1/rad], as the tire plugin wants it."""
+    return float(cornering_stiffness(common.nominal_load, tire, common)) / common.nominal_load
+
+
+def _load_shape(load: ArrayLike, common: TireCommon) -> FloatArray:
+    relative = np.asarray(load, dtype=float) / common.nominal_load
+    return np.asarray(np.sin(2.0 * np.arctan(relative / common.load_saturation)))
 
 
 def friction(load: ArrayLike, nominal_friction: float, common: TireCommon) -> FloatArray:

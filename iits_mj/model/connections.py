@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from iits_mj.mass_state import axle_loads_by_name, kingpin_load
 from iits_mj.model import air_brake, powertrain
 from iits_mj.parameters import Axle, TruckParameters
+from iits_mj.tire_law import nominal_cornering_coefficient
 from iits_mj.units import GRAVITY
 
 SIDES = ("left", "right")
@@ -24,6 +25,15 @@ def _instance(plugin: ET.Element, name: str, config: Mapping[str, str]) -> None:
         ET.SubElement(element, "config", key=key, value=value)
 
 
+def tire_config(p: TruckParameters, kind: str) -> dict[str, float]:
+    """Attributes of the tire plugin for one kind of tire; its coefficient is at nominal load."""
+    tire = p.tires[kind]
+    config = {**vars(tire), **vars(p.tire_common)}
+    del config["cornering_load"]
+    config["cornering_coefficient"] = nominal_cornering_coefficient(tire, p.tire_common)
+    return config
+
+
 def add_extension(root: ET.Element, p: TruckParameters, payload: float) -> None:
     """Declares every plugin instance with its configuration."""
     extension = ET.SubElement(root, "extension")
@@ -32,9 +42,9 @@ def add_extension(root: ET.Element, p: TruckParameters, payload: float) -> None:
         return ET.SubElement(extension, "plugin", plugin=f"iits.{name}")
 
     tire = plugin("tire")
-    for kind, figures in p.tires.items():
-        config = {**vars(figures), **vars(p.tire_common)}
-        _instance(tire, f"tire_{kind}", {key: text(value) for key, value in config.items()})
+    for kind in p.tires:
+        figures = tire_config(p, kind)
+        _instance(tire, f"tire_{kind}", {key: text(value) for key, value in figures.items()})
     steer, tandem = p.tractor.axles[0], p.tractor.axles[1:]
     wheelbase = sum(axle.position for axle in tandem) / len(tandem) - steer.position
     of_steering = ("ratio", "dead_band", "angle_max", "rate_max", "stiffness", "time_constant")

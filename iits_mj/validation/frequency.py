@@ -9,7 +9,7 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.results import Check, Line, Panel
 from iits_mj.truck import Truck
 from iits_mj.validation.metrics import harmonic
-from iits_mj.validation.recorder import drive
+from iits_mj.validation.recorder import drive, run_straight
 from iits_mj.validation.step_steer import FREE_HITCH, SPEED
 
 # Whole periods in 20 s, so that the lines do not leak into one another [Hz].
@@ -32,7 +32,9 @@ def compare(payload: float, timestep: float) -> tuple[list[Check], list[Panel]]:
         angles = 2.0 * np.pi * FREQUENCIES * time + phases
         return float(_AMPLITUDE * np.sum(np.sin(angles))) * min(time / 5.0, 1.0)
 
-    recording = drive(truck, steering, speed=SPEED, duration=_SETTLE + _LENGTH).after(_SETTLE)
+    hold = run_straight(truck, SPEED)
+    recording = drive(truck, steering, speed=SPEED, duration=_SETTLE + _LENGTH, hold=hold)
+    recording = recording.after(_SETTLE)
     speed = float(recording.speed.mean())
     model = YawSideslip.from_parameters(TruckParameters.load(), payload, cruise_speed=speed)
     wanted = model.at(speed).frequency_response(FREQUENCIES)

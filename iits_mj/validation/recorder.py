@@ -8,15 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.errors import InputError
 from iits_mj.truck import Truck
 
 FloatArray = NDArray[np.float64]
 
 # Rate of recording and of the speed hold [s].
 PERIOD = 0.01
-# Pedal per speed error [s/m], and its integral [1/m].
+# Pedal per speed error [s/m], and its integral [1/m]: time constants of about 4 and 10 s at 55 t.
 _GAIN = 0.5
-_INTEGRAL = 0.1
+_INTEGRAL = 0.05
+# The speed is steady when it stays this near [m/s] for so long [s].
+_STEADY_BAND = 0.003
+_STEADY_TIME = 1.0
+_STEADY_LIMIT = 90.0
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,48 @@ class Recording:
         return Recording(**columns)
 
 
+class SpeedHold:
+    """Cruise control by pedal and, well above the wanted speed, by light braking."""
+
+    def __init__(self) -> None:
+        self._integral = 0.0
+
+    def command(self, error: float) -> dict[str, float]:
+        """Pedal and XBR for a speed error [m/s], called every `PERIOD`."""
+        pedal = _GAIN * error + self._integral
+        if 0.0 < pedal < 1.0:  # no wind-up at the pedal's ends
+            self._integral += _INTEGRAL * error * PERIOD
+        braking = error < -0.3
+        return {
+            "accelerator_pedal": float(np.clip(pedal, 0.0, 1.0)),
+            "xbr_mode": 2.0 if braking else 0.0,
+            "xbr_demand": max(2.0 * error, -3.0) if braking else 0.0,
+        }
+
+
+def run_straight(truck: Truck, speed: float) -> SpeedHold:
+    """Drives straight on until the speed [m/s] is steady, so that a test starts from rest of it.
+
+    Call `truck.reset` before. Returns the speed hold to go on with.
+
+    Raises:
+      InputError: the truck does not get to this speed and stay there.
+    """
+    hold = SpeedHold()
+    quiet, start = 0.0, truck.time
+    while quiet < _STEADY_TIME:
+        error = speed - truck.observe().speed
+        quiet = quiet + PERIOD if abs(error) < _STEADY_BAND else 0.0
+        if truck.time - start > _STEADY_LIMIT:
+            raise InputError(
+                f"speed {speed:g} m/s is not steady after {_STEADY_LIMIT:g} s: {error:+.3f} m/s "
+                f"are missing; choose a speed that the truck can hold on a level road"
+            )
+        truck.command(steering_wheel_angle=0.0, **hold.command(error))
+        _advance(truck, truck.time + PERIOD)
+    return hold
+
+
 def drive(
     truck: Truck,
     steering: Callable[[float, float], float],
@@ -66,20 +113,21 @@ def drive(
     speed: float | Callable[[float], float],
     duration: float,
     stop: Callable[[float], bool] | None = None,
+    hold: SpeedHold | None = None,
 ) -> Recording:
     """Runs a manoeuvre on the truck as it stands (call `truck.reset` before).
 
     Args:
       truck: on a road long enough.
       steering: steering-wheel angle [rad] by (time [s], yaw [rad]).
-      speed: held by the pedal and, above it, by light braking [m/s]; or a function of time.
+      speed: to be held [m/s]; or a function of time.
       duration: at most [s].
       stop: ends the run early when it returns True for the trailer's lateral acceleration [m/s2].
+      hold: the speed hold to go on with, from `run_straight`; a fresh one by default.
     """
-    steps = round(PERIOD / truck.model.opt.timestep)
+    hold = hold or SpeedHold()
     wanted = speed if callable(speed) else lambda _: speed
     rows: list[list[float]] = []
-    integral = 0.0
     start = truck.time
     for tick in range(round(duration / PERIOD) + 1):
         time = tick * PERIOD
@@ -88,23 +136,19 @@ def drive(
         rows.append([time, *row])
         if stop is not None and stop(row[13]):
             break
-        error = wanted(time) - state.speed
-        integral = float(np.clip(integral + _INTEGRAL * error * PERIOD, 0.0, 1.0))
-        pedal = float(np.clip(_GAIN * error + integral, 0.0, 1.0))
-        braking = error < -0.3
-        truck.command(
-            accelerator_pedal=pedal,
-            steering_wheel_angle=steering(time, state.yaw),
-            xbr_mode=2.0 if braking else 0.0,
-            xbr_demand=max(2.0 * error, -3.0) if braking else 0.0,
-        )
-        target = start + (tick + 1) * PERIOD
-        while truck.time < target - 0.5 * truck.model.opt.timestep:
-            truck.step(steps)
+        command = hold.command(wanted(time) - state.speed)
+        truck.command(steering_wheel_angle=steering(time, state.yaw), **command)
+        _advance(truck, start + (tick + 1) * PERIOD)
     table = np.array(rows)
     columns = table.T[: len(Recording.__dataclass_fields__) - 1]
     named = dict(zip(list(Recording.__dataclass_fields__)[:-1], columns, strict=True))
     return Recording(**named, side_loads=table[:, len(columns) :])
+
+
+def _advance(truck: Truck, target: float) -> None:
+    """Steps to a time [s]."""
+    steps = round((target - truck.time) / truck.model.opt.timestep)
+    truck.step(max(steps, 0))
 
 
 def _row(truck: Truck) -> list[float]:

@@ -16,14 +16,14 @@ from iits_mj.results import Check, Line, Panel
 from iits_mj.truck import Truck
 from iits_mj.units import KMH
 from iits_mj.validation.metrics import fit, peak_ratio
-from iits_mj.validation.recorder import Recording, drive
+from iits_mj.validation.recorder import Recording, drive, run_straight
 
 FloatArray = NDArray[np.float64]
 
 SPEED = 80.0 * KMH
 FREE_HITCH = {"fifth_wheel": {"yaw_friction": 0.0}}
-_SETTLE = 5.0
 _BEFORE = 2.0
+_AFTER = 10.0
 _SIGNALS = (
     ("yaw rate of the tractor", "yaw_rate", "rad/s"),
     ("yaw rate of the trailer", "trailer_yaw_rate", "rad/s"),
@@ -39,13 +39,14 @@ def step_steer(
     overlay = FREE_HITCH if free_hitch else None
     truck = Truck.load(payload, parameters=overlay, timestep=timestep, visuals=False)
     truck.reset(speed=SPEED)
-    recording = drive(
+    hold = run_straight(truck, SPEED)
+    return drive(
         truck,
-        lambda time, _: angle if time >= _SETTLE else 0.0,
+        lambda time, _: angle if time >= _BEFORE else 0.0,
         speed=SPEED,
-        duration=_SETTLE + 10.0,
+        duration=_BEFORE + _AFTER,
+        hold=hold,
     )
-    return recording.after(_SETTLE - _BEFORE)
 
 
 def reference(recording: Recording, payload: float) -> dict[str, FloatArray]:

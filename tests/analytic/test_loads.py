@@ -6,10 +6,11 @@ from iits_mj.analytic import (
     cruise_axle_loads,
     laden_trailer,
     static_axle_loads,
+    understeer_gradient_by_loads,
 )
 from iits_mj.errors import InputError
 from iits_mj.parameters import TruckParameters
-from iits_mj.tire_law import cornering_stiffness, friction
+from iits_mj.tire_law import cornering_stiffness, friction, nominal_cornering_coefficient
 from iits_mj.units import GRAVITY
 
 PARAMETERS = TruckParameters.load()
@@ -58,11 +59,27 @@ def test_impossible_payload_is_refused(payload):
         static_axle_loads(PARAMETERS, payload)
 
 
-def test_cornering_stiffness_at_nominal_load_is_the_coefficient_times_the_load():
+def test_cornering_stiffness_at_its_own_load_is_the_coefficient_times_the_load():
     common = PARAMETERS.tire_common
     for tire in PARAMETERS.tires.values():
-        expected = tire.cornering_coefficient * common.nominal_load
-        assert cornering_stiffness(common.nominal_load, tire, common) == pytest.approx(expected)
+        expected = tire.cornering_coefficient * tire.cornering_load
+        assert cornering_stiffness(tire.cornering_load, tire, common) == pytest.approx(expected)
+
+
+def test_plugin_gets_the_coefficient_at_nominal_load():
+    common = PARAMETERS.tire_common
+    for tire in PARAMETERS.tires.values():
+        stiffness = nominal_cornering_coefficient(tire, common) * common.nominal_load
+        assert cornering_stiffness(common.nominal_load, tire, common) == pytest.approx(stiffness)
+
+
+def test_coefficients_hold_at_the_laden_axle_loads_and_give_the_wanted_understeer():
+    loads = static_axle_loads(PARAMETERS, 36_000.0)
+    for axle, load in zip(PARAMETERS.axles, loads, strict=True):
+        tire = PARAMETERS.tires[axle.tire]
+        assert load / (2 * tire.count) == pytest.approx(tire.cornering_load, rel=0.005)
+    gradient = understeer_gradient_by_loads(PARAMETERS, 36_000.0)
+    assert np.rad2deg(gradient) * GRAVITY == pytest.approx(1.6, abs=0.05)
 
 
 def test_cornering_stiffness_grows_less_than_the_load_and_vanishes_with_it():
@@ -81,7 +98,7 @@ def test_friction_falls_with_load():
 
 
 def test_axle_stiffness_counts_every_tire():
-    loads = np.full(6, 4.0 * PARAMETERS.tire_common.nominal_load)
+    loads = np.full(6, 4.0 * PARAMETERS.tires["drive"].cornering_load)
     stiffness = axle_cornering_stiffness(PARAMETERS, loads)
     nominal = PARAMETERS.tires["drive"].cornering_coefficient * loads[1]
     assert stiffness[1] == pytest.approx(nominal)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import iits_mj
+from iits_mj.model.connections import tire_config
 from iits_mj.parameters import TruckParameters
 from iits_mj.tire_law import cornering_stiffness, friction
 
@@ -14,7 +15,7 @@ COMMON = PARAMETERS.tire_common
 
 def rig(kind="drive", *, extra="", wheel_joint="", **changes):
     """One wheel end on a carriage that slides along x, y, z; returns model and data."""
-    figures = {**vars(PARAMETERS.tires[kind]), **vars(COMMON), **changes}
+    figures = {**tire_config(PARAMETERS, kind), **changes}
     config = "".join(f'<config key="{k}" value="{v:.17g}"/>' for k, v in figures.items())
     radius = PARAMETERS.tires[kind].free_radius
     model = mujoco.MjModel.from_xml_string(f"""
