@@ -10,11 +10,12 @@ JOBS   ?= 2
 PLUGIN  := $(wildcard iits_mj/plugin/*.cc iits_mj/plugin/*.h)
 BUILD   := pyproject.toml CMakeLists.txt
 
-.PHONY: help drive test test-slow lint check check-mujoco4 format build clean
+.PHONY: help drive validation test test-slow lint check check-mujoco4 format build clean
 
 help:
 	@echo "make drive      set up and drive: video, telemetry, plots and report in $(OUT)/"
 	@echo "                flags of 'iits-mj drive' go into FLAGS, e.g. make drive FLAGS='--seed 3'"
+	@echo "make validation the truck against models and standards: docs/validation/"
 	@echo "make test       lint, types, layers, C++ format and the tests"
 	@echo "make test-slow  the tests that take minutes"
 	@echo "make format     format Python and C++"
@@ -24,6 +25,11 @@ help:
 
 drive: $(VENV)/installed
 	$(BIN)/iits-mj drive --out "$(OUT)" $(FLAGS)
+
+# Exits with 1 when a check falls short; the page is written all the same.
+validation: $(VENV)/installed
+	@mkdir -p docs/validation
+	$(BIN)/iits-mj validate --report docs/validation
 
 # --- setting up -----------------------------------------------------------------------------
 

@@ -88,13 +88,25 @@ class Panel:
 
 @dataclass(slots=True)
 class Results:
-    """What validate, evaluate, pcc and bench give back."""
+    """What validate, evaluate, pcc and bench give back; `parts` are what it was merged from."""
 
     command: str
     seed: int = 0
     checks: list[Check] = field(default_factory=list)
     figures: dict[str, list[Panel]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    parts: list[Results] = field(default_factory=list)
+
+    @classmethod
+    def merged(cls, command: str, parts: list[Results]) -> Results:
+        """All checks, figures and notes of several results; pages show them part by part."""
+        whole = cls(command, parts=parts)
+        for part in parts:
+            name = part.command.removeprefix(command).strip()
+            whole.checks += part.checks
+            whole.notes += part.notes
+            whole.figures |= {f"{name}: {title}": panels for title, panels in part.figures.items()}
+        return whole
 
     @property
     def ok(self) -> bool:

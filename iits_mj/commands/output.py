@@ -70,7 +70,7 @@ class ResultOptions:
 
     json: bool = option(False, help="print one JSON object instead of the table")
     report: Path | None = option(
-        None, help="folder for a page with the table and the plots", metavar="DIR"
+        None, help="folder for the page with table and plots, as HTML and Markdown", metavar="DIR"
     )
 
 
@@ -87,9 +87,12 @@ def finish(options: ResultOptions, measure: Callable[[], Results]) -> int:
     results = measure()
     print(results.to_json(iits_mj.__version__) if options.json else results.to_table())
     if options.report is not None:
+        from iits_mj.render.page import slug, write_markdown
         from iits_mj.render.report import from_results
 
-        page = options.report / f"{results.command.replace(' ', '-')}.html"
+        page = options.report / f"{slug(results.command)}.html"
         from_results(results, iits_mj.__version__).write(page)
-        print(f"report: {page}", file=sys.stderr if options.json else sys.stdout)
+        text = write_markdown(results, iits_mj.__version__, options.report)
+        stream = sys.stderr if options.json else sys.stdout
+        print(f"report: {page} (the same as Markdown: {text})", file=stream)
     return 0 if results.ok else 1

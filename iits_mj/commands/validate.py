@@ -36,10 +36,6 @@ def measure(options: Options) -> Results:
     """The checks asked for, as one set of results."""
     if options.what != "all":
         return validation.COMMANDS[options.what](options)
-    merged = Results("validate")
-    for name, command in validation.COMMANDS.items():
-        part = command(options)
-        merged.checks += part.checks
-        merged.notes += part.notes
-        merged.figures |= {f"{name}: {title}": panels for title, panels in part.figures.items()}
-    return merged
+    return Results.merged(
+        "validate", [command(options) for command in validation.COMMANDS.values()]
+    )
