@@ -1,7 +1,8 @@
 """The paper's analytic models of the truck, corrected, as pure functions of its parameters.
 
-`Kinematic` is the slip-free model, `YawSideslip` the linear lateral model; `measures` says what
-they predict. Nothing here knows MuJoCo, and nothing is fitted to the simulation.
+`Kinematic` is the slip-free model, `YawSideslip` the linear lateral model, `YawRoll` the same with
+roll, tire lag, side wind and traction; `measures` says what they predict. Nothing here knows
+MuJoCo, and nothing is fitted to the simulation.
 """
 
 from iits_mj.analytic.kinematic import Kinematic
@@ -25,12 +26,15 @@ from iits_mj.analytic.measures import (
     worst_rearward_amplification,
     yaw_rate_gain,
 )
+from iits_mj.analytic.yaw_roll import RollSystem, YawRoll
 from iits_mj.analytic.yaw_sideslip import LateralSystem, YawSideslip
 
 __all__ = [
     "Kinematic",
     "LateralSystem",
     "Response",
+    "RollSystem",
+    "YawRoll",
     "YawSideslip",
     "axle_cornering_stiffness",
     "critical_speed",

@@ -28,6 +28,7 @@ class Response:
       yaw: of the tractor [rad]; x, y: steer axle centre in the ground frame [m].
       lateral_acceleration: of the tractor's CG [m/s2].
       trailer_lateral_acceleration: of the trailer's CG [m/s2].
+      roll, trailer_roll: [rad]; zero in a model without roll.
     """
 
     time: FloatArray
@@ -41,6 +42,8 @@ class Response:
     y: FloatArray
     lateral_acceleration: FloatArray
     trailer_lateral_acceleration: FloatArray
+    roll: FloatArray
+    trailer_roll: FloatArray
 
 
 def simulate(system: LateralSystem, time: FloatArray, steer: FloatArray) -> Response:
@@ -57,13 +60,16 @@ def simulate(system: LateralSystem, time: FloatArray, steer: FloatArray) -> Resp
     time, steer = np.asarray(time, dtype=float), np.asarray(steer, dtype=float)
     if time.ndim != 1 or time.shape != steer.shape or time.size < 2:
         raise InputError(f"time {time.shape} and steer {steer.shape}: two equal vectors are wanted")
-    outputs = signal.lsim((system.A, system.B[:, None], np.eye(4), np.zeros((4, 1))), steer, time)
+    count = len(system.B)
+    plant = (system.A, system.B[:, None], np.eye(count), np.zeros((count, 1)))
+    outputs = signal.lsim(plant, steer, time)
     states = np.asarray(outputs[2])
     rates = states @ system.A.T + np.outer(steer, system.B)
     model, v = system.model, system.speed
     yaw = _integrate(time, states[:, 1])
     lateral = states[:, 0] + model.L_c1 * states[:, 1]
-    trailer_rate = rates[:, 0] - model.L_h * rates[:, 1] - model.L_t1 * rates[:, 2]
+    acceleration, trailer_acceleration = system.cg_accelerations(states, rates)
+    roll, trailer_roll = system.roll_angles(states)
     return Response(
         time=time,
         steer=steer,
@@ -74,8 +80,10 @@ def simulate(system: LateralSystem, time: FloatArray, steer: FloatArray) -> Resp
         yaw=yaw,
         x=_integrate(time, v * np.cos(yaw) - lateral * np.sin(yaw)),
         y=_integrate(time, v * np.sin(yaw) + lateral * np.cos(yaw)),
-        lateral_acceleration=rates[:, 0] + v * states[:, 1],
-        trailer_lateral_acceleration=trailer_rate + v * states[:, 1],
+        lateral_acceleration=acceleration,
+        trailer_lateral_acceleration=trailer_acceleration,
+        roll=roll,
+        trailer_roll=trailer_roll,
     )
 
 
@@ -150,10 +158,7 @@ def worst_rearward_amplification(system: LateralSystem) -> tuple[float, float]:
     """(gain, frequency [Hz]) of the greatest acceleration ratio under steady sine steering."""
     frequency = np.geomspace(0.05, 2.0, 200)
     states = system.frequency_response(frequency)
-    s = 2j * np.pi * frequency
-    model, v = system.model, system.speed
-    tractor = s * states[:, 0] + v * states[:, 1]
-    trailer = tractor - s * (model.L_h * states[:, 1] + model.L_t1 * states[:, 2])
+    tractor, trailer = system.cg_accelerations(states, 2j * np.pi * frequency[:, None] * states)
     gain = np.abs(trailer / tractor)
     best = int(np.argmax(gain))
     return float(gain[best]), float(frequency[best])

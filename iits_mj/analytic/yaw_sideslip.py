@@ -42,7 +42,8 @@ Parameters are computed from the truck's TOML and never fitted to the simulation
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +58,7 @@ from iits_mj.errors import InputError
 from iits_mj.parameters import TruckParameters
 
 FloatArray = NDArray[np.float64]
+AnyArray = NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -189,7 +191,8 @@ class YawSideslip:
     def at(self, speed: float) -> LateralSystem:
         """State space `s' = A s + B delta` at constant speed [m/s]."""
         inverse = np.linalg.inv(self.H())
-        return LateralSystem(self, float(speed), inverse @ self.A_h(speed), inverse @ self.B_h())
+        A, B = inverse @ self.A_h(speed), inverse @ self.B_h()
+        return LateralSystem(self, float(speed), A, B, ("v_yc", "omega_c", "omega_t", "gamma"))
 
 
 @dataclass(frozen=True)
@@ -200,7 +203,7 @@ class LateralSystem:
     speed: float
     A: FloatArray
     B: FloatArray
-    states: tuple[str, ...] = field(default=("v_yc", "omega_c", "omega_t", "gamma"))
+    states: tuple[str, ...]
 
     def eigenvalues(self) -> NDArray[np.complex128]:
         """Eigenvalues of A [1/s], shape (4,), the least damped first."""
@@ -224,7 +227,22 @@ class LateralSystem:
     def frequency_response(self, frequency: FloatArray) -> NDArray[np.complex128]:
         """`s / delta` at frequencies [Hz] of shape (n,); result of shape (n, 4)."""
         points = 2j * math.pi * np.atleast_1d(frequency)
-        return np.array([np.linalg.solve(p * np.eye(4) - self.A, self.B) for p in points])
+        return np.array([np.linalg.solve(p * np.eye(len(self.B)) - self.A, self.B) for p in points])
+
+    def cg_accelerations(self, states: AnyArray, rates: AnyArray) -> tuple[AnyArray, AnyArray]:
+        """Lateral accelerations of the CGs of tractor and trailer [m/s2], shape (n,) each.
+
+        Args:
+          states: shape (n, k), may be complex amplitudes.
+          rates: their time derivatives, of the same shape.
+        """
+        model = self.model
+        tractor = rates[:, 0] + self.speed * states[:, 1]
+        return tractor, tractor - model.L_h * rates[:, 1] - model.L_t1 * rates[:, 2]
+
+    def roll_angles(self, states: AnyArray) -> tuple[AnyArray, AnyArray]:
+        """Roll of tractor and trailer [rad], shape (n,) each, from states (n, k); here zero."""
+        return np.zeros_like(states[:, 0]), np.zeros_like(states[:, 0])
 
 
 def _positive_speed(speed: float) -> float:

@@ -36,7 +36,7 @@ def beam_inertia(axle: Axle) -> tuple[float, float, float]:
     return long, mass * _CASING_RADIUS**2, long
 
 
-def _axle_inertial(parameters: TruckParameters, axle: Axle, height: float) -> Inertial:
+def axle_inertial(parameters: TruckParameters, axle: Axle, height: float) -> Inertial:
     """The whole axle, wheels at rest."""
     shift = axle.wheel_mass * (0.5 * axle.track) ** 2
     x, y, z = wheel_inertia(parameters, axle)
@@ -55,7 +55,7 @@ def sprung(parameters: TruckParameters, unit: Tractor | Semitrailer, payload: fl
     """
     loads = axle_loads_by_name(parameters, payload)
     axles = [
-        _axle_inertial(parameters, axle, wheel_height(parameters, axle, loads[axle.name]))
+        axle_inertial(parameters, axle, wheel_height(parameters, axle, loads[axle.name]))
         for axle in unit.axles
     ]
     return without(unit_inertial(unit), *axles)
