@@ -1,0 +1,250 @@
+"""An independent peer of the analytic models: two rigid bodies in the plane, joined by a hitch.
+
+Newton-Euler in ground coordinates, angles of any size. Constraint forces hold what must hold: two
+Lagrange multipliers are the hitch's force, the third is the drive force that keeps the tractor's
+own forward speed. Slip angles are exact arcs; the tires' law is linear. Nothing is shared with the
+analytic module but the numbers that describe the truck.
+
+    python tests/analytic/planar_multibody.py
+
+prints how well the linear model agrees with it in a step steer of 10 s, laden and empty, and the
+angle at which the first signal leaves 1 %.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from iits_mj.analytic import YawSideslip, simulate
+from iits_mj.parameters import TruckParameters
+
+FloatArray = NDArray[np.float64]
+
+SIGNALS = ("yaw_rate", "trailer_yaw_rate", "articulation", "y")
+
+# Rates at which a constraint's error decays [1/s] (Baumgarte); far above the truck's own.
+_DECAY = 50.0
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Time histories, all of shape (n,); names and units as in `iits_mj.analytic.Response`.
+
+    Attributes:
+      time, yaw_rate, trailer_yaw_rate, articulation, yaw: [s, rad/s, rad].
+      x, y: steer axle's center on the ground, from its start [m].
+      speed: of the tractor's CG along the tractor [m/s].
+      hitch_error: distance of the two bodies' hitch points [m].
+      energy: kinetic energy [J].
+    """
+
+    time: FloatArray
+    yaw_rate: FloatArray
+    trailer_yaw_rate: FloatArray
+    articulation: FloatArray
+    yaw: FloatArray
+    x: FloatArray
+    y: FloatArray
+    speed: FloatArray
+    hitch_error: FloatArray
+    energy: FloatArray
+
+
+@dataclass(frozen=True)
+class _Axle:
+    """An axle of a body (0 tractor, 1 trailer), `ahead` of that body's CG [m]."""
+
+    body: int
+    ahead: float
+    trail: float
+    stiffness: float
+    steered: bool = False
+
+
+class PlanarTruck:
+    """Tractor and semitrailer with the numbers of `model`.
+
+    Args:
+      model: masses, lengths, stiffnesses and pneumatic trails.
+      hold_speed: whether a drive force keeps the tractor's forward speed; else it coasts.
+    """
+
+    def __init__(self, model: YawSideslip, *, hold_speed: bool = True) -> None:
+        self._hold = hold_speed
+        self._hitch = np.array([-model.L_h, model.L_t1])
+        self._steer_axle = model.L_c1
+        self._mass = np.array([model.m_c, model.m_c, model.I_c, model.m_t, model.m_t, model.I_t])
+        axles = [_Axle(0, model.L_c1, model.t_1, model.C_1, steered=True)]
+        for arm, stiffness in zip(model.tractor_arms, model.C_2, strict=True):
+            axles.append(_Axle(0, -float(arm), model.t_2, float(stiffness)))
+        for arm, stiffness in zip(model.trailer_arms, model.C_3, strict=True):
+            axles.append(_Axle(1, model.L_t1 - float(arm), model.t_3, float(stiffness)))
+        self._axles = tuple(axles)
+
+    def drive(
+        self,
+        speed: float,
+        steer: Callable[[float], float],
+        time: FloatArray,
+        *,
+        spin: tuple[float, float] = (0.0, 0.0),
+    ) -> Motion:
+        """Motion from a straight truck at `speed` [m/s] under `steer(time)` [rad], at `time` (n,).
+
+        Args:
+          speed: forward speed at the start, held if the truck holds its speed.
+          steer: road-wheel angle.
+          time: increasing [s].
+          spin: yaw rates of tractor and trailer at the start [rad/s], about the hitch.
+        """
+        start = np.zeros(12)
+        start[3] = self._hitch[0] - self._hitch[1]
+        start[6] = start[9] = speed
+        start[8], start[11] = spin
+        # The hitch itself moves straight ahead at the start.
+        start[7], start[10] = -spin[0] * self._hitch[0], -spin[1] * self._hitch[1]
+        solution = solve_ivp(
+            lambda now, state: self._derivative(state, steer(now), speed),
+            (float(time[0]), float(time[-1])),
+            start,
+            "LSODA",
+            time,
+            rtol=1e-8,
+            atol=1e-9,
+            max_step=0.05,
+        )
+        if not solution.success:
+            raise RuntimeError(solution.message)
+        q, u = solution.y[:6], solution.y[6:]
+        gap = q[:2] - q[3:5] + self._hitch[0] * _along(q[2]) - self._hitch[1] * _along(q[5])
+        front = q[:2] + self._steer_axle * _along(q[2])
+        return Motion(
+            time=time,
+            yaw_rate=u[2],
+            trailer_yaw_rate=u[5],
+            articulation=q[2] - q[5],
+            yaw=q[2],
+            x=front[0] - front[0, 0],
+            y=front[1],
+            speed=np.sum(_along(q[2]) * u[:2], axis=0),
+            hitch_error=np.linalg.norm(gap, axis=0),
+            energy=0.5 * self._mass @ u**2,
+        )
+
+    def _derivative(self, state: FloatArray, steer: float, speed: float) -> FloatArray:
+        q, u = state[:6], state[6:]
+        forces = np.zeros(6)
+        for axle in self._axles:
+            part = slice(3 * axle.body, 3 * axle.body + 3)
+            forces[part] += _tire_force(axle, q[part], u[part], steer if axle.steered else 0.0)
+        jacobian, drift, error, error_rate = self._hitch_constraint(q, u)
+        if self._hold:
+            along, across = _along(q[2]), _across(q[2])
+            jacobian = np.vstack([jacobian, [*along, 0.0, 0.0, 0.0, 0.0]])
+            drift = np.append(drift, u[2] * (across @ u[:2]))
+            error = np.append(error, 0.0)
+            error_rate = np.append(error_rate, along @ u[:2] - speed)
+        # Mass times acceleration = forces + jacobian' multipliers; jacobian acceleration = target.
+        target = -drift - 2.0 * _DECAY * error_rate - _DECAY**2 * error
+        inverse = jacobian / self._mass
+        multipliers = np.linalg.solve(inverse @ jacobian.T, target - inverse @ forces)
+        return np.concatenate([u, (forces + jacobian.T @ multipliers) / self._mass])
+
+    def _hitch_constraint(
+        self, q: FloatArray, u: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Jacobian (2, 6), its rate times velocity (2,), and the gap and its rate (2,)."""
+        arm_c, arm_t = self._hitch[0] * _along(q[2]), self._hitch[1] * _along(q[5])
+        jacobian = np.array(
+            [
+                [1.0, 0.0, -arm_c[1], -1.0, 0.0, arm_t[1]],
+                [0.0, 1.0, arm_c[0], 0.0, -1.0, -arm_t[0]],
+            ]
+        )
+        drift = -(u[2] ** 2) * arm_c + u[5] ** 2 * arm_t
+        return jacobian, drift, q[:2] + arm_c - q[3:5] - arm_t, jacobian @ u
+
+
+def _tire_force(axle: _Axle, pose: FloatArray, rates: FloatArray, steer: float) -> FloatArray:
+    """Force x, y [N] and moment about the body's CG [N m] of one axle, (3,)."""
+    along, across = _along(pose[2]), _across(pose[2])
+    velocity = rates[:2] + rates[2] * axle.ahead * across
+    slip = steer - np.arctan2(across @ velocity, along @ velocity)
+    force = axle.stiffness * slip * _across(pose[2] + steer)
+    # The force acts behind the axle's center by its pneumatic trail, along the wheel.
+    arm = axle.ahead * along - axle.trail * _along(pose[2] + steer)
+    return np.array([force[0], force[1], arm[0] * force[1] - arm[1] * force[0]])
+
+
+def _along(angle: FloatArray | float) -> FloatArray:
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def _across(angle: FloatArray | float) -> FloatArray:
+    return np.array([-np.sin(angle), np.cos(angle)])
+
+
+def ramp_step(steer: float) -> Callable[[float], float]:
+    """A step of the road-wheel angle [rad] at 0.5 s, over 0.1 s."""
+    return lambda now: float(steer * np.clip((now - 0.5) / 0.1, 0.0, 1.0))
+
+
+def disagreement(
+    model: YawSideslip, speed: float, steer: float, duration: float = 10.0
+) -> dict[str, float]:
+    """Rms of linear less multibody over rms of multibody, per signal, in a step steer [rad]."""
+    time = np.linspace(0.0, duration, round(duration / 0.01) + 1)
+    step = ramp_step(steer)
+    peer = PlanarTruck(model).drive(speed, step, time)
+    ours = simulate(model.at(speed), time, np.array([step(now) for now in time]))
+    return {name: _relative(getattr(ours, name), getattr(peer, name)) for name in SIGNALS}
+
+
+def _relative(signal: FloatArray, reference: FloatArray) -> float:
+    return float(np.sqrt(np.mean((signal - reference) ** 2) / np.mean(reference**2)))
+
+
+def limit_angle(model: YawSideslip, speed: float, bound: float = 0.01) -> float:
+    """Smallest step of the road-wheel angle [rad] at which a signal's disagreement is `bound`."""
+    low, high = 0.0, 0.2
+    for _ in range(10):
+        middle = 0.5 * (low + high)
+        if max(disagreement(model, speed, middle).values()) < bound:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+def agreement_table(parameters: TruckParameters) -> str:
+    """Markdown table of the disagreement and of the angle at which it reaches 1 %."""
+    ratio = parameters.steering.ratio
+    lines = [
+        "| payload [t] | speed [km/h] | 3 deg, worst signal | 15 deg: yaw rate | trailer's yaw rate"
+        " | hitch angle | lateral position | 1 % at, steering wheel | road wheels |",
+        "|" + "---|" * 9,
+    ]
+    for payload in (parameters.payload.mass_max, 0.0):
+        model = YawSideslip.from_parameters(parameters, payload)
+        for speed in (30.0, 80.0, 100.0):
+            small, large = (
+                disagreement(model, speed / 3.6, np.deg2rad(degrees) / ratio)
+                for degrees in (3.0, 15.0)
+            )
+            cells = [100.0 * max(small.values()), *(100.0 * large[name] for name in SIGNALS)]
+            limit = np.rad2deg(limit_angle(model, speed / 3.6))
+            lines.append(
+                f"| {payload / 1e3:g} | {speed:g} | "
+                + " | ".join(f"{cell:.3f} %" for cell in cells)
+                + f" | {limit * ratio:.0f} deg | {limit:.1f} deg |"
+            )
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    print(agreement_table(TruckParameters.load()))
