@@ -1,4 +1,8 @@
-"""The 90 degree turn of 12.5 m radius at 5 km/h: path of the trailer, swept width, tail swing."""
+"""The 90 degree turn of 12.5 m radius at 5 km/h against the kinematic trailer.
+
+The steer axle's centre runs near the arc; `swept_path` has the turn by the Australian PBS, whose
+arc is that of the outer steer tire's wall.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.analytic import Kinematic
-from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
 from iits_mj.units import KMH
 from iits_mj.validation.recorder import Recording, drive
@@ -77,46 +80,6 @@ def turn(payload: float, timestep: float) -> Turn:
     front, rear = kinematic.steer_axle(states), kinematic.trailer_axle(states)
     shift = np.array([recording.x[0], recording.y[0]]) - front[0]
     return Turn(recording, front + shift, rear + shift)
-
-
-def swept_width(done: Turn, parameters: TruckParameters) -> float:
-    """Swept path of the turn [m]: greatest width between the outer and the inner boundary.
-
-    Measured along radii of the corner's centre: outermost front corner of the cab against the
-    innermost point of the trailer's side at its axle group.
-    """
-    record = done.recording
-    center = np.array([record.x[0] + _STRAIGHT, record.y[0] + RADIUS])
-    tractor, trailer = parameters.tractor, parameters.semitrailer
-    corner = _point(record.x, record.y, record.yaw, tractor.front_overhang, -0.5 * tractor.width)
-    heading = record.yaw - record.articulation
-    inner = _point(record.rear_x, record.rear_y, heading, 0.0, 0.5 * trailer.width)
-    outer = max(np.linalg.norm(p - center) for p in corner if _in_corner(p - center))
-    nearest = min(np.linalg.norm(p - center) for p in inner if _in_corner(p - center))
-    return float(outer - nearest)
-
-
-def tail_swing(done: Turn, parameters: TruckParameters) -> float:
-    """How far the trailer's rear outer corner swings out beyond the entry line [m]."""
-    record, trailer = done.recording, parameters.semitrailer
-    group = float(np.mean([axle.position for axle in trailer.axles]))
-    overhang = trailer.length - trailer.front_overhang - group
-    heading = record.yaw - record.articulation
-    rear = _point(record.rear_x, record.rear_y, heading, -overhang, -0.5 * trailer.width)
-    line = record.y[0] - 0.5 * trailer.width
-    return float(max(line - rear[:, 1].min(), 0.0))
-
-
-def _in_corner(arm: FloatArray) -> bool:
-    """True for points beyond the corner's begin and before its end, seen from its centre."""
-    return bool(arm[0] >= 0.0 and arm[1] <= 0.0)
-
-
-def _point(
-    x: FloatArray, y: FloatArray, heading: FloatArray, ahead: float, left: float
-) -> FloatArray:
-    cosine, sine = np.cos(heading), np.sin(heading)
-    return np.column_stack([x + ahead * cosine - left * sine, y + ahead * sine + left * cosine])
 
 
 def _distance(point: FloatArray, track: FloatArray) -> float:

@@ -1,4 +1,10 @@
-"""Static roll-over threshold on a tilt table (SAE J2180): gravity tilts until the truck falls."""
+"""Static roll-over threshold on a tilt table (SAE J2180): gravity tilts until the truck falls.
+
+The table rises at 0.25 deg/s where the truck may fall, as the standard wants. Because a fall takes
+seconds during which a table goes on rising, what counts is not the angle at which the fall is seen:
+the table is put back to angles that were passed and held there, to find the greatest angle at which
+the truck stays standing.
+"""
 
 from __future__ import annotations
 
@@ -10,55 +16,111 @@ from numpy.typing import NDArray
 
 from iits_mj.analytic import laden_trailer
 from iits_mj.parameters import TruckParameters
+from iits_mj.results import Check, Line, Panel
 from iits_mj.truck import Truck
 from iits_mj.units import GRAVITY
+from iits_mj.validation.checkpoint import restore, state_of
+from iits_mj.validation.roll_plane import RollPlane
 
 FloatArray = NDArray[np.float64]
 
-# The table's rate [rad/s] is slow against the roll mode; the standard allows 0.25 deg/s near the
-# end.
-_RATE = math.radians(0.5)
-_LIMIT = math.radians(45.0)
-# The trailer's roll against the table beyond which it is falling [rad].
-_FALLING = math.radians(12.0)
+# Rates of the table [rad/s], below and above the angle where a fall may be near (share of T / 2h).
+_FAST, _SLOW = math.radians(1.0), math.radians(0.25)
+_NEAR = 0.7
+_LIMIT = math.radians(60.0)
+# The trailer's roll against the table beyond which it has fallen [rad].
+_FALLEN = math.radians(15.0)
+# A hold [s]; its halves may differ so much in mean roll [rad]. A standing truck may sway.
+_HOLD = 8.0
+_CREEP = math.radians(0.2)
+_BLOCK = 0.1
+# Checkpoints kept before the fall, one a block.
+_KEPT = 200
 
 
 @dataclass(frozen=True)
 class Tilt:
-    """Threshold [g], the tangent of the table's angle; table angle and trailer roll [rad]."""
+    """One tilt-table test.
+
+    Attributes:
+      threshold: the lesser of `held` and `lifted` [g]: roll instability as PBS has it.
+      held: tangent of the greatest angle at which the truck stays standing [g].
+      lifted: tangent of the angle at which the last upper wheel of the drive and trailer axles has
+        left the table [g]; infinite when one never did.
+      table, roll: angle of the table and roll of the trailer against it [rad], shape (n,).
+    """
 
     threshold: float
+    held: float
+    lifted: float
     table: FloatArray
     roll: FloatArray
 
 
-def tilt_table(payload: float, timestep: float = 0.002) -> Tilt:
-    """Tilts the standing truck to the right until its trailer falls.
+def tilt_table(payload: float, timestep: float = 0.002, height: float | None = None) -> Tilt:
+    """Tilts the standing truck to the right until it falls.
 
-    The threshold is the angle after which no left wheel of the drive and trailer axles touches any
-    more, or the trailer's roll runs away, whichever comes first.
+    Args:
+      payload: [kg].
+      timestep: of the physics [s].
+      height: of the payload's CG [m]; default: the truck's.
     """
-    truck = Truck.load(payload, timestep=timestep, visuals=False)
+    truck = Truck.load(payload, payload_height=height, timestep=timestep, visuals=False)
+    near = _NEAR * math.atan(rigid_threshold(truck.parameters, payload))
     truck.reset()
     truck.command(parking_brake=1.0)
-    truck.step(round(2.0 / timestep))
-    table, roll = [], []
-    angle = 0.0
-    block = 0.05
+    truck.step(round(3.0 / timestep))
+    table, roll = [0.0], [_lean(truck)]
+    kept: list[tuple[float, NDArray[np.float64]]] = []
+    lifted = math.inf
     left = [f"{axle.name}_left_tire_force" for axle in truck.parameters.axles[1:]]
-    while angle < _LIMIT:
-        angle += _RATE * block
-        # Tilting to the right: gravity pulls towards -y.
-        truck.model.opt.gravity[:] = (0.0, -GRAVITY * math.sin(angle), -GRAVITY * math.cos(angle))
-        truck.step(round(block / timestep))
-        attitude = truck.data.body("trailer").xmat.reshape(3, 3)
-        lean = math.atan2(attitude[2, 1], attitude[2, 2])
-        table.append(angle)
-        roll.append(lean)
-        lifted = all(truck.data.sensor(name).data[2] <= 0.0 for name in left)
-        if lifted or abs(lean) > _FALLING:
-            break
-    return Tilt(math.tan(angle), np.array(table), np.array(roll))
+    while table[-1] < _LIMIT and abs(roll[-1]) < _FALLEN:
+        kept = [*kept[-_KEPT:], (table[-1], state_of(truck))]
+        rate = _SLOW if table[-1] > near else _FAST
+        _tilt(truck, table[-1], rate, _BLOCK)
+        table.append(table[-1] + rate * _BLOCK)
+        roll.append(_lean(truck))
+        if math.isinf(lifted) and all(truck.data.sensor(name).data[2] <= 0.0 for name in left):
+            lifted = math.tan(table[-1])
+    held = math.tan(_last_held(truck, kept))
+    return Tilt(min(held, lifted), held, lifted, np.array(table), np.array(roll))
+
+
+def _tilt(truck: Truck, angle: float, rate: float, duration: float) -> None:
+    """Tilts to the right (gravity pulls towards -y) from an angle [rad], step by step."""
+    step = truck.model.opt.timestep
+    for i in range(round(duration / step)):
+        now = angle + rate * (i + 1) * step
+        truck.model.opt.gravity[:] = (0.0, -GRAVITY * math.sin(now), -GRAVITY * math.cos(now))
+        truck.step(1)
+
+
+def _lean(truck: Truck) -> float:
+    """Roll of the trailer against the table [rad]."""
+    attitude = truck.data.body("trailer").xmat.reshape(3, 3)
+    return math.atan2(attitude[2, 1], attitude[2, 2])
+
+
+def _last_held(truck: Truck, kept: list[tuple[float, NDArray[np.float64]]]) -> float:
+    """Greatest angle [rad] of the checkpoints at which the truck stays standing, by bisection."""
+    low, high = 0, len(kept)
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if _stands(truck, *kept[middle]) else (low, middle)
+    return kept[low][0]
+
+
+def _stands(truck: Truck, angle: float, state: NDArray[np.float64]) -> bool:
+    """True when the truck does not fall with the table held at this angle [rad]."""
+    restore(truck, state)
+    lean = np.zeros((2, round(0.5 * _HOLD / _BLOCK)))
+    for index in np.ndindex(*lean.shape):
+        _tilt(truck, angle, 0.0, _BLOCK)
+        lean[index] = abs(_lean(truck))
+        if lean[index] > _FALLEN:
+            return False
+    first, second = lean.mean(axis=1)
+    return bool(second - first < _CREEP)
 
 
 def rigid_threshold(parameters: TruckParameters, payload: float) -> float:
@@ -68,3 +130,53 @@ def rigid_threshold(parameters: TruckParameters, payload: float) -> float:
     height = (tractor.mass * tractor.cg_height + trailer.mass * trailer.cg_height) / mass
     track = float(np.mean([axle.track for axle in parameters.axles[1:]]))
     return track / (2.0 * height)
+
+
+def compare(payload: float, timestep: float) -> tuple[list[Check], list[Panel], float]:
+    """Checks, panels and the threshold [g] of one tilt test."""
+    parameters = TruckParameters.load()
+    tilt = tilt_table(payload, timestep)
+    label = f"SAE J2180 tilt table, {payload / 1e3:g} t"
+    # Laden, trucks of this kind are known to tip between 0.33 and 0.40 g; PBS asks 0.35 g of any.
+    laden = payload == parameters.payload.mass_max
+    must = "0.33 .. 0.40" if laden else ">= 0.35"
+    compliant = RollPlane.from_parameters(parameters, payload).threshold()
+    rigid = rigid_threshold(parameters, payload)
+    checks = [
+        Check(f"{label}: static roll-over threshold", tilt.threshold, "g", compliant, must),
+        Check(f"{label}: share of the rigid bound T/2h", tilt.threshold / rigid, "1", 1.0, "<= 1"),
+    ]
+    angle = np.rad2deg(tilt.table)
+    mark = np.rad2deg(math.atan(compliant)) * np.ones(2)
+    roll = np.rad2deg(np.abs(tilt.roll))
+    lines = (
+        Line("threshold by statics", mark, np.array([0.0, roll.max()]), "reference"),
+        Line("trailer", angle, roll, "simulation"),
+    )
+    return (
+        checks,
+        [Panel(label, "table angle [deg]", "roll on the table [deg]", lines)],
+        tilt.threshold,
+    )
+
+
+def by_height(payload: float, heights: FloatArray, timestep: float) -> tuple[list[Check], Panel]:
+    """Thresholds over the height of the payload's CG [m], shape (n,)."""
+    parameters = TruckParameters.load()
+    found, compliant, rigid, checks = [], [], [], []
+    for height in heights:
+        raised = parameters.with_payload_height(float(height))
+        found.append(tilt_table(payload, timestep, float(height)).threshold)
+        compliant.append(RollPlane.from_parameters(raised, payload).threshold())
+        rigid.append(rigid_threshold(raised, payload))
+        name = f"SAE J2180 tilt table, {payload / 1e3:g} t with its CG at {height:.2f} m: threshold"
+        checks.append(Check(name, found[-1], "g", compliant[-1]))
+    error = 100.0 * float(np.max(np.abs(np.array(found) / np.array(compliant) - 1.0)))
+    label = f"SAE J2180 tilt table, {payload / 1e3:g} t by height"
+    checks.append(Check(f"{label}: greatest error to statics", error, "%", "roll plane", "<= 5"))
+    lines = (
+        Line("rigid bound T/2h", heights, np.array(rigid)),
+        Line("statics of the roll plane", heights, np.array(compliant), "reference"),
+        Line("truck", heights, np.array(found), "simulation"),
+    )
+    return checks, Panel(label, "height of the payload's CG [m]", "threshold [g]", lines)

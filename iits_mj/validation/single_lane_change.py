@@ -1,4 +1,7 @@
-"""ISO 14791 single sine steer: rearward amplification, off-tracking, and yaw damping after."""
+"""Rearward amplification by ISO 14791: one full sine of 0.4 Hz at the steering wheel, open loop.
+
+The standard compares the last unit's centre of gravity with the first unit's steer axle.
+"""
 
 from __future__ import annotations
 
@@ -7,74 +10,127 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.analytic import YawSideslip, rearward_amplification
+from iits_mj.analytic import LateralSystem, Response, YawSideslip, simulate, single_sine
+from iits_mj.results import Check, Line, Panel
 from iits_mj.truck import Truck
-from iits_mj.validation.recorder import Recording, drive
+from iits_mj.units import KMH
+from iits_mj.validation.recorder import Recording, drive, run_straight
 
 FloatArray = NDArray[np.float64]
 
 FREQUENCY = 0.4
-_SETTLE = 4.0
-# Peak lateral acceleration wanted at the tractor [m/s2]: 1.5 is the standard's.
-_WANTED = 1.5
+# Peak lateral acceleration of the steer axle [m/s2].
+PEAK = 1.5
+# Allowed error of the held speed [km/h], our choice.
+SPEED_TOLERANCE = 1.0
+# PBS: rearward amplification at most this many times the roll-over threshold in g.
+PBS_FACTOR = 5.7
+_LEAD = 0.5
+_LENGTH = 10.0
 
 
 @dataclass(frozen=True)
-class LaneChange:
-    """What one lane change showed.
+class Amplification:
+    """A lane change's recording and the linear model's answer to the same road-wheel angle."""
 
-    Attributes:
-      amplification: peak lateral acceleration of the trailer's CG over the tractor's CG [1].
-      reference: the linear model's amplification [1].
-      off_tracking: greatest lateral distance of the trailer group's path from the steer axle's [m].
-      damping: damping ratio from the articulation's decay afterwards, 1 when it does not swing [1].
-      peak: lateral acceleration of the tractor [m/s2]; recording: of the run.
-    """
-
-    amplification: float
-    reference: float
-    off_tracking: float
-    damping: float
-    peak: float
     recording: Recording
+    model: Response
+    system: LateralSystem
+
+    def truck(self) -> float:
+        """Rearward amplification of the truck [1]."""
+        rear = np.max(np.abs(self.recording.trailer_lateral_acceleration))
+        return float(rear / np.max(np.abs(steer_axle_acceleration(self.recording))))
+
+    def linear(self) -> float:
+        """The linear model's [1]."""
+        rear = np.max(np.abs(self.model.trailer_lateral_acceleration))
+        return float(rear / np.max(np.abs(model_steer_axle(self.model, self.system))))
+
+    def peak(self) -> float:
+        """Greatest lateral acceleration of the steer axle [m/s2]."""
+        return float(np.max(np.abs(steer_axle_acceleration(self.recording))))
+
+    def speed_error(self) -> float:
+        """Greatest departure from the wanted speed [km/h]."""
+        return float(np.max(np.abs(self.recording.speed - self.system.speed)) / KMH)
 
 
-def lane_change(payload: float, speed: float, timestep: float) -> LaneChange:
-    """One sine at 0.4 Hz at the steering wheel at this speed [m/s]."""
-    truck = Truck.load(payload, timestep=timestep, visuals=False)
-    truck.reset(speed=speed)
-    system = YawSideslip.from_parameters(truck.parameters, payload, cruise_speed=speed).at(speed)
-    gain = system.frequency_response(np.array([FREQUENCY]))[0]
-    per_steer = abs(2j * np.pi * FREQUENCY * gain[0] + speed * gain[1])
-    amplitude = _WANTED / per_steer * truck.parameters.steering.ratio
-
-    def steering(time: float, _: float) -> float:
-        phase = (time - _SETTLE) * FREQUENCY
-        return float(amplitude * np.sin(2.0 * np.pi * phase)) if 0.0 <= phase <= 1.0 else 0.0
-
-    record = drive(truck, steering, speed=speed, duration=_SETTLE + 12.0).after(_SETTLE)
-    tractor = np.max(np.abs(record.lateral_acceleration))
-    trailer = np.max(np.abs(record.trailer_lateral_acceleration))
-    path = np.interp(record.rear_x, record.x, record.y)
-    inside = (record.rear_x >= record.x[0]) & (record.rear_x <= record.x[-1])
-    return LaneChange(
-        amplification=float(trailer / tractor),
-        reference=rearward_amplification(system, FREQUENCY),
-        off_tracking=float(np.max(np.abs(record.rear_y - path)[inside])),
-        damping=damping_ratio(record.articulation[record.time > 1.0 / FREQUENCY]),
-        peak=float(tractor),
-        recording=record,
+def steer_axle_acceleration(record: Recording) -> FloatArray:
+    """Lateral acceleration of the steer axle's centre on the ground [m/s2], shape (n,)."""
+    return np.asarray(
+        np.gradient(record.lateral_velocity, record.time) + record.speed * record.yaw_rate
     )
 
 
-def damping_ratio(signal: FloatArray) -> float:
-    """Damping ratio by the mean ratio of successive swings; 1 with fewer than two swings (n,)."""
-    signal = signal - signal[-1]
-    turns = np.flatnonzero(np.diff(np.sign(np.diff(signal))) != 0) + 1
-    swings = np.abs(signal[turns])
-    swings = swings[swings > 0.02 * np.max(np.abs(signal))]
-    if len(swings) < 2 or (np.any(swings[1:] >= swings[:-1]) and len(swings) == 2):
-        return 1.0
-    decrement = float(np.mean(np.log(swings[:-1] / swings[1:])))
-    # Successive swings are half a period apart.
-    return float(decrement / np.hypot(np.pi, decrement))
+def model_steer_axle(answer: Response, system: LateralSystem) -> FloatArray:
+    """The same of the linear model [m/s2], shape (n,)."""
+    swing = np.gradient(answer.yaw_rate, answer.time)
+    return np.asarray(answer.lateral_acceleration + system.model.L_c1 * swing)
+
+
+def linear_system(truck: Truck, speed: float) -> LateralSystem:
+    """The linear model of this truck at this speed [m/s], tires loaded as at cruise."""
+    model = YawSideslip.from_parameters(truck.parameters, truck.payload, cruise_speed=speed)
+    return model.at(speed)
+
+
+def sine_steer(payload: float, speed: float, timestep: float) -> Amplification:
+    """One sine at this speed [m/s], sized by the linear model to `PEAK` at the steer axle."""
+    truck = Truck.load(payload, timestep=timestep, visuals=False)
+    truck.reset(speed=speed)
+    system = linear_system(truck, speed)
+    time, unit = single_sine(1.0 / FREQUENCY, 1.0 / FREQUENCY + 4.0)
+    per_steer = np.max(np.abs(model_steer_axle(simulate(system, time, 1e-3 * unit), system))) / 1e-3
+    height = PEAK / per_steer * truck.parameters.steering.ratio
+
+    def steering(time: float, _: float) -> float:
+        phase = (time - _LEAD) * FREQUENCY
+        return float(height * np.sin(2.0 * np.pi * phase)) if 0.0 <= phase <= 1.0 else 0.0
+
+    hold = run_straight(truck, speed)
+    record = drive(truck, steering, speed=speed, duration=_LEAD + _LENGTH, hold=hold)
+    return Amplification(record, simulate(system, record.time, record.road_wheel), system)
+
+
+def compare(
+    payload: float, kph: float, threshold: float, timestep: float
+) -> tuple[list[Check], list[Panel]]:
+    """Checks and panels at one speed [km/h]; threshold: static roll-over threshold [g]."""
+    done = sine_steer(payload, kph * KMH, timestep)
+    label = f"ISO 14791 single sine, {payload / 1e3:g} t, {kph:g} km/h"
+    checks = [
+        Check(
+            f"{label}: rearward amplification",
+            done.truck(),
+            "1",
+            done.linear(),
+            f"<= {PBS_FACTOR * threshold:.2f}",
+        ),
+        Check(f"{label}: peak at the steer axle", done.peak(), "m/s2", PEAK),
+        Check(f"{label}: speed error", done.speed_error(), "km/h", None, f"<= {SPEED_TOLERANCE:g}"),
+    ]
+    record, time = done.recording, done.recording.time - _LEAD
+    unit = "lateral acceleration [m/s2]"
+    first = (
+        Line(
+            "yaw-sideslip model, steer axle",
+            time,
+            model_steer_axle(done.model, done.system),
+            "reference",
+        ),
+        Line("truck, steer axle", time, steer_axle_acceleration(record), "simulation"),
+    )
+    last = (
+        Line(
+            "yaw-sideslip model, trailer",
+            time,
+            done.model.trailer_lateral_acceleration,
+            "reference",
+        ),
+        Line("truck, trailer", time, record.trailer_lateral_acceleration, "simulation"),
+    )
+    return checks, [
+        Panel(f"{label}: steer axle", "time [s]", unit, first),
+        Panel(f"{label}: trailer", "time [s]", unit, last),
+    ]

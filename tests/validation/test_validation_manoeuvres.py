@@ -3,12 +3,9 @@
 import numpy as np
 import pytest
 
-from iits_mj.parameters import TruckParameters
 from iits_mj.validation import COMMANDS, ValidateConfig, braking, circle, frequency, low_speed
 from iits_mj.validation import step_steer as steer
 from iits_mj.validation.acceleration import part_throttle
-from iits_mj.validation.rollover import rigid_threshold, tilt_table
-from iits_mj.validation.single_lane_change import lane_change
 
 STEP = 0.002
 LADEN = 36_000.0
@@ -52,20 +49,6 @@ def test_understeer_on_the_circle_is_near_the_linear_models():
     found = circle.circle(LADEN, STEP, (8.0, 12.0))
     assert np.all(np.diff(found.lateral) > 0.3)
     assert found.gradient == pytest.approx(found.reference, rel=0.25)
-
-
-def test_laden_truck_tips_between_a_third_and_0_40_g_and_below_the_rigid_bound():
-    tilt = tilt_table(LADEN)
-    assert 0.33 <= tilt.threshold <= 0.40
-    assert tilt.threshold < rigid_threshold(TruckParameters.load(), LADEN)
-    assert np.all(np.diff(tilt.table) > 0.0)
-
-
-def test_lane_change_amplifies_little_at_80_kmh():
-    done = lane_change(0.0, 80.0 / 3.6, STEP)
-    assert done.amplification == pytest.approx(done.reference, rel=0.1)
-    assert 1.0 < done.peak < 2.0
-    assert 0.0 < done.off_tracking < 0.6
 
 
 def test_forty_percent_pedal_reads_as_the_paper():

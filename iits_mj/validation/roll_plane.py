@@ -1,0 +1,180 @@
+"""Static roll-over threshold of the compliant truck, by statics in the roll plane.
+
+Two sprung bodies, coupled in roll by the fifth wheel, stand on axles that roll on their tires. On a
+table tilted by phi, each axle's tires give the moment `M_t = min(K_t phi_u, W T cos(phi) / 2)`: the
+second when its inner wheels have lifted. With the suspension's `M_s = K_s (phi_b - phi_u)`,
+
+    axle:    M_t = M_s + n h_rc (sin phi + phi_u cos phi) + m_u g h_u (sin phi + phi_u cos phi)
+    body:    sum M_s + M_5 = sum n (h - h_rc) (sin phi + phi_b cos phi),
+
+about the track's centre and about the roll centres; n is the sprung weight on a support, h the
+height of that weight. The kingpin is a support of the trailer and a load of the tractor. The
+threshold is the tilt at which this equilibrium ceases to be stable, or at which no axle but the
+steer axle has a wheel on the upper side. Parameters are the truck's.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from iits_mj.analytic import kingpin_load, laden_trailer, static_axle_loads
+from iits_mj.parameters import FifthWheel, TruckParameters
+from iits_mj.units import GRAVITY
+
+FloatArray = NDArray[np.float64]
+
+_STEP = math.radians(0.02)
+_LIMIT = math.radians(60.0)
+
+
+@dataclass(frozen=True)
+class _Support:
+    """An axle: stiffnesses [N m/rad], loads [N], heights [m]."""
+
+    suspension: float
+    tire: float
+    load: float
+    sprung: float
+    track: float
+    roll_center: float
+    height: float
+
+    def moment(self, body: float, tilt: float) -> tuple[float, bool]:
+        """Moment of the suspension on a body that rolls by `body` [N m]; whether wheels lift."""
+        sine, cosine = math.sin(tilt), math.cos(tilt)
+        arm = self.sprung * self.roll_center + (self.load - self.sprung) * self.height
+        push, pull = arm * sine, arm * cosine
+        roll = (self.suspension * body + push) / (self.tire + self.suspension - pull)
+        most = 0.5 * self.load * self.track * cosine
+        lifted = self.tire * roll > most
+        if lifted:
+            roll = (self.suspension * body + push - most) / (self.suspension - pull)
+        return self.suspension * (body - roll), lifted
+
+
+@dataclass(frozen=True)
+class RollPlane:
+    """The combination in the roll plane.
+
+    Attributes:
+      tractor, trailer: supports of the two bodies.
+      tractor_height, trailer_height: of the sprung weights that they carry [m].
+      kingpin: load [N]; fifth_wheel: of the truck.
+    """
+
+    tractor: tuple[_Support, ...]
+    trailer: tuple[_Support, ...]
+    tractor_height: float
+    trailer_height: float
+    kingpin: float
+    fifth_wheel: FifthWheel
+
+    @classmethod
+    def from_parameters(cls, parameters: TruckParameters, payload: float) -> RollPlane:
+        """The roll plane of a truck with this payload [kg]."""
+        trailer, king = laden_trailer(parameters, payload), kingpin_load(parameters, payload)
+        loads = static_axle_loads(parameters, payload)
+        supports = []
+        for axle, load in zip(parameters.axles, loads, strict=True):
+            tire = parameters.tires[axle.tire]
+            stiffness = tire.count * tire.vertical_stiffness
+            height = tire.free_radius - 0.5 * load / stiffness
+            supports.append(
+                _Support(
+                    0.5 * axle.spring_rate * axle.spring_spacing**2 + axle.auxiliary_roll_stiffness,
+                    0.5 * stiffness * axle.track**2,
+                    float(load),
+                    float(load - axle.unsprung_mass * GRAVITY),
+                    axle.track,
+                    height + axle.roll_center_height,
+                    height,
+                )
+            )
+        split = len(parameters.tractor.axles)
+        front, rear = tuple(supports[:split]), tuple(supports[split:])
+        own = _sprung(parameters.tractor.mass, parameters.tractor.cg_height, front, king)
+        above = _sprung(trailer.mass, trailer.cg_height, rear, -king)
+        fifth = parameters.fifth_wheel
+        # The tractor carries its own sprung weight and the kingpin's load at the plate.
+        height = (own[0] * own[1] + king * fifth.height) / (own[0] + king)
+        return cls(front, rear, height, above[1], king, fifth)
+
+    def coupling(self, twist: float) -> float:
+        """Moment of the fifth wheel at a roll of the trailer against the tractor [N m]."""
+        stiffness, angle = self.fifth_wheel.roll_stiffness, abs(twist)
+        lift = 0.5 * self.fifth_wheel.plate_width * self.kingpin
+        beyond = stiffness * (angle - self.fifth_wheel.roll_lash)
+        moment = min(stiffness * angle, max(lift, beyond))
+        return math.copysign(moment, twist)
+
+    def residual(self, rolls: FloatArray, tilt: float) -> FloatArray:
+        """Restoring less overturning moment of tractor and trailer [N m], shape (2,)."""
+        tractor, trailer = rolls
+        sine, cosine = math.sin(tilt), math.cos(tilt)
+        hitch = self.coupling(trailer - tractor)
+        restoring = [-hitch, hitch]
+        for i, (supports, body, height) in enumerate(
+            (
+                (self.tractor, tractor, self.tractor_height),
+                (self.trailer, trailer, self.trailer_height),
+            )
+        ):
+            lean = sine + body * cosine
+            for support in supports:
+                restoring[i] += support.moment(body, tilt)[0]
+                restoring[i] -= support.sprung * (height - support.roll_center) * lean
+        lean = sine + trailer * cosine
+        restoring[1] -= self.kingpin * (self.trailer_height - self.fifth_wheel.height) * lean
+        return np.array(restoring)
+
+    def _scaled(self, rolls: FloatArray, tilt: float) -> FloatArray:
+        """The residual as a share of the kingpin's load times a metre."""
+        return self.residual(rolls, tilt) / self.kingpin
+
+    def threshold(self) -> float:
+        """Tangent of the tilt at which the truck ceases to stand [g]."""
+        tilt, rolls = 0.0, np.zeros(2)
+        while tilt < _LIMIT:
+            found = optimize.root(self._scaled, rolls, args=(tilt + _STEP,), tol=1e-9)
+            if not found.success or np.max(np.abs(found.x - rolls)) > 0.02:
+                return math.tan(tilt)
+            unstable = np.linalg.eigvalsh(self._stiffness(found.x, tilt + _STEP))[0] <= 0.0
+            if unstable or self._lifted(found.x, tilt + _STEP):
+                return math.tan(tilt)
+            tilt, rolls = tilt + _STEP, found.x
+        return math.tan(tilt)
+
+    def _lifted(self, rolls: FloatArray, tilt: float) -> bool:
+        """True when the upper wheels of all axles but the steer axle have lifted."""
+        drive = (support.moment(rolls[0], tilt)[1] for support in self.tractor[1:])
+        trailer = (support.moment(rolls[1], tilt)[1] for support in self.trailer)
+        return all((*drive, *trailer))
+
+    def _stiffness(self, rolls: FloatArray, tilt: float) -> FloatArray:
+        """Symmetric part of the residual's slope [N m/rad], shape (2, 2)."""
+        small = 1e-7
+        base = self.residual(rolls, tilt)
+        slope = np.column_stack(
+            [(self.residual(rolls + small * unit, tilt) - base) / small for unit in np.eye(2)]
+        )
+        return np.asarray(0.5 * (slope + slope.T))
+
+
+def _sprung(
+    mass: float, height: float, supports: tuple[_Support, ...], extra: float
+) -> tuple[float, float]:
+    """Sprung weight of a unit [N] and its height [m]: the whole less its axles."""
+    weight = mass * GRAVITY
+    unsprung = [support.load - support.sprung for support in supports]
+    moment = weight * height - sum(
+        own * support.height for own, support in zip(unsprung, supports, strict=True)
+    )
+    sprung = weight - sum(unsprung)
+    carried = sum(support.sprung for support in supports) - extra
+    assert abs(carried - sprung) < 1e-6 * weight, "the axle loads do not carry the weight"
+    return sprung, moment / sprung

@@ -1,0 +1,139 @@
+"""Standard manoeuvres at a coarse step, and the estimators behind them."""
+
+import numpy as np
+import pytest
+
+from iits_mj.parameters import TruckParameters
+from iits_mj.validation import path_change, rollover, single_lane_change, swept_path, yaw_damping
+from iits_mj.validation.roll_plane import RollPlane
+from iits_mj.validation.yaw_damping import damping_ratio
+
+STEP = 0.005
+LADEN = 36_000.0
+
+
+def _decay(ratio, offset=0.0, phase=0.3):
+    time = np.arange(0.0, 12.0, 0.01)
+    swing = np.cos(3.0 * np.sqrt(1.0 - ratio**2) * time + phase)
+    return np.exp(-ratio * 3.0 * time) * swing + offset
+
+
+@pytest.mark.parametrize("ratio", [0.02, 0.05, 0.15, 0.3, 0.5, 0.65])
+@pytest.mark.parametrize("offset", [0.0, -0.4])
+@pytest.mark.parametrize("phase", [0.0, 1.0, 2.5])
+def test_damping_of_a_synthetic_decay_is_found(ratio, offset, phase):
+    assert damping_ratio(_decay(ratio, offset, phase)) == pytest.approx(ratio, rel=1e-3)
+
+
+def test_damping_of_a_noisy_decay_is_found():
+    noise = np.random.default_rng(3).normal(0.0, 1e-4, 1200)
+    assert damping_ratio(_decay(0.1) + noise) == pytest.approx(0.1, rel=0.15)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.5, 4.0])
+def test_an_aperiodic_decay_has_damping_one(ratio):
+    time = np.arange(0.0, 12.0, 0.01)
+    fast, slow = ratio + np.sqrt(ratio**2 - 1.0), ratio - np.sqrt(ratio**2 - 1.0)
+    assert damping_ratio(np.exp(-slow * time) - 0.2 * np.exp(-fast * time)) == 1.0
+    assert damping_ratio(np.zeros(100)) == 1.0
+
+
+def test_a_growing_swing_has_negative_damping():
+    time = np.arange(0.0, 12.0, 0.01)
+    found = damping_ratio(np.exp(0.2 * time) * np.cos(3.0 * time))
+    assert found == pytest.approx(-0.2 / np.hypot(0.2, 3.0), rel=1e-3)
+
+
+def test_a_signal_that_is_not_finite_has_no_damping():
+    assert np.isnan(damping_ratio(np.array([1.0, np.nan, 0.5])))
+
+
+@pytest.mark.parametrize("payload", [LADEN, 0.0])
+def test_yaw_damping_is_near_the_linear_models(payload):
+    done = yaw_damping.pulse(payload, 88.0 / 3.6, STEP)
+    found, model = done.damping()["articulation"], done.model_damping()["articulation"]
+    assert found > yaw_damping.REQUIRED
+    assert found == pytest.approx(model, abs=0.1)
+    assert model == pytest.approx(done.system.damping_ratio(), abs=0.1)
+
+
+def test_damping_falls_with_speed():
+    slow, fast = (
+        yaw_damping.pulse(0.0, kph / 3.6, STEP).damping()["articulation"] for kph in (70.0, 100.0)
+    )
+    assert fast < slow
+
+
+def test_100_kmh_is_held_through_a_lane_change():
+    done = single_lane_change.sine_steer(0.0, 100.0 / 3.6, STEP)
+    assert done.speed_error() < single_lane_change.SPEED_TOLERANCE
+    assert done.peak() == pytest.approx(single_lane_change.PEAK, rel=0.1)
+    assert done.truck() == pytest.approx(done.linear(), rel=0.1)
+
+
+def test_inverse_steer_moves_the_linear_steer_axle_along_the_path():
+    from iits_mj.analytic import YawSideslip, simulate
+
+    system = YawSideslip.from_parameters(TruckParameters.load(), 0.0).at(88.0 / 3.6)
+    time = np.arange(0.0, 8.0, 0.01)
+    wanted = path_change.PEAK * np.sin(2.0 * np.pi * np.clip(time, 0.0, 2.5) / 2.5)
+    answer = simulate(system, time, path_change.inverse_steer(system, time, wanted))
+    np.testing.assert_allclose(answer.y, path_change.path(time), atol=0.03)
+    assert path_change.end_offset() == pytest.approx(1.46, abs=0.01)
+
+
+def test_last_axle_swings_beyond_the_path_and_steer_axle_stays_on_it():
+    done = path_change.lane_change(LADEN, 88.0 / 3.6, STEP)
+    assert done.error < path_change.PATH_TOLERANCE
+    assert 0.1 < done.off_tracking() < path_change.OFF_TRACKING
+    assert done.off_tracking() == pytest.approx(done.model_off_tracking(), abs=0.15)
+
+
+@pytest.mark.parametrize("payload", [LADEN, 0.0])
+def test_truck_tips_on_the_table_where_statics_say(payload):
+    parameters = TruckParameters.load()
+    tilt = rollover.tilt_table(payload, STEP)
+    compliant = RollPlane.from_parameters(parameters, payload).threshold()
+    assert tilt.threshold == pytest.approx(compliant, rel=0.05)
+    assert tilt.threshold < rollover.rigid_threshold(parameters, payload)
+    assert np.all(np.diff(tilt.table) > 0.0)
+
+
+def test_truck_tips_earlier_with_a_higher_load():
+    parameters = TruckParameters.load()
+    low, high = (
+        RollPlane.from_parameters(parameters.with_payload_height(h), LADEN).threshold()
+        for h in (1.8, 2.4)
+    )
+    assert high < 0.8 * low
+    assert rollover.tilt_table(LADEN, STEP, 2.4).threshold == pytest.approx(high, rel=0.05)
+
+
+def test_stiff_truck_tips_near_the_rigid_bound():
+    from dataclasses import replace
+
+    plane = RollPlane.from_parameters(TruckParameters.load(), LADEN)
+
+    def stiff(supports):
+        return tuple(replace(s, suspension=1e9, tire=1e9) for s in supports)
+
+    fifth_wheel = replace(plane.fifth_wheel, roll_stiffness=1e9, roll_lash=0.0)
+    rigid = replace(
+        plane, tractor=stiff(plane.tractor), trailer=stiff(plane.trailer), fifth_wheel=fifth_wheel
+    )
+    bound = rollover.rigid_threshold(TruckParameters.load(), LADEN)
+    assert rigid.threshold() == pytest.approx(bound, rel=0.06)
+
+
+def test_outer_steer_tire_follows_the_pbs_arc():
+    done = swept_path.turn(LADEN, STEP)
+    assert done.path_error() < 0.05
+    assert np.rad2deg(done.recording.yaw[-1]) == pytest.approx(90.0, abs=1.0)
+    assert done.swept_width() == pytest.approx(done.kinematic_swept_width(), abs=0.1)
+    assert 5.0 < done.swept_width() < swept_path.SWEPT_WIDTH
+    assert 0.0 < done.tail_swing()[0] < swept_path.TAIL_SWING
+
+
+def test_distance_from_the_pbs_path_is_positive_inside():
+    points = np.array([[-5.0, 1.0], [12.5, 12.5], [0.0, 12.5], [13.0, 20.0]])
+    np.testing.assert_allclose(swept_path.signed_distance(points), [1.0, 0.0, 12.5, -0.5])
