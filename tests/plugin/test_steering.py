@@ -55,3 +55,70 @@ def test_steering_wheel_turns_no_faster_than_its_actuator(truck):
         positions.append(truck.observe().steering_wheel_angle)
     rate = np.diff(positions) / (5 * truck.model.opt.timestep)
     assert rate.max() == pytest.approx(truck.parameters.steering.rate_max, rel=1e-6)
+
+
+def test_turning_the_wheel_by_the_ratio_turns_the_road_wheels_by_one(truck):
+    ratio = truck.parameters.steering.ratio
+    first, second = (turn(truck, degrees, speed=1.0).mean() for degrees in (20.0, 20.0 + ratio))
+    assert np.degrees(second - first) == pytest.approx(1.0, rel=0.02)
+
+
+def test_play_is_the_way_between_turning_out_and_turning_back(truck):
+    """Slowly to the left and back: the same road-wheel angle twice, the dead band apart."""
+    steering = truck.parameters.steering
+    truck.reset(speed=1.0)
+    out, back = [], []
+    sweep = np.arange(0.0, 40.0, 0.5)
+    for degrees, found in [(d, out) for d in sweep] + [(d, back) for d in sweep[::-1]]:
+        truck.command(steering_wheel_angle=np.radians(degrees))
+        truck.step(150)
+        truck.observe()
+        found.append((road_wheels(truck).mean(), np.radians(degrees)))
+    half = 0.5 * max(angle for angle, _ in out)
+    there = np.interp(half, *np.transpose(out))
+    again = np.interp(half, *np.transpose(back[::-1]))
+    assert there - again == pytest.approx(steering.dead_band, rel=0.1)
+
+
+def test_straight_wheels_stay_straight_within_the_play(truck):
+    truck.reset(speed=10.0)
+    truck.command(steering_wheel_angle=0.45 * truck.parameters.steering.dead_band)
+    truck.step(1000)
+    truck.observe()
+    np.testing.assert_allclose(road_wheels(truck), 0.0, atol=1e-9)
+
+
+def test_aligning_moment_turns_the_wheels_back_by_the_linkages_compliance(truck):
+    """Tires pull towards straight ahead; a linkage a quarter as stiff yields four times as much."""
+    steering = truck.parameters.steering
+    target = (np.radians(30) - 0.5 * steering.dead_band) / steering.ratio
+    soft = Truck.load(
+        parameters={"steering": {"stiffness": 0.25 * steering.stiffness}}, visuals=False
+    )
+    losses = []
+    for each in (truck, soft):
+        losses.append(target - turn(each, 30, seconds=3.0, speed=20.0).mean())
+        sides = [each.sensor(f"tractor_axle1_{side}_tire_force")[1] for side in ("left", "right")]
+        moment = np.mean(sides) * each.parameters.tires["steer"].pneumatic_trail
+        assert losses[-1] > 0.0
+        stiffness = each.parameters.steering.stiffness
+        assert losses[-1] == pytest.approx(moment / stiffness, rel=0.25)  # trail falls with slip
+    assert losses[1] / losses[0] == pytest.approx(4.0, rel=0.1)
+
+
+def test_small_steps_follow_with_the_actuators_time_constant(truck):
+    steering = truck.parameters.steering
+    step = 0.5 * steering.rate_max * steering.time_constant  # slower than the rate limit
+    truck.reset()
+    truck.command(steering_wheel_angle=step)
+    truck.step(round(steering.time_constant / truck.model.opt.timestep))
+    reached = truck.observe().steering_wheel_angle
+    assert reached / step == pytest.approx(1.0 - np.exp(-1.0), abs=0.02)
+
+
+def test_steering_wheel_stops_at_its_end(truck):
+    end = truck.parameters.steering.angle_max
+    truck.reset()
+    truck.data.ctrl[truck.model.actuator("steering_wheel_angle").id] = 2.0 * end
+    truck.step(2000)
+    assert truck.observe().steering_wheel_angle == pytest.approx(end, rel=1e-6)
