@@ -67,12 +67,19 @@ class Kinematic:
         """States over time, shape (n, 5), from straight rest at the origin (Runge-Kutta 4).
 
         Args:
-          time: [s], shape (n,).
+          time: rising [s], shape (n,).
           speed: [m/s], shape (n,).
-          steer: road-wheel angle [rad], shape (n,).
+          steer: road-wheel angle [rad], shape (n,), below a right angle.
+
+        Raises:
+          InputError: the vectors do not fit, or a value is not allowed.
         """
         if not len(time) == len(speed) == len(steer):
             raise InputError(f"lengths {len(time)}, {len(speed)}, {len(steer)}: must be equal")
+        if not np.all(np.diff(time) > 0.0) or not np.all(np.isfinite([*time, *speed])):
+            raise InputError("time must rise, and time and speed must be finite")
+        if not np.all(np.abs(steer) < 0.5 * math.pi):
+            raise InputError("steer must stay below a right angle, and be finite")
         states = np.zeros((len(time), 5))
         states[0, 3] = steer[0]
         for i in range(len(time) - 1):
@@ -102,6 +109,8 @@ class Kinematic:
         Args:
           radius: of the steer axle's path [m]; InputError when the trailer could not follow.
         """
+        if not (math.isfinite(radius) and radius > self.L):
+            raise InputError(f"radius {radius!r} m must be greater than the wheelbase {self.L:g} m")
         rear_squared = radius**2 - self.L**2 + self.L_1**2 - self.L_2**2
         if rear_squared <= 0.0:
             raise InputError(f"radius {radius!r} m is too small for a trailer of {self.L_2:g} m")

@@ -28,6 +28,7 @@ class Response:
       yaw: of the tractor [rad]; x, y: steer axle centre in the ground frame [m].
       lateral_acceleration: of the tractor's CG [m/s2].
       trailer_lateral_acceleration: of the trailer's CG [m/s2].
+      steer_axle_acceleration: lateral, of the steer axle's centre at the road [m/s2].
       roll, trailer_roll: [rad]; zero in a model without roll.
     """
 
@@ -42,6 +43,7 @@ class Response:
     y: FloatArray
     lateral_acceleration: FloatArray
     trailer_lateral_acceleration: FloatArray
+    steer_axle_acceleration: FloatArray
     roll: FloatArray
     trailer_roll: FloatArray
 
@@ -56,10 +58,18 @@ def simulate(system: LateralSystem, time: FloatArray, steer: FloatArray) -> Resp
       system: the model at its speed.
       time: uniform samples [s], shape (n,), n >= 2.
       steer: road-wheel angle at the samples [rad], shape (n,).
+
+    Raises:
+      InputError: the vectors do not fit, are not finite, or time is not uniform.
     """
     time, steer = np.asarray(time, dtype=float), np.asarray(steer, dtype=float)
     if time.ndim != 1 or time.shape != steer.shape or time.size < 2:
         raise InputError(f"time {time.shape} and steer {steer.shape}: two equal vectors are wanted")
+    steps = np.diff(time)
+    if not (np.all(np.isfinite(steps)) and steps[0] > 0.0 and np.ptp(steps) < 1e-6 * steps[0]):
+        raise InputError("time must rise in finite, uniform steps")
+    if not np.all(np.isfinite(steer)):
+        raise InputError("steer holds a value that is not finite")
     count = len(system.B)
     plant = (system.A, system.B[:, None], np.eye(count), np.zeros((count, 1)))
     outputs = signal.lsim(plant, steer, time)
@@ -82,6 +92,7 @@ def simulate(system: LateralSystem, time: FloatArray, steer: FloatArray) -> Resp
         y=_integrate(time, v * np.sin(yaw) + lateral * np.cos(yaw)),
         lateral_acceleration=acceleration,
         trailer_lateral_acceleration=trailer_acceleration,
+        steer_axle_acceleration=system.steer_axle_acceleration(states, rates),
         roll=roll,
         trailer_roll=trailer_roll,
     )
@@ -94,15 +105,15 @@ def step_response(system: LateralSystem, steer: float, duration: float = 10.0) -
 
 
 def yaw_rate_gain(system: LateralSystem) -> float:
-    """Steady yaw rate over road-wheel angle [1/s]."""
+    """Yaw rate over road-wheel angle [1/s] in the steady state, be that state stable or not."""
     return float(system.steady_state()[1])
 
 
 def understeer_gradient(model: YawSideslip, speed: float = 20.0) -> float:
     """Understeer gradient [rad s2/m] of the linear model: d(delta - L/R) / d(lateral acceleration).
 
-    With equal axle loads in a group the steer angle is exactly `delta = L' / R + K a_y` (L' holds
-    the tandem's scrub), so K follows from two speeds.
+    The model's steer angle is exactly `delta = L' / R + K a_y`, where L' is the wheelbase and what
+    tandem and tri-axle scrub, so that K follows from any two speeds.
     """
     slow, fast = model.at(0.5 * speed), model.at(speed)
     per_curvature = [1.0 / yaw_rate_gain(s) * s.speed for s in (slow, fast)]
@@ -119,47 +130,82 @@ def understeer_gradient_by_loads(parameters: TruckParameters, payload: float) ->
 
 
 def critical_speed(model: YawSideslip, limit: float = 100.0) -> float:
-    """Lowest speed [m/s] at which the linear model is unstable; `inf` when stable to `limit`."""
-    speeds = np.linspace(1.0, limit, 400)
-    unstable = [v for v in speeds if not model.at(v).stable]
-    if not unstable:
+    """Lowest speed [m/s] at which the linear model is not stable; `inf` when stable to `limit`.
+
+    Any instability counts: the oversteering tractor's, which grows without swinging and is the
+    textbook's critical speed `sqrt(-L' / K)`, and the swinging of the trailer.
+
+    Args:
+      model: at no particular speed.
+      limit: speeds are searched up to it in 400 steps [m/s]; the one found is exact.
+    """
+    if not (np.isfinite(limit) and limit > 0.0):
+        raise InputError(f"limit {limit!r} m/s must be a positive speed")
+    low = 0.0
+    for high in np.linspace(limit / 400.0, limit, 400):
+        if not model.at(high).stable:
+            break
+        low = float(high)
+    else:
         return float("inf")
-    high = float(unstable[0])
-    low = max(high - (speeds[1] - speeds[0]), 0.1)
     for _ in range(40):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if model.at(middle).stable else (low, middle)
-    return high
+    return float(high)
 
 
 def single_sine(
     period: float, duration: float, step: float = 0.01
 ) -> tuple[FloatArray, FloatArray]:
-    """Time [s] and one full sine of amplitude 1 that starts after 1 s (ISO 14791, 7.5)."""
+    """Time [s] and one full sine of amplitude 1 that starts after 1 s (ISO 14791, 7.5).
+
+    Args:
+      period: of the sine [s].
+      duration: of all [s], at least a second and the period.
+      step: of time [s].
+    """
+    if not (period > 0.0 and 1.0 + period <= duration < np.inf and step > 0.0):
+        raise InputError(
+            f"period {period!r} s, duration {duration!r} s, step {step!r} s: must be positive, and"
+            " one second and the period must fit into the duration"
+        )
     time = np.arange(0.0, duration, step)
     phase = (time - 1.0) / period
     return time, np.where((phase >= 0.0) & (phase <= 1.0), np.sin(2.0 * np.pi * phase), 0.0)
 
 
 def rearward_amplification(system: LateralSystem, frequency: float = 0.4) -> float:
-    """Peak lateral acceleration of the trailer's CG over the tractor's, for a single-sine steer.
+    """Peak lateral acceleration of the trailer's CG over the steer axle's, for a single-sine steer.
 
     Args:
-      system: the model at its speed.
+      system: the model at its speed; InputError when it is not stable there.
       frequency: of the sine [Hz]; 0.4 Hz is ISO 14791's.
     """
+    _require_stable(system, "rearward amplification")
+    if not (np.isfinite(frequency) and frequency > 0.0):
+        raise InputError(f"frequency {frequency!r} Hz must be positive")
+    # Both peaks come during the sine or in the first swing after it.
     time, steer = single_sine(1.0 / frequency, 2.0 / frequency + 8.0)
     response = simulate(system, time, 1e-2 * steer)
-    peak = np.max(np.abs(response.lateral_acceleration))
+    peak = np.max(np.abs(response.steer_axle_acceleration))
     return float(np.max(np.abs(response.trailer_lateral_acceleration)) / peak)
 
 
 def worst_rearward_amplification(system: LateralSystem) -> tuple[float, float]:
-    """(gain, frequency [Hz]) of the greatest acceleration ratio under steady sine steering."""
+    """(gain, frequency [Hz]) of the greatest acceleration ratio under steady sine steering.
+
+    The trailer's CG over the steer axle, searched from 0.05 to 2 Hz. The ratio is 1 in the limit of
+    slow steering; a truck without resonance has its greatest value at the search's lower end.
+
+    Args:
+      system: the model at its speed; InputError when it is not stable there.
+    """
+    _require_stable(system, "rearward amplification")
     frequency = np.geomspace(0.05, 2.0, 200)
     states = system.frequency_response(frequency)
-    tractor, trailer = system.cg_accelerations(states, 2j * np.pi * frequency[:, None] * states)
-    gain = np.abs(trailer / tractor)
+    rates = 2j * np.pi * frequency[:, None] * states
+    _, trailer = system.cg_accelerations(states, rates)
+    gain = np.abs(trailer / system.steer_axle_acceleration(states, rates))
     best = int(np.argmax(gain))
     return float(gain[best]), float(frequency[best])
 
@@ -169,17 +215,29 @@ def steady_off_tracking(system: LateralSystem, radius: float) -> float:
 
     Negative: the trailer runs inside (low speed); positive: outside (high speed).
 
+    The hitch angle is the linear model's: the radius must be several times the truck's length.
+
     Args:
-      system: the model at its speed.
-      radius: of the steer axle's path [m], positive.
+      system: the model at its speed; InputError when it is not stable there.
+      radius: of the steer axle's path [m].
     """
+    _require_stable(system, "steady off-tracking")
     model, v = system.model, system.speed
-    state = system.steady_state(v / (radius * yaw_rate_gain(system)))
-    center = np.array([-state[0] / state[1], v / state[1]])
-    front = np.array([model.L_c1, 0.0])
-    arm, angle = float(np.mean(model.trailer_arms)), state[3]
+    # Per yaw rate; the lateral velocity of the steer axle tells how far ahead of the centre it is.
+    state = system.steady_state() / yaw_rate_gain(system)
+    ahead = model.L_c1 + state[0]
+    if not (np.isfinite(radius) and radius > abs(ahead)):
+        raise InputError(f"radius {radius!r} m must be greater than {abs(ahead):.2f} m")
+    across = np.sqrt(radius**2 - ahead**2)
+    arm, angle = float(np.mean(model.trailer_arms)), state[3] * v / across
+    center = np.array([-state[0], across])
     rear = np.array([-model.L_h - arm * np.cos(angle), arm * np.sin(angle)])
-    return float(np.linalg.norm(rear - center) - np.linalg.norm(front - center))
+    return float(np.linalg.norm(rear - center) - radius)
+
+
+def _require_stable(system: LateralSystem, what: str) -> None:
+    if not system.stable:
+        raise InputError(f"{what} at {system.speed:.2f} m/s: the truck is not stable there")
 
 
 def _integrate(time: FloatArray, rate: FloatArray) -> FloatArray:

@@ -17,9 +17,9 @@ virtual work
 
     -m_c omega_c v dy_c - m_t omega_c v dy_t,    dy_t = dy_c - L_h dbeta_c - L_t1 dbeta_t.
 
-The paper prints plus signs and, for the trailer, omega_t. With plus signs the laden truck is
-unstable at 80 km/h. With omega_t, `v_yt` would have to be measured in the trailer's frame, `v_yt +
-v gamma`.
+The paper prints plus signs and, for the trailer, omega_t: understeer turns into oversteer, and the
+laden truck is unstable at 80 km/h. With omega_t, `v_yt` would have to be measured in the trailer's
+frame, `v_yt + v gamma`.
 
 Slip angles. A trailer axle `d` behind the hitch has, in the *trailer's* frame, the lateral velocity
 `v_yc - L_h omega_c - d omega_t + v gamma`. So, for lateral forces `F = C alpha` (positive to the
@@ -29,14 +29,15 @@ left),
     alpha_2 = -(v_yc - (L_c2 -/+ i_2) omega_c) / v
     alpha_3 = -(v_yc - L_h omega_c - d omega_t) / v - gamma.
 
-The paper leaves gamma out of alpha_3: then the trailer never aligns. In its notation `i_2` is half
-the tandem's spacing, while `i_3` is the full spacing of two neighbours of the tri-axle, whose
-middle axle stands at L_t2 behind the trailer's CG.
+The paper prints no tire law; without gamma in alpha_3 the trailer never aligns. In its notation
+`i_2` is half the tandem's spacing, while `i_3` is the full spacing of two neighbours of the
+tri-axle, whose middle axle stands at L_t2 behind the trailer's CG.
 
 Our addition: the lateral force acts a pneumatic trail `t` behind the axle's centre, which changes
 the arms of the virtual work and not the slip angles. `pneumatic_trail=False` removes it.
 
-Parameters are computed from the truck's TOML and never fitted to the simulation.
+Parameters are computed from the truck's TOML and never fitted to the simulation. Every step of the
+derivation is in `docs/derivation`, in words in `docs/analytic.md`.
 """
 
 from __future__ import annotations
@@ -59,6 +60,9 @@ from iits_mj.parameters import TruckParameters
 
 FloatArray = NDArray[np.float64]
 AnyArray = NDArray[Any]
+
+# An eigenvalue smaller than this is zero but for rounding [1/s].
+_DRIFT = 1e-9
 
 
 @dataclass(frozen=True)
@@ -211,14 +215,18 @@ class LateralSystem:
         return values[np.argsort(-values.real)]
 
     def damping_ratio(self) -> float:
-        """The smallest damping ratio of all modes; negative when unstable."""
+        """The smallest damping ratio `-Re / |.|` of all modes; negative when unstable.
+
+        A real eigenvalue counts 1 when it decays, -1 when it grows, and 0 when it does neither.
+        """
         values = self.eigenvalues()
-        return float(np.min(-values.real / np.abs(values)))
+        size = np.maximum(np.abs(values), _DRIFT)
+        return float(np.min(-values.real / size))
 
     @property
     def stable(self) -> bool:
-        """True when every eigenvalue has a negative real part."""
-        return bool(self.eigenvalues()[0].real < 0.0)
+        """True when every eigenvalue decays; one that is zero but for rounding does not."""
+        return bool(self.eigenvalues()[0].real < -_DRIFT)
 
     def steady_state(self, steer: float = 1.0) -> FloatArray:
         """State at rest of the equations, shape (4,), for a constant road-wheel angle [rad]."""
@@ -239,6 +247,15 @@ class LateralSystem:
         model = self.model
         tractor = rates[:, 0] + self.speed * states[:, 1]
         return tractor, tractor - model.L_h * rates[:, 1] - model.L_t1 * rates[:, 2]
+
+    def steer_axle_acceleration(self, states: AnyArray, rates: AnyArray) -> AnyArray:
+        """Lateral acceleration of the steer axle's centre at the road [m/s2], shape (n,).
+
+        Args:
+          states: shape (n, k), may be complex amplitudes.
+          rates: their time derivatives, of the same shape.
+        """
+        return rates[:, 0] + self.model.L_c1 * rates[:, 1] + self.speed * states[:, 1]
 
     def roll_angles(self, states: AnyArray) -> tuple[AnyArray, AnyArray]:
         """Roll of tractor and trailer [rad], shape (n,) each, from states (n, k); here zero."""
