@@ -46,8 +46,6 @@ from iits_mj.units import GRAVITY
 FloatArray = NDArray[np.float64]
 
 PHI_C, PHI_T, FIRST_AXLE = 3, 4, 5
-# The side force on the tractor acts at the middle of its cab, this long [m].
-CAB_LENGTH = 2.3
 
 
 @dataclass(frozen=True)
@@ -178,7 +176,6 @@ def roll_bodies(
     pressure_height = p.aerodynamics.pressure_height
     middle_of_body = 0.5 * p.semitrailer.length - p.semitrailer.front_overhang
     laden = laden_trailer(p, payload)
-    middle_of_cab = -p.tractor.front_overhang
     return RollBodies(
         inertia=inertia,
         stiffness=stiffness,
@@ -190,7 +187,7 @@ def roll_bodies(
         tire_roll_damping=tire_roll_damping,
         pressure_centers=np.array(
             [
-                geometry.tractor(middle_of_cab, pressure_height),
+                geometry.tractor(-p.tractor.front_overhang, pressure_height),
                 geometry.trailer(middle_of_body, pressure_height),
             ]
         ),

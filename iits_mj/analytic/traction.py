@@ -16,6 +16,10 @@ rolling resistance f turns it out of the bend with -f k_t alpha. Its outer drive
 smaller radius at the same torque, which gives `F s^2 alpha / (12 r)`, as the rolling radius falls
 by a third of the deflection. The steer axle's resistance follows the road wheels: `-F delta`.
 
+Drag and drive lift the tractor's nose: its pitch p (nose down) tilts the axis of the hitch's yaw.
+The units' relative roll becomes `phi_t - phi_c + p gamma`, and a part of the fifth wheel's roll
+moment turns the tractor.
+
 A tire that drives or is dragged has less to give sideways: its lateral slip counts over the speed
 of the tread, hence `C / (1 + kappa)`, and combined slip (similarity method, Pacejka, Tire and
 Vehicle Dynamics, section 4.3.1) bends cornering stiffness and pneumatic trail as the lateral slip
@@ -29,7 +33,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.analytic.roll_bodies import FIRST_AXLE, RollBodies
+from iits_mj.analytic.roll_bodies import FIRST_AXLE, PHI_C, PHI_T, RollBodies
+from iits_mj.mass_state import group_center
 from iits_mj.parameters import TireCommon, TruckParameters
 from iits_mj.tire_law import friction
 
@@ -55,15 +60,24 @@ class Traction:
 
 
 def traction_forces(
-    parameters: TruckParameters, loads: FloatArray, bodies: RollBodies, speed: float, *, roll: bool
+    parameters: TruckParameters,
+    bodies: RollBodies,
+    *,
+    rest_loads: FloatArray,
+    loads: FloatArray,
+    speed: float,
+    coupling: float,
+    roll: bool,
 ) -> Traction:
     """The terms of drag, rolling resistance and drive at constant speed on a level road.
 
     Args:
       parameters: of the truck.
-      loads: on the axles [N], shape (k,).
       bodies: for the geometry.
+      rest_loads: on the axles at rest [N], shape (k,).
+      loads: on the axles at this speed [N], shape (k,).
       speed: at which drag is taken [m/s].
+      coupling: roll stiffness of the fifth wheel [N m/rad].
       roll: False leaves the coordinates of roll out (n = 3).
     """
     air, axles = parameters.aerodynamics, parameters.axles
@@ -102,16 +116,32 @@ def traction_forces(
         for axle, load in zip(axles, loads, strict=True)
     ]
     rho = np.abs(axle_forces) / (np.array(friction_x) * loads)
-    pull = drags[1] + resistance[on_tractor:].sum()
+    articulation = (drags[1] + resistance[on_tractor:].sum()) * bodies.hitch
+    tilt = coupling * tractor_pitch(parameters, loads - rest_loads)
+    angle[1, [PHI_C, PHI_T]] += tilt, -tilt
+    angle[2, [PHI_C, PHI_T]] -= tilt, -tilt
+    articulation[[PHI_C, PHI_T]] += tilt, -tilt
     keep = slice(None) if roll else slice(3)
     return Traction(
         angle=angle[keep, keep],
         rate=rate[keep, keep],
-        articulation=pull * bodies.hitch[keep],
+        articulation=articulation[keep],
         steer=-resistance[0] * bodies.patches[0][keep],
         cornering=_side_share(common, rho) / (1.0 + axle_forces / (common.slip_stiffness * loads)),
         trail=_trail_share(rho),
     )
+
+
+def tractor_pitch(parameters: TruckParameters, load_changes: FloatArray) -> float:
+    """Pitch [rad], nose down, of the tractor when its axle loads change [N], shape (k,)."""
+    tractor = parameters.tractor
+    rises = []
+    for axle, change in zip(tractor.axles, load_changes[: len(tractor.axles)], strict=True):
+        tire = parameters.tires[axle.tire]
+        compliance = 0.5 / axle.spring_rate + 0.5 / (tire.count * tire.vertical_stiffness)
+        rises.append(-compliance * float(change))
+    front, *drive = tractor.axles
+    return (float(np.mean(rises[1:])) - rises[0]) / (group_center(tuple(drive)) - front.position)
 
 
 def _side_share(common: TireCommon, rho: FloatArray) -> FloatArray:

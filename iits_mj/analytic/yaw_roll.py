@@ -136,21 +136,29 @@ class YawRoll:
         trails = np.repeat(
             [plane.t_1, plane.t_2, plane.t_3], [1, on_drive, len(unit_yaw) - on_tractor]
         )
+        rest_loads = loads = static_axle_loads(parameters, payload)
         if cruise_speed > 0.0:
             loads = cruise_axle_loads(parameters, payload, cruise_speed)
-        else:
-            loads = static_axle_loads(parameters, payload)
         air = parameters.aerodynamics
-        share = air.tractor_share
         forces = None
         cornering = np.concatenate([[plane.C_1], plane.C_2, plane.C_3])
         if traction:
-            forces = traction_forces(parameters, loads, bodies, cruise_speed, roll=roll)
+            forces = traction_forces(
+                parameters,
+                bodies,
+                rest_loads=rest_loads,
+                loads=loads,
+                speed=cruise_speed,
+                coupling=coupling,
+                roll=roll,
+            )
             cornering *= forces.cornering
             trails *= forces.trail
         work = bodies.patches.copy()
         work[np.arange(len(work)), unit_yaw] -= trails
-        areas = np.array([share, 1.0 - share]) * (air.side_area if side_air else 0.0)
+        areas = np.array([air.tractor_share, 1.0 - air.tractor_share]) * (
+            air.side_area if side_air else 0.0
+        )
         keep = slice(None) if roll else slice(3)
         return cls(
             plane=plane,

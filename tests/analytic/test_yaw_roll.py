@@ -3,14 +3,25 @@ import dataclasses
 import numpy as np
 import pytest
 
-from iits_mj.analytic import YawRoll, YawSideslip, step_response, yaw_rate_gain
+from iits_mj.analytic import (
+    YawRoll,
+    YawSideslip,
+    cruise_axle_loads,
+    simulate,
+    step_response,
+    yaw_rate_gain,
+)
 from iits_mj.analytic.roll_bodies import FIRST_AXLE, PHI_C, PHI_T, roll_bodies
+from iits_mj.analytic.traction import tractor_pitch
 from iits_mj.analytic.yaw_roll import relaxation_lengths
 from iits_mj.errors import InputError
 from iits_mj.mass_state import laden_trailer, static_axle_loads
 from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
 from iits_mj.units import GRAVITY
+from iits_mj.validation.metrics import fit
+from iits_mj.validation.recorder import run_straight
+from iits_mj.validation.step_steer import step_steer
 
 PARAMETERS = TruckParameters.load()
 V80 = 80.0 / 3.6
@@ -261,3 +272,26 @@ def test_geometry_is_that_of_the_simulated_truck(payload):
         along = hitch[0] + row[2] if on_trailer else row[1]
         assert along == pytest.approx(place[0], abs=1e-3)
         assert row[FIRST_AXLE + i] == pytest.approx(place[2], abs=1e-3)
+
+
+@pytest.mark.parametrize("payload", PAYLOADS)
+def test_tractor_lifts_its_nose_as_the_simulated_truck_does(payload):
+    truck = Truck.load(payload, visuals=False)
+    truck.reset(speed=V80)
+    run_straight(truck, V80)
+    change = cruise_axle_loads(PARAMETERS, payload, V80) - static_axle_loads(PARAMETERS, payload)
+    pitch = tractor_pitch(PARAMETERS, change)
+    assert pitch < 0.0
+    assert pitch == pytest.approx(truck.observe().pitch, rel=0.05)
+
+
+@pytest.mark.parametrize("payload", PAYLOADS)
+def test_it_explains_the_step_steer_of_the_simulated_truck(payload):
+    recording = step_steer(payload, np.deg2rad(3.0), 0.002)
+    speed = float(recording.speed.mean())
+    model = YawRoll.from_parameters(PARAMETERS, payload, cruise_speed=speed)
+    answer = simulate(model.at(speed), recording.time, recording.road_wheel)
+    signals = ("yaw_rate", "trailer_yaw_rate", "articulation", "y", "roll", "trailer_roll")
+    for name in signals:
+        simulated = getattr(recording, name)
+        assert fit(simulated - simulated[0], getattr(answer, name)) >= 99.5, name
