@@ -27,12 +27,9 @@ FifthWheel* FifthWheel::Create(const mjModel* m, int instance) {
     double low, high;
     double* value;
   } attributes[] = {
-      {"roll_stiffness", 0, 1e9, &f->roll_stiffness_},
-      {"roll_damping", 0, 1e7, &f->roll_damping_},
-      {"roll_lash", 0, 0.5, &f->roll_lash_},
-      {"plate_width", 0, 3, &f->plate_width_},
-      {"kingpin_load", 0, 1e6, &f->kingpin_load_},
-      {"yaw_friction", 0, 1e6, &f->yaw_friction_},
+      {"roll_stiffness", 0, 1e9, &f->roll_stiffness_}, {"roll_damping", 0, 1e7, &f->roll_damping_},
+      {"roll_lash", 0, 0.5, &f->roll_lash_},           {"plate_width", 0, 3, &f->plate_width_},
+      {"kingpin_load", 0, 1e6, &f->kingpin_load_},     {"yaw_friction", 0, 1e6, &f->yaw_friction_},
   };
   for (const auto& a : attributes) {
     *a.value = std::nan("");

@@ -18,6 +18,8 @@ constexpr double kSlideSlip = 1.0;          // theoretical slip beyond which the
 constexpr double kLowSpeed = 2.0;           // [m/s] where the standstill damping has faded out
 constexpr double kLowSpeedDamping = 6000;   // [N s/m] per tire
 constexpr double kSpinWindUp = 0.01;        // [rad] of wheel rotation to full rolling resistance
+constexpr double kSpinDamping = 0.08;       // [s] damping of that wind-up, over its stiffness
+constexpr double kTurnBegin = 3, kTurnEnd = 9;  // normalised slip over which sliding sets in
 
 const char* const kAttributes[] = {"count",
                                    "free_radius",
@@ -163,8 +165,16 @@ Tire::Slip Tire::Combine(double sx, double sy, double load, double surface) cons
     slip.fy = stiffness_y * sy;
     return slip;
   }
-  slip.fx = limit_x * MagicFormula(rho, shape_longitudinal_, curvature_longitudinal_) * qx / rho;
-  slip.fy = limit_y * MagicFormula(rho, shape_lateral_, curvature_lateral_) * qy / rho;
+  double along = qx / rho, across = qy / rho;
+  if (rho > kTurnBegin) {
+    // The tread sticks with its stiffnesses, but slides straight against the sliding velocity.
+    double sliding = std::min(1.0, (rho - kTurnBegin) / (kTurnEnd - kTurnBegin));
+    double total = std::sqrt(sx * sx + sy * sy);
+    along += sliding * (sx / total - along);
+    across += sliding * (sy / total - across);
+  }
+  slip.fx = limit_x * MagicFormula(rho, shape_longitudinal_, curvature_longitudinal_) * along;
+  slip.fy = limit_y * MagicFormula(rho, shape_lateral_, curvature_lateral_) * across;
   return slip;
 }
 
@@ -219,8 +229,11 @@ void Tire::WheelForces(const mjModel* m, mjData* d, const Wheel& wheel, State* s
   double surface = road.friction / kReferenceFriction;
   double magnitude = std::sqrt(zx * zx / (sigma_x * sigma_x) + zy * zy / (sigma_y * sigma_y));
   if (magnitude > kSlideSlip) {
-    zx *= kSlideSlip / magnitude;
-    zy *= kSlideSlip / magnitude;
+    // Beyond it the strain points against the sliding velocity: a locked wheel has no other sense
+    // of direction, whatever its relaxation lengths.
+    double speed = std::sqrt(slip_vx * slip_vx + slip_vy * slip_vy);
+    zx = speed > 1e-6 ? -kSlideSlip * sigma_x * slip_vx / speed : zx * kSlideSlip / magnitude;
+    zy = speed > 1e-6 ? -kSlideSlip * sigma_y * slip_vy / speed : zy * kSlideSlip / magnitude;
   }
   Slip slip = Combine(zx / sigma_x, zy / sigma_y, load, surface);
   double fx = slip.fx, fy = slip.fy;
@@ -241,7 +254,7 @@ void Tire::WheelForces(const mjModel* m, mjData* d, const Wheel& wheel, State* s
   double resistance = rolling_resistance_ * load * rolling_radius;
   double wind_up = std::clamp(s->bristle_spin + h * spin, -kSpinWindUp, kSpinWindUp);
   s->next_bristle_spin = wind_up;
-  double my = -resistance * wind_up / kSpinWindUp;
+  double my = -resistance * std::clamp((wind_up + kSpinDamping * spin) / kSpinWindUp, -1.0, 1.0);
 
   // Forces act at the patch; the spin moment uses the rolling radius, which conserves energy.
   double mx = distance * fy;

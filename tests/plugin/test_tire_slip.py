@@ -6,6 +6,7 @@ import pytest
 from tire_rig import COMMON, PARAMETERS, drive, rig, road
 
 from iits_mj.tire_law import friction
+from iits_mj.truck import Truck
 
 NOMINAL = 2 * COMMON.nominal_load  # of a dual pair
 STEER_AXIS = '<joint name="steer" type="hinge" axis="0 0 1"/>'
@@ -63,6 +64,23 @@ def test_braking_or_driving_takes_from_the_lateral_force(slip):
     assert both[0] * slip > 0.0
     limits = NOMINAL * np.array([COMMON.friction_longitudinal, COMMON.friction_lateral])
     assert np.linalg.norm(both[:2] / limits) <= 1.01
+
+
+@pytest.mark.parametrize("angle", [0.05, 0.2, 0.8])
+def test_a_locked_wheel_slides_against_its_motion_and_does_not_steer(angle):
+    force = drive(*rig(), load=NOMINAL, speed=15.0, slip_angle=angle, slip=-1.0, seconds=1.0)
+    # Friction along and across differ a little, so the directions do.
+    assert np.arctan2(force[1], -force[0]) == pytest.approx(angle, rel=0.3)
+    rolling = drive(*rig(), load=NOMINAL, speed=15.0, slip_angle=angle)
+    assert abs(force[1]) < abs(rolling[1])
+
+
+def test_truck_in_neutral_comes_to_rest_on_its_rolling_resistance():
+    truck = Truck.load(visuals=False)
+    truck.reset(speed=0.3)
+    truck.command(transmission_mode=1)
+    truck.step(10_000)
+    assert np.abs(truck.data.qvel).max() < 1e-4
 
 
 @pytest.mark.parametrize("relative", [0.5, 1.0, 1.5])
