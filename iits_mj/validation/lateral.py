@@ -10,14 +10,19 @@ from iits_mj.validation import frequency, low_speed, step_steer
 from iits_mj.validation.circle import RADIUS, circle
 from iits_mj.validation.config import ValidateConfig
 
+# Steps at the steering wheel [deg], and the fit wanted of each signal [%].
+_STEPS = ((15.0, ">= 97"), (3.0, ">= 99"))
+
 
 def run(config: ValidateConfig) -> Results:
     """Step steers, frequency response, 90 degree turn and steady circle."""
     results = Results("validate lateral")
     for payload in config.payloads():
         load = f"{payload / 1e3:g}t"
-        for degrees, must in ((15.0, ">= 97"), (3.0, ">= 99")):
-            checks, panels = step_steer.compare(payload, degrees, config.timestep, must)
+        angles = tuple(np.deg2rad([degrees for degrees, _ in _STEPS]))
+        recordings = step_steer.step_steers(payload, angles, config.timestep)
+        for (degrees, must), recording in zip(_STEPS, recordings, strict=True):
+            checks, panels = step_steer.compare(payload, degrees, must, recording)
             results.checks += checks
             results.figures[f"step_steer_{degrees:g}deg_{load}"] = panels
         if not config.quick:

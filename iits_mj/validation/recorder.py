@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.errors import InputError
+from iits_mj.messages import VehicleCommand
 from iits_mj.truck import Truck
 
 FloatArray = NDArray[np.float64]
@@ -70,17 +71,18 @@ class SpeedHold:
     def __init__(self) -> None:
         self._integral = 0.0
 
-    def command(self, error: float) -> dict[str, float]:
-        """Pedal and XBR for a speed error [m/s], called every `PERIOD`."""
+    def command(self, error: float, steering_wheel_angle: float) -> VehicleCommand:
+        """What to command at a speed error [m/s], every `PERIOD`, with this steering [rad]."""
         pedal = _GAIN * error + self._integral
         if 0.0 < pedal < 1.0:  # no wind-up at the pedal's ends
             self._integral += _INTEGRAL * error * PERIOD
         braking = error < -0.3
-        return {
-            "accelerator_pedal": float(np.clip(pedal, 0.0, 1.0)),
-            "xbr_mode": 2.0 if braking else 0.0,
-            "xbr_demand": max(2.0 * error, -3.0) if braking else 0.0,
-        }
+        return VehicleCommand(
+            accelerator_pedal=float(np.clip(pedal, 0.0, 1.0)),
+            steering_wheel_angle=steering_wheel_angle,
+            xbr_mode=2 if braking else 0,
+            xbr_demand=max(2.0 * error, -3.0) if braking else 0.0,
+        )
 
 
 def run_straight(truck: Truck, speed: float) -> SpeedHold:
@@ -101,7 +103,7 @@ def run_straight(truck: Truck, speed: float) -> SpeedHold:
                 f"speed {speed:g} m/s is not steady after {_STEADY_LIMIT:g} s: {error:+.3f} m/s "
                 f"are missing; choose a speed that the truck can hold on a level road"
             )
-        truck.command(steering_wheel_angle=0.0, **hold.command(error))
+        truck.command(hold.command(error, 0.0))
         _advance(truck, truck.time + PERIOD)
     return hold
 
@@ -136,8 +138,7 @@ def drive(
         rows.append([time, *row])
         if stop is not None and stop(row[13]):
             break
-        command = hold.command(wanted(time) - state.speed)
-        truck.command(steering_wheel_angle=steering(time, state.yaw), **command)
+        truck.command(hold.command(wanted(time) - state.speed, steering(time, state.yaw)))
         _advance(truck, start + (tick + 1) * PERIOD)
     table = np.array(rows)
     columns = table.T[: len(Recording.__dataclass_fields__) - 1]

@@ -21,7 +21,7 @@ from iits_mj.truck import Truck
 from iits_mj.units import GRAVITY
 from iits_mj.validation.metrics import fit
 from iits_mj.validation.recorder import run_straight
-from iits_mj.validation.step_steer import step_steer
+from iits_mj.validation.step_steer import step_steers
 
 PARAMETERS = TruckParameters.load()
 V80 = 80.0 / 3.6
@@ -287,7 +287,7 @@ def test_tractor_lifts_its_nose_as_the_simulated_truck_does(payload):
 
 @pytest.mark.parametrize("payload", PAYLOADS)
 def test_it_explains_the_step_steer_of_the_simulated_truck(payload):
-    recording = step_steer(payload, np.deg2rad(3.0), 0.002)
+    (recording,) = step_steers(payload, (np.deg2rad(3.0),), 0.002)
     speed = float(recording.speed.mean())
     model = YawRoll.from_parameters(PARAMETERS, payload, cruise_speed=speed)
     answer = simulate(model.at(speed), recording.time, recording.road_wheel)

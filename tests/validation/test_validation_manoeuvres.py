@@ -17,17 +17,20 @@ def _values(checks):
 
 @pytest.mark.parametrize("payload", [LADEN, 0.0])
 def test_step_steer_follows_the_yaw_sideslip_model(payload):
-    checks, panels = steer.compare(payload, 15.0, STEP, ">= 97")
+    (recording,) = steer.step_steers(payload, (np.deg2rad(15.0),), STEP)
+    checks, panels = steer.compare(payload, 15.0, ">= 97", recording)
     fits = [check.value for check in checks if check.name.endswith("fit")]
     assert len(fits) == len(panels) == 4
-    assert min(fits) > 90.0
+    assert min(fits) > 96.0
+    explained = [check.value for check in checks if check.name.endswith("yaw-roll model")]
+    assert min(explained) > 98.0
     ends = [check.value for check in checks if check.name.endswith("end value")]
     np.testing.assert_allclose(ends, 1.0, atol=0.05)
 
 
 def test_time_step_hardly_changes_the_step_steer():
-    coarse = steer.step_steer(LADEN, np.deg2rad(15.0), 0.002)
-    fine = steer.step_steer(LADEN, np.deg2rad(15.0), 0.001)
+    (coarse,) = steer.step_steers(LADEN, (np.deg2rad(15.0),), 0.002)
+    (fine,) = steer.step_steers(LADEN, (np.deg2rad(15.0),), 0.001)
     assert coarse.yaw_rate[-1] == pytest.approx(fine.yaw_rate[-1], rel=0.005)
     assert coarse.yaw_rate.max() == pytest.approx(fine.yaw_rate.max(), rel=0.01)
 
