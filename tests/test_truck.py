@@ -235,3 +235,16 @@ def test_importing_the_package_is_light():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("payload", [0.0, 20_000.0, 36_000.0])
+def test_trailer_accelerometer_sits_at_the_centre_of_gravity_of_trailer_and_load(payload):
+    truck = iits_mj.Truck.load(payload, visuals=False)
+    model, data = truck.model, truck.data
+    on_trailer = [
+        body
+        for body in range(model.nbody)
+        if model.body(body).name.startswith("trailer") or model.body(body).name == "payload"
+    ]
+    center = np.average(data.xipos[on_trailer], axis=0, weights=model.body_mass[on_trailer])
+    np.testing.assert_allclose(data.site("trailer_cg").xpos, center, atol=0.01)

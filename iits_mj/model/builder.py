@@ -11,7 +11,7 @@ import xml.etree.ElementTree as ET
 
 import mujoco
 
-from iits_mj.mass_state import axle_loads_by_name, payload_inertial
+from iits_mj.mass_state import axle_loads_by_name, laden_trailer, payload_inertial
 from iits_mj.model import visuals
 from iits_mj.model.connections import (
     SIDES,
@@ -171,7 +171,8 @@ def _trailer(
     }
     ET.SubElement(body, "geom", {"name": "trailer_bogie_hull", "class": "hull", **under})
     ET.SubElement(body, "site", name="trailer_kingpin", pos="0 0 0", size="0.05", group="4")
-    cg = text(-t.cg_position, 0, t.cg_height - f.height)
+    laden = laden_trailer(p, payload)
+    cg = text(-laden.cg_position, 0, laden.cg_height - f.height)
     ET.SubElement(body, "site", name="trailer_cg", pos=cg, size="0.05", group="4")
     rear = text(-axles_middle, 0, -f.height)
     ET.SubElement(body, "site", name="trailer_axle_center", pos=rear, size="0.05", group="4")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.errors import InputError
-from iits_mj.messages import VehicleCommand
+from iits_mj.messages import VehicleCommand, XbrMode
 from iits_mj.truck import Truck
 
 FloatArray = NDArray[np.float64]
@@ -80,7 +80,7 @@ class SpeedHold:
         return VehicleCommand(
             accelerator_pedal=float(np.clip(pedal, 0.0, 1.0)),
             steering_wheel_angle=steering_wheel_angle,
-            xbr_mode=2 if braking else 0,
+            xbr_mode=XbrMode.MAXIMUM if braking else XbrMode.OFF,
             xbr_demand=max(2.0 * error, -3.0) if braking else 0.0,
         )
 
