@@ -7,6 +7,7 @@
 
 #include "plugin/config.h"
 #include "plugin/registration.h"
+#include "plugin/spatial.h"
 
 namespace iits {
 namespace {
@@ -52,7 +53,9 @@ void Aerodynamics::Passive(const mjModel* m, mjData* d) const {
     double side = -0.5 * density_ * side_area_ * speed * left;
     mjtNum force[3];
     for (int i = 0; i < 3; ++i) force[i] = drag * mat[3 * i] + side * mat[3 * i + 1];
-    ApplyWrench(m, d, body, at, force, no_torque, d->qfrc_passive);
+    Wrench wrench;
+    wrench.Add(d->subtree_com + 3 * m->body_rootid[body], at, force, no_torque);
+    wrench.Project(m, d, LastDof(m, body), -1, d->qfrc_passive);
   }
 }
 

@@ -11,6 +11,7 @@
 
 #include "plugin/config.h"
 #include "plugin/registration.h"
+#include "plugin/spatial.h"
 
 namespace iits {
 namespace {

@@ -11,13 +11,17 @@
 
 #include <mujoco/mujoco.h>
 
+#include "plugin/pair.h"
+
 namespace iits {
 
-struct RoadPoint {
-  double height;     // [m], at the point asked for
-  double normal[3];  // unit, world frame
-  double friction;   // of the surface
-  double station;    // [m], also the hint for the next call
+// The surface at two points.
+struct RoadPoints {
+  Pair height;    // [m], at the point asked for
+  Pair up[3];     // along the normal, world frame, with up[2] = 1
+  Pair norm;      // makes it the unit normal
+  Pair friction;  // of the surface
+  Pair station;   // [m], also the hint for the next call
 };
 
 class Road {
@@ -25,9 +29,9 @@ class Road {
   // Binds to the model's table; false (after a warning) when there is one that is not valid.
   bool Bind(const mjModel* m, int instance);
 
-  // Surface under (x, y). `station_hint` < -1e9 means unknown. Pure function of its arguments
-  // wherever the road does not pass over itself.
-  RoadPoint Evaluate(const mjModel* m, double x, double y, double station_hint) const;
+  // Surface under two points (x, y). `station_hint` < -1e9 means unknown. Pure function of its
+  // arguments wherever the road does not pass over itself.
+  RoadPoints Evaluate(const mjModel* m, Pair x, Pair y, Pair station_hint) const;
 
   static constexpr double kUnknownStation = -1e10;
 
@@ -38,6 +42,7 @@ class Road {
   int count_ = 0;
   double start_ = 0;
   double step_ = 1;
+  double inverse_step_ = 1;
 };
 
 }  // namespace iits

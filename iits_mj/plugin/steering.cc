@@ -102,7 +102,7 @@ void RegisterSteering() {
   plugin.capabilityflags = mjPLUGIN_ACTUATOR | mjPLUGIN_PASSIVE | mjPLUGIN_SENSOR;
   plugin.nattribute = sizeof(kAttributes) / sizeof(kAttributes[0]);
   plugin.attributes = kAttributes;
-  plugin.needstage = mjSTAGE_VEL;
+  plugin.needstage = mjSTAGE_ACC;  // at mjSTAGE_VEL MuJoCo would compute all subtrees' velocities
   plugin.nstate = +[](const mjModel*, int) { return Steering::kStateSize; };
   plugin.nsensordata = +[](const mjModel*, int, int) { return 1; };
   plugin.init = +[](const mjModel* m, mjData* d, int instance) {

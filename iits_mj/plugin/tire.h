@@ -6,7 +6,10 @@
 
 #include <vector>
 
+#include "plugin/pair.h"
 #include "plugin/road.h"
+#include "plugin/sampled.h"
+#include "plugin/spatial.h"
 
 namespace iits {
 
@@ -35,23 +38,42 @@ class Tire {
 
  private:
   struct Wheel {
-    int body, hub, dof;
+    int body, hub, root, dof;
   };
   struct Sensor {
-    int address, wheel, first, count;
+    int address, wheel;
+  };
+  // How two wheels meet the road: geometry in world axes, velocities of the patch over the road.
+  struct Contact {
+    PairMask stands;                  // on the road, else in the air
+    Pair arm[3];                      // to the center from the tree's center of mass
+    Pair ex[3], ey[3], normal[3];     // unit: ahead, to the left, up
+    Pair distance, deflection, load;  // [m], [m], [N]; load 1 in the air
+    Pair spin, rolling_radius;        // [rad/s], [m]
+    Pair speed, slip_vx, slip_vy;     // [m/s]
+    Pair friction, station;
   };
   struct Slip {
-    double sx, sy;      // theoretical slips [1]
-    double fx, fy;      // forces [N]
-    double saturation;  // normalised slip; full sliding near 3
+    Pair fx, fy;      // forces [N]
+    Pair saturation;  // normalised slip; full sliding near 3
   };
 
   Tire() = default;
-  void WheelForces(const mjModel* m, mjData* d, const Wheel& wheel, State* s) const;
-  Slip Combine(double sx, double sy, double load, double surface) const;
+  void Prepare();
+  double ShareX(double rho) const;
+  double ShareY(double rho) const;
+  double InverseRelaxation(double relative) const;
+  Pair InverseRelaxation(Pair relative) const;
+  Pair SlipAngle(Pair tangent) const;
+  Slip Combine(Pair sx, Pair sy, Pair load, Pair relative, Pair surface) const;
+  Contact Meet(const mjModel* m, const mjData* d, const Wheel& a, const Wheel& b,
+               Pair station_hint) const;
+  void PairForces(const mjModel* m, const mjData* d, const Wheel& a, const Wheel& b, State* sa,
+                  State* sb, Wrench wrenches[2]) const;
 
   std::vector<Wheel> wheels_;
-  std::vector<Sensor> sensors_;
+  int common_dof_ = -1;  // last degree of freedom that moves all wheels
+  std::vector<Sensor> force_sensors_, slip_sensors_;
   Road road_;
   // Attributes, see README.md.
   double count_, free_radius_, rolling_radius_, vertical_stiffness_, vertical_damping_;
@@ -60,8 +82,12 @@ class Tire {
   double curvature_lateral_, curvature_longitudinal_, load_saturation_, slip_stiffness_;
   double relaxation_lateral_, relaxation_load_exponent_, relaxation_longitudinal_;
   double rolling_resistance_;
-  double nominal_deflection_ = 0;
-  double cornering_scale_ = 0;
+  // Derived from them.
+  double nominal_deflection_, inverse_nominal_load_, inverse_saturation_, inverse_relaxation_x_;
+  double inverse_friction_x_, inverse_friction_y_, stiffness_y_;
+  Sampled share_x_, share_y_;     // over normalised slip
+  Sampled inverse_relaxation_y_;  // over relative load [1/m]
+  Sampled angle_;                 // over its tangent
 };
 
 }  // namespace iits
