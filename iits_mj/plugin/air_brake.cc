@@ -124,6 +124,16 @@ bool AirBrake::ReadAxles(const mjModel* m, int instance) {
     response = std::max(response, wheel.dead_time + wheel.build_up_time_constant);
     radius += wheel.wheel_radius / wheels_.size();
   }
+  for (WheelBrake& wheel : wheels_) {
+    Line line = {wheel.circuit, wheel.dead_time};
+    auto same = [&line](const Line& l) {
+      return l.circuit == line.circuit && l.dead_time == line.dead_time;
+    };
+    auto place = std::find_if(lines_.begin(), lines_.end(), same);
+    line_of_wheel_.push_back(static_cast<int>(place - lines_.begin()));
+    if (place == lines_.end()) lines_.push_back(line);
+    rates_.push_back(wheel.Rates(m->opt.timestep));
+  }
   sample_spacing_ = dead_time / (DeadTimeLine::kSlots - 2);
   double mass = m->body_subtreemass[m->body_rootid[wheels_[0].hub]];
   control_.set_response_time(response);
@@ -151,55 +161,6 @@ bool AirBrake::FindActuators(const mjModel* m, int instance) {
     mju_warning("plugin instance '%s': needs the actuators xbr_demand and xbr_mode",
                 InstanceName(m, instance).c_str());
     return false;
-  }
-  return true;
-}
-
-// Signal by the sensor's local name; empty when there is none of that name.
-AirBrake::Signal AirBrake::FindSignal(const std::string& name) const {
-  if (name == "xbr_active") return [](const State& s) { return s.xbr_active; };
-  if (name == "abs_active") return [](const State& s) { return s.abs_active; };
-  const char* const circuits[kCircuits] = {"front", "rear", "trailer"};
-  const char* const sides[2] = {"_left", "_right"};
-  const std::string stem = "brake_pressure_";
-  for (size_t i = wheels_.size(); i-- > 0;) {
-    std::string axle = stem + "axle" + std::to_string(i / 2 + 1) + sides[i % 2];
-    // The first axle of a circuit stands for it; counting down, it is the last to match.
-    std::string circuit = stem + circuits[wheels_[i].circuit] + sides[i % 2];
-    bool first = true;
-    for (size_t k = 0; k + 1 < i; ++k) first = first && wheels_[k].circuit != wheels_[i].circuit;
-    if (name == axle || (name == circuit && first)) {
-      return [i](const State& s) { return s.now.wheel[i].pressure; };
-    }
-  }
-  if (name == stem + "trailer") {
-    std::vector<size_t> members;
-    for (size_t i = 0; i < wheels_.size(); ++i) {
-      if (wheels_[i].circuit == kCircuits - 1) members.push_back(i);
-    }
-    return [members](const State& s) {
-      double sum = 0;
-      for (size_t i : members) sum += s.now.wheel[i].pressure;
-      return members.empty() ? 0 : sum / members.size();
-    };
-  }
-  return Signal();
-}
-
-bool AirBrake::FindSensors(const mjModel* m, int instance) {
-  for (int i = 0; i < m->nsensor; ++i) {
-    if (m->sensor_plugin[i] != instance) continue;
-    std::string name = LocalName(mj_id2name(m, mjOBJ_SENSOR, i));
-    Signal signal = FindSignal(name);
-    if (!signal) {
-      mju_warning(
-          "plugin instance '%s': sensor '%s' is unknown; known are xbr_active, abs_active, "
-          "brake_pressure_{front,rear}_{left,right}, brake_pressure_trailer, "
-          "brake_pressure_axle{1..%zu}_{left,right}",
-          InstanceName(m, instance).c_str(), name.c_str(), wheels_.size() / 2);
-      return false;
-    }
-    sensors_.emplace_back(m->sensor_adr[i], signal);
   }
   return true;
 }
@@ -234,12 +195,13 @@ BrakeDemand AirBrake::ReadDemand(const mjModel* m, const mjData* d, const State&
 // Brake torque from the committed pressures.
 void AirBrake::Passive(const mjModel* m, mjData* d, int instance) const {
   State* s = reinterpret_cast<State*>(d->plugin_state + m->plugin_stateadr[instance]);
+  const double h = m->opt.timestep;
   s->next_wind_up = s->wind_up;
   for (size_t i = 0; i < wheels_.size(); ++i) {
     const WheelBrake& wheel = wheels_[i];
     double capacity = wheel.Torque(s->now.wheel[i], s->now.parking);
     double torque =
-        wheel.Grip(capacity, d->qvel[wheel.dof], m->opt.timestep, &s->next_wind_up.angle[i]);
+        WheelBrake::Grip(Rates(i, h), capacity, d->qvel[wheel.dof], &s->next_wind_up.angle[i]);
     s->next_wind_up.torque[i] = torque;
     d->qfrc_passive[wheel.dof] -= torque;
   }
@@ -255,13 +217,17 @@ void AirBrake::Actuator(const mjModel* m, mjData* d, int instance) const {
   *next = s->now;
   control_.Update(demand, h, &next->control);
   next->line.Push(next->control.supply, h, sample_spacing_);
+  double supplies[kWheelsMax];
+  for (size_t i = 0; i < lines_.size(); ++i) {
+    const Line& line = lines_[i];
+    supplies[i] = next->line.Look(line.circuit, line.dead_time, next->control.supply[line.circuit]);
+  }
   for (size_t i = 0; i < wheels_.size(); ++i) {
     const WheelBrake& wheel = wheels_[i];
-    double supply =
-        next->line.Look(wheel.circuit, wheel.dead_time, next->control.supply[wheel.circuit]);
+    double supply = supplies[line_of_wheel_[i]];
     bool braked = next->wheel[i].pressure > wheel.push_out_pressure;
     double speed = braked ? HubSpeed(m, d, wheel.hub) : 0;
-    wheel.Update(supply, speed, d->qvel[wheel.dof], h, &next->wheel[i]);
+    wheel.Update(Rates(i, h), supply, speed, d->qvel[wheel.dof], &next->wheel[i]);
   }
   double parking = 0;
   if (parking_ >= 0) {
@@ -275,11 +241,6 @@ void AirBrake::Actuator(const mjModel* m, mjData* d, int instance) const {
   s->abs_active = demand.abs_active;
   d->actuator_force[m->actuator_outadr[demand_]] = 0;
   d->actuator_force[m->actuator_outadr[mode_]] = 0;
-}
-
-void AirBrake::Sensors(const mjModel* m, mjData* d, int instance) const {
-  const State* s = reinterpret_cast<const State*>(d->plugin_state + m->plugin_stateadr[instance]);
-  for (const auto& [address, signal] : sensors_) d->sensordata[address] = signal(*s);
 }
 
 // Commits what the last `compute` found; nothing for a part of the engine that is disabled.

@@ -4,9 +4,7 @@
 
 #include <mujoco/mujoco.h>
 
-#include <functional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "plugin/brake_control.h"
@@ -50,21 +48,38 @@ class AirBrake {
   void Advance(const mjModel* m, mjData* d, int instance) const;
 
  private:
-  using Signal = std::function<double(const State&)>;
+  // Brake line to wheels that have its dead time in common.
+  struct Line {
+    int circuit;
+    double dead_time;
+  };
+  // A sensor's value is the mean of some numbers of the state; 0 of none.
+  struct Sensor {
+    int address;
+    int begin, end;  // of their places in the state, in places_
+    double share;    // of each
+  };
 
   AirBrake() = default;
   bool ReadAxles(const mjModel* m, int instance);
   bool FindActuators(const mjModel* m, int instance);
   bool FindSensors(const mjModel* m, int instance);
-  Signal FindSignal(const std::string& name) const;
+  bool FindSignal(const std::string& name, std::vector<int>* places) const;
   double HubSpeed(const mjModel* m, const mjData* d, int hub) const;
+  WheelBrakeRates Rates(size_t wheel, double h) const {
+    return h == rates_[wheel].step ? rates_[wheel] : wheels_[wheel].Rates(h);
+  }
   BrakeDemand ReadDemand(const mjModel* m, const mjData* d, const State& s) const;
 
   BrakeControl control_;
   std::vector<WheelBrake> wheels_;
-  double sample_spacing_ = 0;                    // of the dead-time line [s]
-  int demand_ = -1, mode_ = -1, parking_ = -1;   // actuators
-  std::vector<std::pair<int, Signal>> sensors_;  // address, value
+  std::vector<WheelBrakeRates> rates_;  // of each wheel, for the model's time step
+  std::vector<Line> lines_;
+  std::vector<int> line_of_wheel_;
+  double sample_spacing_ = 0;                   // of the dead-time line [s]
+  int demand_ = -1, mode_ = -1, parking_ = -1;  // actuators
+  std::vector<Sensor> sensors_;
+  std::vector<int> places_;
 };
 
 }  // namespace iits

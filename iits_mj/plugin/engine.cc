@@ -135,10 +135,12 @@ void Engine::Update(const EngineRequest& request, double h, EngineState* s) cons
   if (request.mode != EngineRequest::kPedal) UpdateBoost(0, h, s);
   if (request.mode == EngineRequest::kSpeed) return Synchronize(request, h, s);
   bool braking = request.mode == EngineRequest::kPedal && request.pedal < 0.02;
-  double available = BrakeTorqueMax(s->speed);
-  double brake = braking ? request.engine_brake * available : 0;
-  s->brake_torque += (brake - s->brake_torque) * h / ((braking ? kBrakeLag : 0.05) + h);
-  s->brake_torque = std::min(s->brake_torque, available);
+  if (request.engine_brake > 0 || s->brake_torque > 0) {  // seldom; spares the power law
+    double available = BrakeTorqueMax(s->speed);
+    double brake = braking ? request.engine_brake * available : 0;
+    s->brake_torque += (brake - s->brake_torque) * h / ((braking ? kBrakeLag : 0.05) + h);
+    s->brake_torque = std::min(s->brake_torque, available);
+  }
   if (request.mode == EngineRequest::kCut) {
     s->torque -= s->torque * std::min(1.0, h / std::max(request.time_left, h));
     return;

@@ -21,6 +21,13 @@ struct WheelBrakeState {
   double abs_limit;  // pressure allowed while ABS lets it rise again [Pa]
 };
 
+// What follows from the time step, computed once since the step hardly ever changes.
+struct WheelBrakeRates {
+  double step;                         // [s]
+  double build_up, release, abs;       // shares of the way to the target pressure
+  double stiffness, damping, inverse;  // of the elastic brake [N m/rad], [N m s/rad], [rad/(N m s)]
+};
+
 struct WheelBrake {
   enum AbsPhase { kNormal = 0, kRelease, kReapply };
 
@@ -41,30 +48,41 @@ struct WheelBrake {
     return std::max(service, parking * parking_torque);
   }
 
-  // Elasto-plastic brake: a spring and damper on the wheel's angle that slips at `capacity`.
-  // Semi-implicit in the angle; holds without creep, and never adds energy. Returns the torque.
-  double Grip(double capacity, double wheel_speed, double h, double* wind_up) const {
+  WheelBrakeRates Rates(double h) const {
     // Explicit in the wheel's speed: stiffness and damping stay inside the stable range of the
     // step.
     double k = std::min(stiffness, 0.4 * inertia / (h * h));
     double c = std::min(0.6 * std::sqrt(k * inertia), std::max(0.0, 0.7 * inertia / h - k * h));
+    return {h,
+            LagShare(h, build_up_time_constant),
+            LagShare(h, release_time_constant),
+            LagShare(h, kAbsTimeConstant),
+            k,
+            c,
+            1 / (k * h + c)};
+  }
+
+  // Elasto-plastic brake: a spring and damper on the wheel's angle that slips at `capacity`.
+  // Semi-implicit in the angle; holds without creep, and never adds energy. Returns the torque.
+  static double Grip(const WheelBrakeRates& rates, double capacity, double wheel_speed,
+                     double* wind_up) {
     double torque =
-        std::clamp(k * (*wind_up + h * wheel_speed) + c * wheel_speed, -capacity, capacity);
-    *wind_up = (h * torque + c * *wind_up) / (k * h + c);
+        rates.stiffness * (*wind_up + rates.step * wheel_speed) + rates.damping * wheel_speed;
+    torque = std::clamp(torque, -capacity, capacity);
+    *wind_up = (rates.step * torque + rates.damping * *wind_up) * rates.inverse;
     return torque;
   }
 
   // Chamber pressure follows the supply line, unless ABS lets it go.
-  void Update(double supply, double hub_speed, double wheel_speed, double h,
+  void Update(const WheelBrakeRates& rates, double supply, double hub_speed, double wheel_speed,
               WheelBrakeState* s) const {
-    UpdateAbs(supply, hub_speed, wheel_speed, h, s);
-    double target = supply,
-           tau = supply > s->pressure ? build_up_time_constant : release_time_constant;
+    UpdateAbs(supply, hub_speed, wheel_speed, rates.step, s);
+    double target = supply, share = supply > s->pressure ? rates.build_up : rates.release;
     if (s->abs_phase != kNormal) {
       target = s->abs_phase == kRelease ? 0 : std::min(supply, s->abs_limit);
-      tau = kAbsTimeConstant;
+      share = rates.abs;
     }
-    s->pressure += LagShare(h, tau) * (target - s->pressure);
+    s->pressure += share * (target - s->pressure);
     // The effective pressure drags behind when the brake is let off.
     s->effective = std::clamp(s->effective, s->pressure, s->pressure + hysteresis_pressure);
   }
