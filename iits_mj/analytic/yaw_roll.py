@@ -14,7 +14,8 @@ over ground: Lagrange's equation in the ground frame, whence the only inertial t
 omega_c`. Forces in Q:
 
 - roll: stiffness and damping of `roll_bodies` (suspension, tires, fifth wheel, weights), and the
-  lateral velocity that rolling axles give to their contact patches;
+  lateral velocity that rolling axles give to their contact patches. The carcass deflects sideways
+  by `F sigma / C` and takes the axle load along: a roll moment `F F_z sigma / C`;
 - relaxation: the force of axle i follows a slip that lags, `sigma_i / v s_i' = slip_i - s_i`, with
   the relaxation length `sigma = sigma_0 (F_z / F_z0)^n` of its tires (Pacejka, Tire and Vehicle
   Dynamics, 3rd ed., section 7.2.1, linear);
@@ -155,7 +156,10 @@ class YawRoll:
             cornering *= forces.cornering
             trails *= forces.trail
         work = bodies.patches.copy()
-        work[np.arange(len(work)), unit_yaw] -= trails
+        axles = np.arange(len(work))
+        work[axles, unit_yaw] -= trails
+        lengths = relaxation_lengths(parameters, loads)
+        work[axles, FIRST_AXLE + axles] += lengths * loads / cornering
         areas = np.array([air.tractor_share, 1.0 - air.tractor_share]) * (
             air.side_area if side_air else 0.0
         )
@@ -169,7 +173,7 @@ class YawRoll:
             patches=bodies.patches[:, keep],
             work=work[:, keep],
             on_trailer=on_trailer,
-            relaxation=relaxation_lengths(parameters, loads) if relaxation else None,
+            relaxation=lengths if relaxation else None,
             air=0.5 * air.density * areas,
             pressure_centers=bodies.pressure_centers[:, keep],
             traction=forces,

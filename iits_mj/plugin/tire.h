@@ -56,6 +56,7 @@ class Tire {
   struct Slip {
     Pair fx, fy;      // forces [N]
     Pair saturation;  // normalised slip; full sliding near 3
+    Pair cornering;   // cornering stiffness over load [1/rad]
   };
 
   Tire() = default;

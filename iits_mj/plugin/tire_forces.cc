@@ -67,7 +67,8 @@ Tire::Slip Tire::Combine(Pair sx, Pair sy, Pair load, Pair relative, Pair surfac
   const Pair x = relative * inverse_saturation_;
   // K_y = c1 sin(2 atan(Fz / (c2 Fz0))) per tire, and sin(2 atan x) = 2x / (1 + x^2).
   const Pair linear_x = slip_stiffness_ * sx;
-  const Pair linear_y = stiffness_y_ / (1 + x * x) * sy;
+  const Pair cornering = stiffness_y_ / (1 + x * x);
+  const Pair linear_y = cornering * sy;
   const Pair inverse_friction = 1 / (fade * surface);
   const Pair qx = linear_x * inverse_friction * inverse_friction_x_;
   const Pair qy = linear_y * inverse_friction * inverse_friction_y_;
@@ -90,7 +91,7 @@ Tire::Slip Tire::Combine(Pair sx, Pair sy, Pair load, Pair relative, Pair surfac
     fx += sliding * (limit * friction_longitudinal_ * share_x * sx - fx);
     fy += sliding * (limit * friction_lateral_ * share_y * sy - fy);
   }
-  return {fx, fy, rho};
+  return {fx, fy, rho, cornering};
 }
 
 // Inverse of the lateral relaxation length [1/m].
@@ -189,8 +190,10 @@ void Tire::PairForces(const mjModel* m, const mjData* d, const Wheel& a, const W
   Pair wind_up = Pair{sa->bristle_spin, sb->bristle_spin} + h * c.spin;
   wind_up = Clamp(wind_up, kSpinWindUp);
   const Pair strained = Clamp((wind_up + kSpinDamping * c.spin) * (1 / kSpinWindUp), 1);
-  // Forces act at the patch; the spin moment uses the rolling radius, which conserves energy.
-  const Pair mx = c.distance * fy;
+  // Forces act at the patch; the spin moment uses the rolling radius, which conserves energy. The
+  // carcass deflects sideways by fy sigma_y / K_y, since a tire's lateral stiffness is K_y /
+  // sigma_y (Pacejka, section 5.4.1), and takes the load along: a lever of sigma_y / (K_y / Fz).
+  const Pair mx = (c.distance + 1 / (slip.cornering * inverse_y)) * fy;
   const Pair my = -resistance * strained - c.rolling_radius * fx;
 
   Pair force[3], moment[3];

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from tire_rig import COMMON, PARAMETERS, drive, rig, road
 
-from iits_mj.tire_law import friction
+from iits_mj.tire_law import cornering_stiffness, friction
 from iits_mj.truck import Truck
 
 NOMINAL = 2 * COMMON.nominal_load  # of a dual pair
@@ -102,6 +102,22 @@ def test_aligning_moment_has_the_pneumatic_trail_at_small_slip_and_vanishes_when
     }
     assert 0.0 < moments[12.0] < 0.75 * moments[6.0]  # it peaks long before the force
     assert abs(moments[25.0]) < 0.01 * moments[6.0]
+
+
+@pytest.mark.parametrize("load", [0.3 * NOMINAL, NOMINAL])
+def test_carcass_deflects_sideways_and_tips_the_wheel_end_outward_with_its_load(load):
+    tire = PARAMETERS.tires["drive"]
+    model, data = rig(hub_joint='<joint name="tip" type="hinge" axis="1 0 0"/>')
+    force = drive(model, data, load=load, speed=15.0, slip_angle=1e-3, seconds=0.6)
+    mujoco.mj_forward(model, data)
+    height = tire.free_radius - load / (tire.count * tire.vertical_stiffness)
+    beyond = data.qfrc_passive[model.joint("tip").dofadr[0]] - height * force[1]
+    relative = load / NOMINAL
+    relaxation = COMMON.relaxation_lateral * relative**COMMON.relaxation_load_exponent
+    stiffness = tire.count * float(cornering_stiffness(load / tire.count, tire, COMMON))
+    deflection = force[1] * relaxation / stiffness
+    assert beyond == pytest.approx(load * deflection, rel=0.01)
+    assert 1e-5 < deflection < 1e-3
 
 
 @pytest.mark.parametrize(("share", "holds"), [(0.9, True), (1.2, False)])
