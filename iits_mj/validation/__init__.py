@@ -6,13 +6,14 @@
 from collections.abc import Callable
 
 from iits_mj.results import Results
-from iits_mj.validation import lateral, longitudinal, standards
+from iits_mj.validation import lateral, longitudinal, standards, step_size
 from iits_mj.validation.config import ValidateConfig
 
 COMMANDS: dict[str, Callable[[ValidateConfig], Results]] = {
     "lateral": lateral.run,
     "longitudinal": longitudinal.run,
     "standards": standards.run,
+    "step-size": step_size.run,
 }
 
 __all__ = ["COMMANDS", "ValidateConfig"]

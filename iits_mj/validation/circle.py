@@ -1,23 +1,44 @@
-"""Steady circle of 100 m radius (ISO 14792, constant radius): understeer gradient."""
+"""Steady circle of 100 m radius (ISO 14792, constant radius): understeer, and what ends it.
+
+The references are asked the same as the truck: the road-wheel angle at each measured lateral
+acceleration and radius, less the wheelbase's share, and the slope of a line through these.
+"""
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.analytic import Kinematic, YawSideslip, understeer_gradient
+from iits_mj.analytic import Kinematic, YawSideslip, yaw_rate_gain
 from iits_mj.truck import Truck
-from iits_mj.validation.recorder import Recording, drive
+from iits_mj.validation.checkpoint import restore, state_of
+from iits_mj.validation.recorder import PERIOD, Recording, SpeedHold, drive, run_straight
+from iits_mj.validation.steady_turn import SteadyTurn
 from iits_mj.validation.step_steer import FREE_HITCH
 
 FloatArray = NDArray[np.float64]
 
 RADIUS = 100.0
+# Lateral acceleration up to which a gradient is taken [m/s2].
+LINEAR = 2.0
 _START = 20.0
-_SETTLE = 14.0
-_AVERAGE = 6.0
+_SETTLE = 8.0
+_AVERAGE = 4.0
+# Natural frequency of the driver who keeps the radius [rad/s].
+_DRIVER = 0.6
+# Lowest speed [m/s], growth of speed [m/s2], and its steps at the limit [m/s].
+_SLOWEST, _RAMP, _FINE = 6.0, 0.15, 0.25
+# Speed and yaw rate are steady when they change by this share within a window; so many windows are
+# waited for. A circle is held when radius [m] and speed [m/s] are right within these, and speed and
+# yaw rate change by no more than this share.
+_STEADY, _WINDOWS = 0.002, 8
+_HELD, _HELD_SPEED, _HELD_SWAY = 1.0, 0.3, 0.02
+# It is lost when the trailer rolls beyond this [rad] or the steer axle is so far off [m].
+_ROLLED, _LOST = np.deg2rad(15.0), 6.0
 
 
 @dataclass(frozen=True)
@@ -27,43 +48,170 @@ class Circle:
     Attributes:
       lateral: lateral acceleration [m/s2]; steer: road-wheel angle less the wheelbase's share of
         the curvature driven [rad].
-      gradient: slope of steer over lateral [rad s2/m]; reference: the linear model's.
+      linear, saturating: the same of the yaw-sideslip model, and of the statics with the tires'
+        whole law; NaN beyond its limit.
+      gradient: slope of steer over lateral [rad s2/m]; reference: the linear model's;
+        saturating_gradient: that of the statics.
     """
 
     lateral: FloatArray
     steer: FloatArray
+    linear: FloatArray
+    saturating: FloatArray
     gradient: float
     reference: float
+    saturating_gradient: float
 
 
 def circle(payload: float, timestep: float, speeds: tuple[float, ...]) -> Circle:
-    """Drives the circle at each speed [m/s] until it is steady."""
-    truck = Truck.load(payload, parameters=FREE_HITCH, timestep=timestep, visuals=False)
+    """Drives the circle at ever greater speeds [m/s], each until it is steady."""
+    run = _Staircase.start(payload, timestep, speeds[0])
+    records = [run.climb(speed) for speed in speeds]
+    return _circle(run.truck, records)
+
+
+def limit(payload: float, timestep: float, *, coarse: float = 2.0) -> tuple[Circle, str]:
+    """Drives ever faster until the circle cannot be held; what ended it, in words.
+
+    Args:
+      payload: [kg].
+      timestep: of the physics [s].
+      coarse: steps of speed far from the limit [m/s].
+    """
+    run = _Staircase.start(payload, timestep, _SLOWEST)
+    records, speed, step = [run.climb(_SLOWEST)], _SLOWEST, coarse
+    while True:
+        before = run.save()
+        record = run.climb(speed + step)
+        end = _ending(record, speed + step)
+        if not end:
+            records.append(record)
+            speed += step
+        elif step > _FINE:
+            run.load(before)
+            step *= 0.5
+        else:
+            return _circle(run.truck, records), end
+
+
+class _Staircase:
+    """The truck on the circle, from one steady speed to the next."""
+
+    def __init__(self, truck: Truck, hold: SpeedHold, speed: float) -> None:
+        self.truck = truck
+        self._hold = hold
+        self._speed = speed
+        self._drift = 0.0
+        self._begin = float(truck.data.body("tractor").xpos[0])
+        # The linear model's steer angle times radius is a constant and a multiple of v^2.
+        model = YawSideslip.from_parameters(truck.parameters, truck.payload, cruise_speed=speed)
+        slow, fast = (v / yaw_rate_gain(model.at(v)) for v in (5.0, 15.0))
+        self._slope = (fast - slow) / (15.0**2 - 5.0**2)
+        self._base = slow - self._slope * 5.0**2
+
+    @classmethod
+    def start(cls, payload: float, timestep: float, speed: float) -> _Staircase:
+        """Straight on at this speed [m/s], about to enter the circle."""
+        truck = Truck.load(payload, parameters=FREE_HITCH, timestep=timestep, visuals=False)
+        truck.reset(station=_START, speed=speed)
+        return cls(truck, run_straight(truck, speed), speed)
+
+    def climb(self, speed: float) -> Recording:
+        """The last seconds at a new speed [m/s], as soon as all is steady or time is over."""
+        before, self._speed = self._speed, speed
+        rise = abs(speed - before) / _RAMP
+        record = self._drive(
+            rise + _SETTLE,
+            lambda time: before + (speed - before) * min(time / max(rise, 1e-9), 1.0),
+        )
+        for _ in range(_WINDOWS):
+            if self._lost():
+                break
+            record = self._drive(_AVERAGE, lambda _: speed)
+            if _sway(record) < _STEADY:
+                break
+        return record
+
+    def _drive(self, duration: float, speed: Callable[[float], float]) -> Recording:
+        return drive(
+            self.truck,
+            self._steering,
+            speed=speed,
+            duration=duration,
+            hold=self._hold,
+            stop=lambda _: self._lost(),
+        )
+
+    def save(self) -> tuple[FloatArray, SpeedHold, float, float]:
+        """Everything that a later `load` needs."""
+        return state_of(self.truck), copy.copy(self._hold), self._speed, self._drift
+
+    def load(self, saved: tuple[FloatArray, SpeedHold, float, float]) -> None:
+        """Goes back to what was saved."""
+        restore(self.truck, saved[0])
+        self._hold, self._speed, self._drift = copy.copy(saved[1]), saved[2], saved[3]
+
+    def _outside(self) -> tuple[float, float]:
+        """Distance from the circle, positive outside [m]; direction of the circle here [rad]."""
+        position = self.truck.data.body("tractor").xpos
+        east, north = float(position[0]) - self._begin, float(position[1]) - RADIUS
+        return float(np.hypot(east, north)) - RADIUS, float(np.arctan2(east, -north))
+
+    def _steering(self, _: float, yaw: float) -> float:
+        velocity = self.truck.data.sensor("tractor_velocity").data
+        speed = max(float(velocity[0]), 1.0)
+        outside, direction = self._outside()
+        course = yaw + np.arctan2(float(velocity[1]), speed)
+        error = float(np.angle(np.exp(1j * (direction - course))))
+        self._drift += PERIOD * outside
+        # The distance is to vanish, not only to stay: hence its integral.
+        wanted = _DRIVER**2 * (outside + 0.15 * self._drift) + 1.6 * _DRIVER * speed * error
+        angle = (self._base + self._slope * speed**2) * (1.0 / RADIUS + wanted / speed**2)
+        return float(self.truck.parameters.steering.ratio * np.clip(angle, -0.6, 0.6))
+
+    def _lost(self) -> bool:
+        attitude = self.truck.data.body("trailer").xmat.reshape(3, 3)
+        rolled = abs(float(np.arctan2(attitude[2, 1], attitude[2, 2]))) > _ROLLED
+        return rolled or abs(self._outside()[0]) > _LOST
+
+
+def _circle(truck: Truck, records: list[Recording]) -> Circle:
+    """Steady states of recordings, and the references' at the same speed and radius."""
     wheelbase = Kinematic.from_parameters(truck.parameters).L
-    lateral, steer = [], []
-    for speed in speeds:
-        record = _steady(truck, speed, wheelbase)
-        rate, forward = float(record.yaw_rate.mean()), float(record.speed.mean())
-        lateral.append(rate * forward)
-        steer.append(float(record.road_wheel.mean()) - wheelbase * rate / forward)
-    gradient = float(np.polyfit(lateral, steer, 1)[0])
-    middle = float(np.mean(speeds))
-    model = YawSideslip.from_parameters(truck.parameters, payload, cruise_speed=middle)
-    reference = understeer_gradient(model, middle)
-    return Circle(np.array(lateral), np.array(steer), gradient, reference)
+    turn = SteadyTurn.from_parameters(truck.parameters, truck.payload)
+    rows = []
+    for record in records:
+        rate, speed = float(record.yaw_rate.mean()), float(record.speed.mean())
+        curvature, lateral = rate / speed, rate * speed
+        model = YawSideslip.from_parameters(truck.parameters, truck.payload, cruise_speed=speed)
+        angles = np.array(
+            [
+                record.road_wheel.mean(),
+                rate / yaw_rate_gain(model.at(speed)),
+                turn.steer(1.0 / curvature, lateral),
+            ]
+        )
+        rows.append([lateral, *(angles - wheelbase * curvature)])
+    lateral, steer, linear, saturating = np.array(rows).T
+    low = lateral <= LINEAR
+    slopes = [float(np.polyfit(lateral[low], y[low], 1)[0]) for y in (steer, linear, saturating)]
+    return Circle(lateral, steer, linear, saturating, *slopes)
 
 
-def _steady(truck: Truck, speed: float, wheelbase: float) -> Recording:
-    """The last seconds on the circle at one speed [m/s]."""
-    truck.reset(station=_START, speed=speed)
-    ratio = truck.parameters.steering.ratio
+def _ending(record: Recording, speed: float) -> str:
+    """Why the circle was not held at a speed [m/s]; empty when it was."""
+    if np.max(np.abs(record.trailer_roll)) > _ROLLED:
+        return "roll-over"
+    radius = float(record.speed.mean() / record.yaw_rate.mean())
+    slow = abs(float(record.speed.mean()) - speed) > _HELD_SPEED
+    if abs(radius - RADIUS) < _HELD and _sway(record) < _HELD_SWAY:
+        return "speed not held" if slow else ""
+    # The steer axle at its limit lets the truck run wide, the drive axles' lets it turn in.
+    return "steer axle slides" if radius > RADIUS else "drive axles slide"
 
-    def steering(time: float, yaw: float) -> float:
-        position = truck.data.body("tractor").xpos
-        east, north = float(position[0]) - _START, float(position[1]) - RADIUS
-        outside = float(np.hypot(east, north)) - RADIUS
-        error = float(np.angle(np.exp(1j * (np.arctan2(east, -north) - yaw))))
-        angle = wheelbase / RADIUS + 0.3 * error + 0.005 * outside
-        return ratio * angle * min(time / 2.0, 1.0)
 
-    return drive(truck, steering, speed=speed, duration=_SETTLE + _AVERAGE).after(_SETTLE)
+def _sway(record: Recording) -> float:
+    """Greatest change of speed and yaw rate, as a share of their means [1]."""
+    return max(
+        float(np.ptp(signal) / abs(np.mean(signal))) for signal in (record.speed, record.yaw_rate)
+    )

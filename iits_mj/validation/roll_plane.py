@@ -33,6 +33,19 @@ _LIMIT = math.radians(60.0)
 
 
 @dataclass(frozen=True)
+class Pull:
+    """What pulls at every mass, as shares of g: to the side, and down to the ground."""
+
+    side: float
+    down: float = 1.0
+
+    @classmethod
+    def tilted(cls, tilt: float) -> Pull:
+        """On a table tilted by an angle [rad]."""
+        return cls(math.sin(tilt), math.cos(tilt))
+
+
+@dataclass(frozen=True)
 class _Support:
     """An axle: stiffnesses [N m/rad], loads [N], heights [m]."""
 
@@ -44,17 +57,24 @@ class _Support:
     roll_center: float
     height: float
 
-    def moment(self, body: float, tilt: float) -> tuple[float, bool]:
-        """Moment of the suspension on a body that rolls by `body` [N m]; whether wheels lift."""
-        sine, cosine = math.sin(tilt), math.cos(tilt)
+    def moment(self, body: float, pull: Pull) -> float:
+        """Moment of the suspension on a body that rolls by `body` [N m]."""
+        return self.suspension * (body - self._rolls(body, pull)[0])
+
+    def transfer(self, body: float, pull: Pull) -> float:
+        """Share of the load that has gone over to the outer wheels, 1 when the inner ones lift."""
+        roll, lifted = self._rolls(body, pull)
+        return 1.0 if lifted else 2.0 * self.tire * roll / (self.load * self.track * pull.down)
+
+    def _rolls(self, body: float, pull: Pull) -> tuple[float, bool]:
+        """Roll of the axle [rad], and whether its inner wheels lift."""
         arm = self.sprung * self.roll_center + (self.load - self.sprung) * self.height
-        push, pull = arm * sine, arm * cosine
-        roll = (self.suspension * body + push) / (self.tire + self.suspension - pull)
-        most = 0.5 * self.load * self.track * cosine
-        lifted = self.tire * roll > most
-        if lifted:
-            roll = (self.suspension * body + push - most) / (self.suspension - pull)
-        return self.suspension * (body - roll), lifted
+        push, lean = arm * pull.side, arm * pull.down
+        roll = (self.suspension * body + push) / (self.tire + self.suspension - lean)
+        most = 0.5 * self.load * self.track * pull.down
+        if self.tire * roll <= most:
+            return roll, False
+        return (self.suspension * body + push - most) / (self.suspension - lean), True
 
 
 @dataclass(frozen=True)
@@ -112,10 +132,9 @@ class RollPlane:
         moment = min(stiffness * angle, max(lift, beyond))
         return math.copysign(moment, twist)
 
-    def residual(self, rolls: FloatArray, tilt: float) -> FloatArray:
+    def residual(self, rolls: FloatArray, pull: Pull) -> FloatArray:
         """Restoring less overturning moment of tractor and trailer [N m], shape (2,)."""
         tractor, trailer = rolls
-        sine, cosine = math.sin(tilt), math.cos(tilt)
         hitch = self.coupling(trailer - tractor)
         restoring = [-hitch, hitch]
         for i, (supports, body, height) in enumerate(
@@ -124,45 +143,65 @@ class RollPlane:
                 (self.trailer, trailer, self.trailer_height),
             )
         ):
-            lean = sine + body * cosine
+            lean = pull.side + body * pull.down
             for support in supports:
-                restoring[i] += support.moment(body, tilt)[0]
+                restoring[i] += support.moment(body, pull)
                 restoring[i] -= support.sprung * (height - support.roll_center) * lean
-        lean = sine + trailer * cosine
+        lean = pull.side + trailer * pull.down
         restoring[1] -= self.kingpin * (self.trailer_height - self.fifth_wheel.height) * lean
         return np.array(restoring)
 
-    def _scaled(self, rolls: FloatArray, tilt: float) -> FloatArray:
+    def _scaled(self, rolls: FloatArray, pull: Pull) -> FloatArray:
         """The residual as a share of the kingpin's load times a metre."""
-        return self.residual(rolls, tilt) / self.kingpin
+        return self.residual(rolls, pull) / self.kingpin
 
     def threshold(self) -> float:
         """Tangent of the tilt at which the truck ceases to stand [g]."""
         tilt, rolls = 0.0, np.zeros(2)
         while tilt < _LIMIT:
-            found = optimize.root(self._scaled, rolls, args=(tilt + _STEP,), tol=1e-9)
-            if not found.success or np.max(np.abs(found.x - rolls)) > 0.02:
-                return math.tan(tilt)
-            unstable = np.linalg.eigvalsh(self._stiffness(found.x, tilt + _STEP))[0] <= 0.0
-            if unstable or self._lifted(found.x, tilt + _STEP):
-                return math.tan(tilt)
-            tilt, rolls = tilt + _STEP, found.x
+            next_rolls = self._settle(rolls, Pull.tilted(tilt + _STEP))
+            if next_rolls is None:
+                break
+            tilt, rolls = tilt + _STEP, next_rolls
         return math.tan(tilt)
 
-    def _lifted(self, rolls: FloatArray, tilt: float) -> bool:
-        """True when the upper wheels of all axles but the steer axle have lifted."""
-        drive = (support.moment(rolls[0], tilt)[1] for support in self.tractor[1:])
-        trailer = (support.moment(rolls[1], tilt)[1] for support in self.trailer)
-        return all((*drive, *trailer))
+    def transfers(self, lateral: float) -> FloatArray | None:
+        """Load transfer of each axle on a level road, see `_Support.transfer`, shape (k,).
 
-    def _stiffness(self, rolls: FloatArray, tilt: float) -> FloatArray:
-        """Symmetric part of the residual's slope [N m/rad], shape (2, 2)."""
+        Args:
+          lateral: acceleration [m/s2], zero or positive.
+
+        Returns:
+          None when the truck tips over.
+        """
+        rolls: FloatArray | None = np.zeros(2)
+        for side in np.linspace(0.0, lateral / GRAVITY, 20 + round(lateral / 0.02)):
+            if rolls is not None:
+                rolls = self._settle(rolls, Pull(float(side)))
+        if rolls is None:
+            return None
+        pull = Pull(lateral / GRAVITY)
+        units = ((self.tractor, rolls[0]), (self.trailer, rolls[1]))
+        return np.array([s.transfer(body, pull) for supports, body in units for s in supports])
+
+    def _settle(self, rolls: FloatArray, pull: Pull) -> FloatArray | None:
+        """Rolls [rad], (2,), in equilibrium near others; None when there the truck tips over."""
+        found = optimize.root(self._scaled, rolls, args=(pull,), tol=1e-9)
+        if not found.success or np.max(np.abs(found.x - rolls)) > 0.02:
+            return None
+        units = ((self.tractor[1:], found.x[0]), (self.trailer, found.x[1]))
+        if all(s.transfer(body, pull) == 1.0 for supports, body in units for s in supports):
+            return None
+        return np.asarray(found.x) if self._stable(found.x, pull) else None
+
+    def _stable(self, rolls: FloatArray, pull: Pull) -> bool:
+        """True when the residual's slope, its symmetric part, is positive definite."""
         small = 1e-7
-        base = self.residual(rolls, tilt)
+        base = self.residual(rolls, pull)
         slope = np.column_stack(
-            [(self.residual(rolls + small * unit, tilt) - base) / small for unit in np.eye(2)]
+            [(self.residual(rolls + small * unit, pull) - base) / small for unit in np.eye(2)]
         )
-        return np.asarray(0.5 * (slope + slope.T))
+        return bool(np.linalg.eigvalsh(0.5 * (slope + slope.T))[0] > 0.0)
 
 
 def _sprung(

@@ -8,12 +8,14 @@ from __future__ import annotations
 import numpy as np
 
 from iits_mj.parameters import TruckParameters
-from iits_mj.results import Results
+from iits_mj.results import Check, Panel, Results
 from iits_mj.validation import (
     path_change,
     rollover,
     single_lane_change,
+    split_friction,
     swept_path,
+    wheel_lock,
     yaw_damping,
 )
 from iits_mj.validation.config import ValidateConfig
@@ -23,21 +25,24 @@ _HEIGHTS = 5
 
 
 def run(config: ValidateConfig) -> Results:
-    """Tilt table, lane changes, pulse steer and the low-speed turn."""
+    """Tilt table, lane changes, pulse steer, low-speed turn, split friction, locked wheels."""
     results = Results("validate standards")
     step = config.timestep
-    for payload in config.payloads():
-        load = f"{payload / 1e3:g}t"
-        checks, panels, threshold = rollover.compare(payload, max(step, 0.002))
-        results.checks += checks
-        results.figures[f"tilt_table_{load}"] = panels
+    payloads = config.payloads()
+    for payload in payloads:
+        checks, panels, threshold = rollover.compare(payload, step)
+        _add(results, f"tilt_table_{payload / 1e3:g}t", checks, panels)
         _lane_changes(results, payload, threshold, config)
-    payload = config.payloads()[0]
-    if not config.quick and payload > 0.0:
-        _tilt_by_height(results, payload, step)
-    checks, panels = swept_path.compare(payload, step)
-    results.checks += checks
-    results.figures["swept_path"] = panels
+    if not config.quick and payloads[0] > 0.0:
+        load = TruckParameters.load().payload
+        heights = np.linspace(load.cg_height_min, load.cg_height_max, _HEIGHTS)
+        checks, panel = rollover.by_height(payloads[0], heights, step)
+        _add(results, "tilt_table_by_height", checks, [panel])
+    for payload in payloads[:1] if config.quick else payloads:
+        place = f"{payload / 1e3:g}t"
+        _add(results, f"low_speed_turn_{place}", *swept_path.compare(payload, step))
+        _add(results, f"split_friction_{place}", *split_friction.compare(payload, step))
+        _add(results, f"wheel_lock_{place}", *wheel_lock.compare(payload, step))
     return results
 
 
@@ -46,18 +51,16 @@ def _lane_changes(
 ) -> None:
     step = config.timestep
     for kph in (88.0,) if config.quick else (80.0, 88.0, 100.0):
-        for name, (checks, panels) in {
-            "single_sine": single_lane_change.compare(payload, kph, threshold, step),
-            "pulse_steer": yaw_damping.compare(payload, kph, step),
-            "lane_change": path_change.compare(payload, kph, threshold, step),
-        }.items():
-            results.checks += checks
-            results.figures[f"{name}_{payload / 1e3:g}t_{kph:g}kph"] = panels
+        place = f"{payload / 1e3:g}t_{kph:g}kph"
+        _add(
+            results,
+            f"single_sine_{place}",
+            *single_lane_change.compare(payload, kph, threshold, step),
+        )
+        _add(results, f"pulse_steer_{place}", *yaw_damping.compare(payload, kph, step))
+        _add(results, f"lane_change_{place}", *path_change.compare(payload, kph, threshold, step))
 
 
-def _tilt_by_height(results: Results, payload: float, step: float) -> None:
-    load = TruckParameters.load().payload
-    heights = np.linspace(load.cg_height_min, load.cg_height_max, _HEIGHTS)
-    checks, panel = rollover.by_height(payload, heights, max(step, 0.002))
+def _add(results: Results, name: str, checks: list[Check], panels: list[Panel]) -> None:
     results.checks += checks
-    results.figures["tilt_table_by_height"] = [panel]
+    results.figures[name] = panels

@@ -1,0 +1,75 @@
+"""`iits-mj validate step-size`: do the figures depend on the time step of the physics?
+
+Every figure of `validate lateral` and `validate standards` is taken at 1, 2 and 5 ms. Peaks, steady
+values and thresholds must agree within 0.5 % of the figure at 1 ms. A figure that is itself a
+difference from a reference is compared on the scale of what it is a difference of: percentages in
+points, phases in parts of a radian, and distances from a path or a model in parts of a metre.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from iits_mj.results import Check, Line, Panel, Results
+from iits_mj.validation import lateral, standards
+from iits_mj.validation.config import ValidateConfig
+
+STEPS = (0.001, 0.002, 0.005)
+AGREEMENT = 0.5
+_SOURCES: tuple[Callable[[ValidateConfig], Results], ...] = (lateral.run, standards.run)
+# Scale of a difference from a reference, by unit.
+_SCALES = {"%": 100.0, "deg": float(np.rad2deg(1.0)), "m": 1.0, "km/h": 80.0}
+_DIFFERENCES = ("error", "fit", "path of the trailer")
+
+
+def run(config: ValidateConfig) -> Results:
+    """All figures at all steps; the quick form has the quick figures at 2 and 5 ms."""
+    results = Results("validate step-size")
+    steps = STEPS[1:] if config.quick else STEPS
+    figures = {step: _figures(replace(config, timestep=step)) for step in steps}
+    fine = figures[steps[0]]
+    spread: dict[float, list[float]] = {step: [] for step in steps[1:]}
+    for name, check in fine.items():
+        for step in steps[1:]:
+            change = difference(check, figures[step][name])
+            spread[step].append(change)
+            title = f"{step * 1e3:g} ms against {steps[0] * 1e3:g} ms: {name}"
+            must = f"<= {AGREEMENT:g}" if _simulated(check) else ""
+            results.checks.append(Check(title, change, "%", float(check.value), must))
+    count = np.arange(1.0, len(fine) + 1.0)
+    limit = Line("allowed", count[[0, -1]], np.full(2, AGREEMENT), "reference")
+    lines = tuple(
+        Line(f"{step * 1e3:g} ms", count, np.sort(np.array(changes)), "")
+        for step, changes in spread.items()
+    )
+    panel = Panel(
+        f"Change of every figure against {steps[0] * 1e3:g} ms, in order",
+        "figures",
+        "change [%]",
+        (limit, *lines),
+    )
+    results.figures["step_size"] = [panel]
+    results.notes.append("The reference column gives the figure itself at the finest step.")
+    return results
+
+
+def difference(fine: Check, coarse: Check) -> float:
+    """Change of a figure by the step [%]; NaN when either is not finite."""
+    change = abs(coarse.value - fine.value)
+    if any(word in fine.name.rsplit(": ", 1)[-1] for word in _DIFFERENCES):
+        return 100.0 * change / _SCALES.get(fine.unit, 1.0)
+    scale = abs(fine.value)
+    return 100.0 * change / scale if scale > 0.0 else (0.0 if change == 0.0 else float("nan"))
+
+
+def _figures(config: ValidateConfig) -> dict[str, Check]:
+    checks = [check for source in _SOURCES for check in source(config).checks]
+    return {check.name: check for check in checks}
+
+
+def _simulated(check: Check) -> bool:
+    """False for figures of an analytic model, which know no step."""
+    return check.reference != "eigenvalues"
