@@ -4,13 +4,14 @@ Two sprung bodies, coupled in roll by the fifth wheel, stand on axles that roll 
 table tilted by phi, each axle's tires give the moment `M_t = min(K_t phi_u, W T cos(phi) / 2)`: the
 second when its inner wheels have lifted. With the suspension's `M_s = K_s (phi_b - phi_u)`,
 
-    axle:    M_t = M_s + n h_rc (sin phi + phi_u cos phi) + m_u g h_u (sin phi + phi_u cos phi)
+    axle:    M_t = M_s + (n h_rc + m_u g h_u) (sin phi + phi_u cos phi) + W cos phi y
     body:    sum M_s + M_5 = sum n (h - h_rc) (sin phi + phi_b cos phi),
 
 about the track's centre and about the roll centres; n is the sprung weight on a support, h the
-height of that weight. The kingpin is a support of the trailer and a load of the tractor. The
-threshold is the tilt at which this equilibrium ceases to be stable, or at which no axle but the
-steer axle has a wheel on the upper side. Parameters are the truck's.
+height of that weight, and `y = W sin phi sigma / C` how far the carcass bends aside (sigma the
+relaxation length, C the cornering stiffness). The kingpin is a support of the trailer and a load of
+the tractor. The threshold is the tilt at which this equilibrium ceases to be stable, or at which no
+axle but the steer axle has a wheel on the upper side. Parameters are the truck's.
 """
 
 from __future__ import annotations
@@ -22,7 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from iits_mj.analytic import kingpin_load, laden_trailer, static_axle_loads
+from iits_mj.analytic import (
+    axle_cornering_stiffness,
+    kingpin_load,
+    laden_trailer,
+    static_axle_loads,
+)
+from iits_mj.analytic.yaw_roll import relaxation_lengths
 from iits_mj.parameters import FifthWheel, TruckParameters
 from iits_mj.units import GRAVITY
 
@@ -47,7 +54,7 @@ class Pull:
 
 @dataclass(frozen=True)
 class _Support:
-    """An axle: stiffnesses [N m/rad], loads [N], heights [m]."""
+    """An axle: stiffnesses [N m/rad], loads [N], heights [m], compliance of the carcass [m/N]."""
 
     suspension: float
     tire: float
@@ -56,6 +63,7 @@ class _Support:
     track: float
     roll_center: float
     height: float
+    carcass: float
 
     def moment(self, body: float, pull: Pull) -> float:
         """Moment of the suspension on a body that rolls by `body` [N m]."""
@@ -70,6 +78,8 @@ class _Support:
         """Roll of the axle [rad], and whether its inner wheels lift."""
         arm = self.sprung * self.roll_center + (self.load - self.sprung) * self.height
         push, lean = arm * pull.side, arm * pull.down
+        # The tires bend sideways under the side force and take the load along.
+        push += self.load * pull.down * self.load * pull.side * self.carcass
         roll = (self.suspension * body + push) / (self.tire + self.suspension - lean)
         most = 0.5 * self.load * self.track * pull.down
         if self.tire * roll <= most:
@@ -100,7 +110,9 @@ class RollPlane:
         trailer, king = laden_trailer(parameters, payload), kingpin_load(parameters, payload)
         loads = static_axle_loads(parameters, payload)
         supports = []
-        for axle, load in zip(parameters.axles, loads, strict=True):
+        lag = relaxation_lengths(parameters, loads)
+        bend = lag / axle_cornering_stiffness(parameters, loads)
+        for axle, load, carcass in zip(parameters.axles, loads, bend, strict=True):
             tire = parameters.tires[axle.tire]
             stiffness = tire.count * tire.vertical_stiffness
             height = tire.free_radius - 0.5 * load / stiffness
@@ -113,6 +125,7 @@ class RollPlane:
                     axle.track,
                     height + axle.roll_center_height,
                     height,
+                    float(carcass),
                 )
             )
         split = len(parameters.tractor.axles)

@@ -14,6 +14,7 @@ from iits_mj.validation import (
     rollover,
     single_lane_change,
     split_friction,
+    steady_circle,
     swept_path,
     wheel_lock,
     yaw_damping,
@@ -38,6 +39,10 @@ def run(config: ValidateConfig) -> Results:
         heights = np.linspace(load.cg_height_min, load.cg_height_max, _HEIGHTS)
         checks, panel = rollover.by_height(payloads[0], heights, step)
         _add(results, "tilt_table_by_height", checks, [panel])
+    for payload in () if config.quick else payloads:
+        checks, panels, end = steady_circle.compare(payload, step)
+        _add(results, f"steady_circle_{payload / 1e3:g}t", checks, panels)
+        results.notes.append(end)
     for payload in payloads[:1] if config.quick else payloads:
         place = f"{payload / 1e3:g}t"
         _add(results, f"low_speed_turn_{place}", *swept_path.compare(payload, step))
