@@ -5,9 +5,9 @@ values and thresholds must agree within 0.5 % of the figure at 1 ms. A figure th
 difference from a reference is compared on the scale of what it is a difference of: percentages in
 points, phases in parts of a radian, and distances from a path or a model in parts of a metre.
 
-What ABS does on a slippery road cannot agree so well: it opens and closes valves at the step where a
-wheel's slip passes a threshold, and a stop has many such events. These figures are held to the same
-bound, which they may miss.
+What ABS does on a slippery road cannot agree so well: it opens and closes valves at the step where
+a wheel's slip passes a threshold, and a stop has many such events. These figures are held to the
+same bound, which they may miss.
 """
 
 from __future__ import annotations
