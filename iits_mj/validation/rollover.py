@@ -175,8 +175,8 @@ def by_height(payload: float, heights: FloatArray, timestep: float) -> tuple[lis
     label = f"SAE J2180 tilt table, {payload / 1e3:g} t by height"
     checks.append(Check(f"{label}: greatest error to statics", error, "%", "roll plane", "<= 5"))
     lines = (
-        Line("rigid bound T/2h", heights, np.array(rigid)),
         Line("statics of the roll plane", heights, np.array(compliant), "reference"),
         Line("truck", heights, np.array(found), "simulation"),
+        Line("rigid bound T/2h", heights, np.array(rigid)),
     )
     return checks, Panel(label, "height of the payload's CG [m]", "threshold [g]", lines)

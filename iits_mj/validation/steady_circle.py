@@ -44,9 +44,9 @@ def compare(payload: float, timestep: float) -> tuple[list[Check], list[Panel], 
     ]
     steer = [np.rad2deg(y) for y in (found.linear, found.saturating, found.steer)]
     lines = (
-        Line("yaw-sideslip model", found.lateral, steer[0]),
         Line("statics with the tires' whole law", found.lateral, steer[1], "reference"),
         Line("truck", found.lateral, steer[2], "simulation"),
+        Line("yaw-sideslip model", found.lateral, steer[0]),
     )
     panel = Panel(label, "lateral acceleration [m/s2]", "steer beyond Ackermann [deg]", lines)
     return checks, [panel], f"{label} ends at {found.lateral[-1]:.2f} m/s2: {end}."
