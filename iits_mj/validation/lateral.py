@@ -13,6 +13,16 @@ from iits_mj.validation.config import ValidateConfig
 # Steps at the steering wheel [deg], and the fit wanted of each signal [%].
 _STEPS = ((15.0, ">= 97"), (3.0, ">= 99"))
 
+NOTES = (
+    "The references have a frictionless hitch; so has the truck when compared with them.",
+    "The yaw-sideslip model has no roll, no tire lag, no side air and no rolling resistance. The "
+    "yaw-roll model has them, from the same parameters, and fits at 3 deg: the difference of the "
+    "two is what the fits with the yaw-sideslip model lack. At 15 deg the rest is load transfer.",
+    "The laden truck understeers more than the linear model: its loaded outer wheels roll harder "
+    "and pull it straight, and the drag of the turn and the trailer's roll moment take load off "
+    "the steer axle. Statics that count this agree.",
+)
+
 
 def run(config: ValidateConfig) -> Results:
     """Step steers, frequency response, 90 degree turn and steady circle."""
@@ -31,10 +41,9 @@ def run(config: ValidateConfig) -> Results:
         results.checks += checks
         results.figures[f"frequency_response_{load}"] = panels
     _turn(results, config.payloads()[0], config)
-    _circle(results, config.payloads()[0], config)
-    results.notes.append(
-        "The yaw-sideslip model has a frictionless hitch; so has the truck when compared with it."
-    )
+    for payload in config.payloads():
+        _circle(results, payload, config)
+    results.notes += NOTES
     return results
 
 
@@ -59,20 +68,31 @@ def _turn(results: Results, payload: float, config: ValidateConfig) -> None:
 
 
 def _circle(results: Results, payload: float, config: ValidateConfig) -> None:
-    speeds = (7.0, 10.0, 14.1) if config.quick else (6.0, 8.0, 10.0, 11.5, 13.0, 14.1)
+    speeds = (6.0, 10.0, 14.1) if config.quick else (6.0, 8.0, 10.0, 11.5, 13.0, 14.1)
     found = circle(payload, config.timestep, speeds)
     scale = float(np.rad2deg(GRAVITY))
-    error = 100.0 * abs(found.gradient / found.reference - 1.0)
+    load = f"{payload / 1e3:g}t"
     label = f"steady circle of {RADIUS:g} m, {payload / 1e3:g} t"
+    errors = [
+        100.0 * abs(found.gradient / reference - 1.0)
+        for reference in (found.reference, found.saturating_gradient)
+    ]
     results.checks += [
         Check(f"{label}: understeer", found.gradient * scale, "deg/g", found.reference * scale),
-        Check(f"{label}: understeer error", error, "%", "yaw-sideslip", "<= 10"),
+        Check(f"{label}: understeer error", errors[0], "%", "yaw-sideslip", "<= 10"),
+        Check(
+            f"{label}: understeer error of the statics with load transfer, rolling resistance and "
+            "bending tires",
+            errors[1],
+            "%",
+            found.saturating_gradient * scale,
+            "<= 10",
+        ),
     ]
-    start = found.steer[0] - found.reference * found.lateral[0]
-    linear = np.rad2deg(start + found.reference * found.lateral)
     lines = (
-        Line("yaw-sideslip model", found.lateral, linear, "reference"),
+        Line("yaw-sideslip model", found.lateral, np.rad2deg(found.linear), "reference"),
+        Line("statics of the steady turn", found.lateral, np.rad2deg(found.saturating)),
         Line("truck", found.lateral, np.rad2deg(found.steer), "simulation"),
     )
     panel = Panel(label, "lateral acceleration [m/s2]", "steer beyond Ackermann [deg]", lines)
-    results.figures["steady_circle"] = [panel]
+    results.figures[f"steady_circle_{load}"] = [panel]

@@ -88,6 +88,19 @@ class _Support:
 
 
 @dataclass(frozen=True)
+class Leaning:
+    """How a truck leans in a turn.
+
+    Attributes:
+      transfers: of load, of each axle, see `_Support.transfer`, shape (k,).
+      hitch_moment: roll moment that the trailer puts on the tractor [N m].
+    """
+
+    transfers: FloatArray
+    hitch_moment: float
+
+
+@dataclass(frozen=True)
 class RollPlane:
     """The combination in the roll plane.
 
@@ -178,14 +191,11 @@ class RollPlane:
             tilt, rolls = tilt + _STEP, next_rolls
         return math.tan(tilt)
 
-    def transfers(self, lateral: float) -> FloatArray | None:
-        """Load transfer of each axle on a level road, see `_Support.transfer`, shape (k,).
+    def level(self, lateral: float) -> Leaning | None:
+        """The truck in a turn on a level road; None when it tips over.
 
         Args:
           lateral: acceleration [m/s2], zero or positive.
-
-        Returns:
-          None when the truck tips over.
         """
         rolls: FloatArray | None = np.zeros(2)
         for side in np.linspace(0.0, lateral / GRAVITY, 20 + round(lateral / 0.02)):
@@ -195,7 +205,8 @@ class RollPlane:
             return None
         pull = Pull(lateral / GRAVITY)
         units = ((self.tractor, rolls[0]), (self.trailer, rolls[1]))
-        return np.array([s.transfer(body, pull) for supports, body in units for s in supports])
+        transfers = [s.transfer(body, pull) for supports, body in units for s in supports]
+        return Leaning(np.array(transfers), self.coupling(float(rolls[1] - rolls[0])))
 
     def _settle(self, rolls: FloatArray, pull: Pull) -> FloatArray | None:
         """Rolls [rad], (2,), in equilibrium near others; None when there the truck tips over."""

@@ -1,9 +1,11 @@
 """Steady turn of the truck up to its limit, by planar statics with the tires' whole law.
 
 What the yaw-sideslip model leaves out is put in: exact angles, each tire's Magic Formula up to
-saturation, load that moves to the outer wheels as the roll plane says, and the pull at the fifth
-wheel, which grows with the drag of the turn and takes load off the steer axle. For a gentle turn it
-is the yaw-sideslip model. Parameters are the truck's; nothing is fitted.
+saturation, load that moves to the outer wheels as the roll plane says and makes them roll harder,
+and what takes load off the steer axle at the fifth wheel: its pull, which grows with the drag of
+the turn, and the trailer's roll moment, which at a hitch angle lifts the tractor's nose. Without
+rolling resistance a gentle turn is that of the yaw-sideslip model. Parameters are the truck's;
+nothing is fitted.
 
 Unknown are lateral velocity, hitch angle, road-wheel angle and drive force; the equations are the
 tractor's balance of forces and yaw moment, and the trailer's yaw moment about the kingpin.
@@ -21,7 +23,7 @@ from scipy import optimize
 from iits_mj.analytic import YawSideslip, cruise_axle_loads
 from iits_mj.parameters import TruckParameters
 from iits_mj.tire_law import cornering_stiffness, friction
-from iits_mj.validation.roll_plane import RollPlane
+from iits_mj.validation.roll_plane import Leaning, RollPlane
 
 FloatArray = NDArray[np.float64]
 
@@ -49,15 +51,15 @@ class SteadyTurn:
           radius: of the steer axle's path [m].
           lateral: acceleration [m/s2].
         """
-        transfers = self.roll.transfers(lateral)
-        if transfers is None:
+        leaning = self.roll.level(lateral)
+        if leaning is None:
             return float("nan")
         speed = math.sqrt(lateral * radius)
         model = YawSideslip.from_parameters(self.parameters, self.payload, cruise_speed=speed)
         state = model.at(speed).steady_state()
         steer = speed / (radius * state[1])
         guess = np.array([state[0] * steer, state[3] * steer, steer, 0.0])
-        state_of = _Balance(self, model, speed, speed / radius, transfers)
+        state_of = _Balance(self, model, speed, speed / radius, leaning)
         found = optimize.root(state_of, guess, tol=1e-9)
         return float(found.x[2]) if found.success else float("nan")
 
@@ -86,7 +88,7 @@ class _Balance:
     model: YawSideslip
     speed: float
     rate: float
-    transfers: FloatArray
+    leaning: Leaning
 
     def __call__(self, unknown: FloatArray) -> FloatArray:
         sideways, hitch, steer, drive = unknown
@@ -104,7 +106,7 @@ class _Balance:
             slip = -math.atan((across - arm * rate) / along)
             force = self._force(i, slip, loads)
             side += force
-            moment -= (arm + model.t_3) * force
+            moment -= (arm + model.t_3) * force + self._drag_couple(i, loads)
         center = across - model.L_t1 * rate
         pull = resistance[1] - model.m_t * rate * center
         lateral = model.m_t * rate * along - side
@@ -112,7 +114,8 @@ class _Balance:
         # Tractor: the kingpin's forces turned into its frame, and the load that they shift.
         back = -pull * math.cos(hitch) - lateral * math.sin(hitch)
         push = pull * math.sin(hitch) - lateral * math.cos(hitch)
-        shift = (-back - resistance[1]) * p.fifth_wheel.height / model.wheelbase
+        lifting = self.leaning.hitch_moment * math.sin(hitch)
+        shift = ((-back - resistance[1]) * p.fifth_wheel.height + lifting) / model.wheelbase
         loads[0] -= shift
         loads[1:first] += shift / (first - 1)
         front = self._force(0, steer - math.atan((sideways + model.L_c1 * rate) / v), loads)
@@ -123,10 +126,18 @@ class _Balance:
             force = self._force(i, -math.atan((sideways - arm * rate) / v), loads)
             left += force
             yaw -= (arm + model.t_2) * force
+        yaw -= sum(self._drag_couple(i, loads) for i in range(first))
         return np.array([forward - resistance[0], left, yaw, about_hitch]) / _SCALE
 
     def _force(self, index: int, slip: float, loads: FloatArray) -> float:
-        return self.turn.axle_force(index, slip, float(loads[index]), float(self.transfers[index]))
+        transfer = float(self.leaning.transfers[index])
+        return self.turn.axle_force(index, slip, float(loads[index]), transfer)
+
+    def _drag_couple(self, index: int, loads: FloatArray) -> float:
+        """Moment by which the loaded outer wheels of an axle roll harder than the inner [N m]."""
+        p = self.turn.parameters
+        gone = float(self.leaning.transfers[index] * loads[index])
+        return 0.5 * p.axles[index].track * p.tire_common.rolling_resistance * gone
 
     def _resistance(self) -> tuple[float, float]:
         """Drag and rolling resistance of tractor and trailer [N]."""
