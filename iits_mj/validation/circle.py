@@ -203,7 +203,11 @@ def _circle(truck: Truck, records: list[Recording]) -> Circle:
 
 def _parameters() -> TruckParameters:
     """A free hitch, and gears held longer: in a bend the automatic would hunt between two."""
-    parameters = TruckParameters.load(overlay=FREE_HITCH)
+    return gears_held(TruckParameters.load(overlay=FREE_HITCH))
+
+
+def gears_held(parameters: TruckParameters) -> TruckParameters:
+    """Gears held longer than the automatic does, as by hand."""
     table = parameters.gearbox.upshift
     later = replace(table, values=_LATER * table.values)
     return replace(parameters, gearbox=replace(parameters.gearbox, upshift=later))

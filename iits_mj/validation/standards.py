@@ -16,6 +16,7 @@ from iits_mj.validation import (
     split_friction,
     steady_circle,
     swept_path,
+    tightening_turn,
     wheel_lock,
     yaw_damping,
 )
@@ -26,7 +27,7 @@ _HEIGHTS = 5
 
 
 def run(config: ValidateConfig) -> Results:
-    """Tilt table, lane changes, pulse steer, low-speed turn, split friction, locked wheels."""
+    """Tilt table, lane changes, pulse steer, turns, split friction, locked wheels."""
     results = Results("validate standards")
     step = config.timestep
     payloads = config.payloads()
@@ -34,6 +35,10 @@ def run(config: ValidateConfig) -> Results:
         checks, panels, threshold = rollover.compare(payload, step)
         _add(results, f"tilt_table_{payload / 1e3:g}t", checks, panels)
         _lane_changes(results, payload, threshold, config)
+        if not config.quick:
+            checks, panels, notes = tightening_turn.compare(payload, threshold, step)
+            _add(results, f"tightening_turn_{payload / 1e3:g}t", checks, panels)
+            results.notes += notes
     if not config.quick and payloads[0] > 0.0:
         load = TruckParameters.load().payload
         heights = np.linspace(load.cg_height_min, load.cg_height_max, _HEIGHTS)

@@ -3,25 +3,31 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
+from iits_mj.parameters import TruckParameters
 from iits_mj.results import Check, Line, Panel
 from iits_mj.units import GRAVITY
-from iits_mj.validation.circle import LINEAR, RADIUS, limit
+from iits_mj.validation.circle import LINEAR, RADIUS, Circle, limit
+from iits_mj.validation.roll_plane import RollPlane
 
 # How near the statics with the tires' whole law must come to the truck, up to `LINEAR` [%].
 _ERROR = 10.0
-# The slope at the end must exceed that of the beginning by this factor for the tires to saturate.
+# The slope near the end must exceed that of the beginning by this factor for the tires to saturate.
 _SATURATED = 1.5
+# Near the end: between these shares of the roll-over threshold by statics, the same at any step.
+_LATE = (0.6, 0.8)
 
 
 def compare(payload: float, timestep: float) -> tuple[list[Check], list[Panel], str]:
     """Checks, panels, and a sentence on what ended the circle."""
     found, end = limit(payload, timestep)
+    parameters = TruckParameters.load()
     label = f"ISO 14792 circle of {RADIUS:g} m, {payload / 1e3:g} t"
     scale = float(np.rad2deg(GRAVITY))
     error = 100.0 * abs(found.gradient / found.saturating_gradient - 1.0)
     linear = 100.0 * abs(found.gradient / found.reference - 1.0)
-    last = float(np.diff(found.steer[-3::2])[0] / np.diff(found.lateral[-3::2])[0])
+    last = _late_slope(found, GRAVITY * RollPlane.from_parameters(parameters, payload).threshold())
     checks = [
         Check(
             f"{label}: understeer to {LINEAR:g} m/s2",
@@ -35,7 +41,7 @@ def compare(payload: float, timestep: float) -> tuple[list[Check], list[Panel], 
         ),
         Check(f"{label}: greatest lateral acceleration", found.lateral[-1] / GRAVITY, "g"),
         Check(
-            f"{label}: slope at the end over slope at the beginning",
+            f"{label}: slope near the end over slope at the beginning",
             last / found.gradient,
             "1",
             None,
@@ -50,3 +56,15 @@ def compare(payload: float, timestep: float) -> tuple[list[Check], list[Panel], 
     )
     panel = Panel(label, "lateral acceleration [m/s2]", "steer beyond Ackermann [deg]", lines)
     return checks, [panel], f"{label} ends at {found.lateral[-1]:.2f} m/s2: {end}."
+
+
+def _late_slope(found: Circle, threshold: float) -> float:
+    """Slope of steer over lateral acceleration [rad s2/m]; NaN when the truck does not get there.
+
+    Args:
+      found: steady states.
+      threshold: of roll-over [m/s2].
+    """
+    steer = PchipInterpolator(found.lateral, found.steer, extrapolate=False)
+    low, high = (share * threshold for share in _LATE)
+    return float((steer(high) - steer(low)) / (high - low))

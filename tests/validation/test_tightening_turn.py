@@ -1,0 +1,68 @@
+"""The tightening turn at a coarse step: what comes first, grip or roll-over."""
+
+import numpy as np
+import pytest
+
+from iits_mj.parameters import TruckParameters
+from iits_mj.validation import tightening_turn
+from iits_mj.validation.roll_plane import RollPlane
+
+STEP = 0.005
+LADEN = 36_000.0
+
+
+@pytest.fixture(scope="module")
+def turns():
+    cases = ((LADEN, 0.8), (LADEN, 0.3), (0.0, 0.3))
+    return {case: tightening_turn.tighten(*case, STEP) for case in cases}
+
+
+def test_laden_truck_on_a_dry_road_rolls_over_near_its_static_threshold(turns):
+    turn = turns[LADEN, 0.8]
+    statics = RollPlane.from_parameters(TruckParameters.load(), LADEN).threshold()
+    assert turn.rolled_over()
+    assert turn.ending() == "roll-over"
+    assert turn.greatest() == pytest.approx(statics, rel=0.1)
+    assert abs(turn.recording.trailer_roll[-1]) > np.deg2rad(10.0)
+    assert np.max(turn.effort[:, turn.end()]) < tightening_turn.SLIDING
+
+
+@pytest.mark.parametrize("payload", [LADEN, 0.0])
+def test_tires_saturate_on_a_slippery_road(turns, payload):
+    turn = turns[payload, 0.3]
+    grip = tightening_turn.grip_limit(TruckParameters.load(), payload, 0.3)
+    assert not turn.rolled_over()
+    assert "grip" in turn.ending()
+    assert 0.7 * grip < turn.greatest() < grip
+    assert turn.growth() > 1.5
+    # Four seconds of steering later the lateral acceleration is no greater.
+    assert turn.lateral[-1] <= turn.lateral[-400]
+    assert turn.recording.steering_wheel[-1] > turn.recording.steering_wheel[-400]
+
+
+def test_slip_is_small_and_linear_in_a_gentle_turn(turns):
+    turn = turns[LADEN, 0.8]
+    gentle = int(np.argmax(turn.lateral > 1.0))
+    # The axles' slip follows from the yaw balance: each carries its own share of the weight.
+    assert np.all(np.rad2deg(turn.slip[:, gentle]) > 0.5)
+    assert np.all(np.rad2deg(turn.slip[:, gentle]) < 2.5)
+    assert np.all(turn.effort[:, gentle] < 0.4)
+
+
+def test_grip_limit_is_the_friction_that_the_load_leaves():
+    parameters = TruckParameters.load()
+    common = parameters.tire_common
+    for payload in (0.0, LADEN):
+        dry = tightening_turn.grip_limit(parameters, payload, 0.8)
+        assert dry == pytest.approx(common.friction_lateral, rel=common.friction_load_slope)
+        slippery = tightening_turn.grip_limit(parameters, payload, 0.3)
+        assert slippery == pytest.approx(0.375 * dry)
+    heavy, light = (tightening_turn.grip_limit(parameters, p, 0.8) for p in (LADEN, 0.0))
+    assert heavy < light
+
+
+def test_roll_over_counts_from_the_last_wheel_that_lifts(turns):
+    turn = turns[LADEN, 0.8]
+    assert np.all(turn.inner[: turn.end()] > 0.0)
+    assert turn.inner[turn.end()] <= 0.0
+    assert turn.inner[0] == 1.0
