@@ -21,17 +21,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
 
-from iits_mj.analytic import laden_trailer, static_axle_loads
+from iits_mj.analytic import laden_trailer
 from iits_mj.parameters import TruckParameters
 from iits_mj.results import Check, Line, Panel
 from iits_mj.road import Route
-from iits_mj.road.elements import DEFAULT_FRICTION
-from iits_mj.tire_law import cornering_stiffness, friction
 from iits_mj.truck import Truck
 from iits_mj.units import GRAVITY, KMH
 from iits_mj.validation.circle import gears_held
+from iits_mj.validation.grip import effort, grip_limit
 from iits_mj.validation.recorder import PERIOD, Recording, drive, run_straight
 
 FloatArray = NDArray[np.float64]
@@ -121,11 +119,15 @@ def tighten(payload: float, surface: float, timestep: float) -> Turn:
         stop=watch.over,
     )
     slip = _slips(record, parameters)
-    reach = _stretches(parameters, payload, surface)
-    stretched = np.tan(np.abs(slip)) / reach[:, None]
-    effort = _share(np.minimum(stretched, 1.0) * _peak(parameters), parameters)
+    groups = (0, 1, len(parameters.tractor.axles))
+    used = np.array(
+        [
+            effort(parameters, payload, surface, axle, angle)
+            for axle, angle in zip(groups, slip, strict=True)
+        ]
+    )
     inner = np.array(watch.inner)
-    return Turn(record, surface, np.array(watch.lateral), inner / inner[0], slip, effort)
+    return Turn(record, surface, np.array(watch.lateral), inner / inner[0], slip, used)
 
 
 class _Watch:
@@ -155,57 +157,6 @@ class _Watch:
         attitude = data.body("trailer").xmat.reshape(3, 3)
         rolled = abs(math.atan2(attitude[2, 1], attitude[2, 2])) > _ROLLED
         return rolled or (len(self.lateral) - self._best[1]) * PERIOD > _NO_RISE
-
-
-def grip_limit(parameters: TruckParameters, payload: float, surface: float) -> float:
-    """Lateral acceleration [g] with every tire at its best at once and loads as at rest.
-
-    An upper bound: load that moves to the outer tires, pull and drag only take from it.
-    """
-    loads = static_axle_loads(parameters, payload)
-    best = [
-        load * _grip(parameters, index, float(load), surface) for index, load in enumerate(loads)
-    ]
-    return float(np.sum(best) / np.sum(loads))
-
-
-def _grip(parameters: TruckParameters, index: int, load: float, surface: float) -> float:
-    """Peak friction of an axle's tires [1] at the axle's load [N]."""
-    tire, common = parameters.tires[parameters.axles[index].tire], parameters.tire_common
-    each = load / (2 * tire.count)
-    return float(friction(each, common.friction_lateral, common)) * surface / DEFAULT_FRICTION
-
-
-def _peak(parameters: TruckParameters) -> float:
-    """Slip at which the Magic Formula peaks, in units of its own `B tan(alpha)`."""
-    common = parameters.tire_common
-    wanted = math.tan(0.5 * math.pi / common.shape_lateral)
-    curve = common.curvature_lateral
-    return float(
-        optimize.brentq(lambda b: b - curve * (b - math.atan(b)) - wanted, 0.0, 10.0 * wanted)
-    )
-
-
-def _share(stretch: FloatArray, parameters: TruckParameters) -> FloatArray:
-    """Side force over its peak at a slip `B tan(alpha)` (Magic Formula)."""
-    common = parameters.tire_common
-    bent = stretch - common.curvature_lateral * (stretch - np.arctan(stretch))
-    return np.asarray(np.sin(common.shape_lateral * np.arctan(bent)))
-
-
-def _stretches(parameters: TruckParameters, payload: float, surface: float) -> FloatArray:
-    """Tangent of the slip angle at which steer, drive and trailer tires give most, (3,)."""
-    loads = static_axle_loads(parameters, payload)
-    first = len(parameters.tractor.axles)
-    found = []
-    for index in (0, 1, first):
-        tire = parameters.tires[parameters.axles[index].tire]
-        each = float(loads[index]) / (2 * tire.count)
-        stiffness = float(cornering_stiffness(each, tire, parameters.tire_common))
-        most = each * _grip(parameters, index, float(loads[index]), surface)
-        shape = parameters.tire_common.shape_lateral
-        found.append(_peak(parameters) * shape * most / stiffness)
-    return np.array(found)
 
 
 def _slips(record: Recording, parameters: TruckParameters) -> FloatArray:

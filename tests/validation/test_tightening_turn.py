@@ -5,6 +5,7 @@ import pytest
 
 from iits_mj.parameters import TruckParameters
 from iits_mj.validation import tightening_turn
+from iits_mj.validation.grip import effort, grip_limit
 from iits_mj.validation.roll_plane import RollPlane
 
 STEP = 0.005
@@ -30,7 +31,7 @@ def test_laden_truck_on_a_dry_road_rolls_over_near_its_static_threshold(turns):
 @pytest.mark.parametrize("payload", [LADEN, 0.0])
 def test_tires_saturate_on_a_slippery_road(turns, payload):
     turn = turns[payload, 0.3]
-    grip = tightening_turn.grip_limit(TruckParameters.load(), payload, 0.3)
+    grip = grip_limit(TruckParameters.load(), payload, 0.3)
     assert not turn.rolled_over()
     assert "grip" in turn.ending()
     assert 0.7 * grip < turn.greatest() < grip
@@ -53,12 +54,22 @@ def test_grip_limit_is_the_friction_that_the_load_leaves():
     parameters = TruckParameters.load()
     common = parameters.tire_common
     for payload in (0.0, LADEN):
-        dry = tightening_turn.grip_limit(parameters, payload, 0.8)
+        dry = grip_limit(parameters, payload, 0.8)
         assert dry == pytest.approx(common.friction_lateral, rel=common.friction_load_slope)
-        slippery = tightening_turn.grip_limit(parameters, payload, 0.3)
+        slippery = grip_limit(parameters, payload, 0.3)
         assert slippery == pytest.approx(0.375 * dry)
-    heavy, light = (tightening_turn.grip_limit(parameters, p, 0.8) for p in (LADEN, 0.0))
+    heavy, light = (grip_limit(parameters, p, 0.8) for p in (LADEN, 0.0))
     assert heavy < light
+
+
+def test_effort_grows_to_one_and_stays_there():
+    slip = np.deg2rad(np.linspace(0.0, 40.0, 200))
+    share = effort(TruckParameters.load(), LADEN, 0.8, 0, slip)
+    assert share[0] == 0.0
+    assert np.all(np.diff(share) >= 0.0)
+    assert share[-1] == pytest.approx(1.0)
+    # On a slippery road the same slip takes a greater share of what there is.
+    assert np.all(effort(TruckParameters.load(), LADEN, 0.3, 0, slip) >= share)
 
 
 def test_roll_over_counts_from_the_last_wheel_that_lifts(turns):
