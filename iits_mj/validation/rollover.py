@@ -3,7 +3,7 @@
 The table rises at 0.25 deg/s where the truck may fall, as the standard wants. Because a fall takes
 seconds during which a table goes on rising, what counts is not the angle at which the fall is seen:
 the table is put back to angles that were passed and held there, to find the greatest angle at which
-the truck stays standing.
+the truck stays standing. The Australian PBS asks a threshold of 0.35 g of any truck.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """Rearward amplification by ISO 14791: one full sine of 0.4 Hz at the steering wheel, open loop.
 
-The standard compares the last unit's centre of gravity with the first unit's steer axle.
+The standard compares the last unit's centre of gravity with the first unit's steer axle. The bound
+of 5.7 times the roll-over threshold is that of the Australian PBS, which asks it of its own lane
+change (`path_change`), known to us without the text of its Rules at hand.
 """
 
 from __future__ import annotations

@@ -1,7 +1,12 @@
-"""Full braking on split friction (ISO 14512; bounds of UN R13, annex 13): 0.8 left, 0.3 right.
+"""Full braking on split friction (ISO 16234; bounds of UN R13, annex 13): 0.8 left, 0.3 right.
 
 The driver pursues a point of the lane's middle a second ahead, 0.2 s late (pure pursuit). The same
 is braked without any steering, for two seconds, and on each of the two surfaces alone.
+
+ISO 16234 is the open-loop method for heavy vehicles and their combinations; our reaction with the
+steering wheel held is its figure. The bounds with a driver (braking rate, 120 and 240 degrees) and
+their clauses are known to us without the text of UN R13 at hand; there they are asked of the laden
+towing vehicle, here of the whole combination, laden and empty.
 """
 
 from __future__ import annotations

@@ -65,6 +65,9 @@ def _late_slope(found: Circle, threshold: float) -> float:
       found: steady states.
       threshold: of roll-over [m/s2].
     """
-    steer = PchipInterpolator(found.lateral, found.steer, extrapolate=False)
+    # At the limit a faster circle may be a wider one: only states that went further count.
+    before = np.maximum.accumulate(np.concatenate([[-np.inf], found.lateral[:-1]]))
+    further = found.lateral > before
+    steer = PchipInterpolator(found.lateral[further], found.steer[further], extrapolate=False)
     low, high = (share * threshold for share in _LATE)
     return float((steer(high) - steer(low)) / (high - low))

@@ -4,7 +4,12 @@ The outer wall of the outer steer tire follows a straight, an arc of 12.5 m, a s
 The driver turns the outer wheel towards the path's direction a little ahead, with a correction for
 the distance to the path; the reference point rides on that wheel, so that it goes where it points.
 
-Limits: PBS Scheme, level 1 (general access) for prime movers with semitrailers.
+Limits: PBS Scheme, Standards and Vehicle Assessment Rules, level 1 (general access) for prime
+movers with semitrailers: low-speed swept path 7.4 m; frontal swing 0.7 m, and of the semitrailer
+against the tractor 0.2 m (difference of maxima) and 0.4 m (maximum of difference); tail swing
+0.3 m; steer tire friction demand 80 %. What is measured is as the regulator's summary describes it
+(frontal swing of both units; tail swing as the turn begins: on exit it is our addition). The
+numbers are known to us without the text of the Rules at hand: check them against it before use.
 """
 
 from __future__ import annotations

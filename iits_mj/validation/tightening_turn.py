@@ -94,6 +94,10 @@ class Turn:
         sliding = self.sliding()
         return f"grip ({sliding} at its limit)" if sliding else "speed lost at full pedal"
 
+    def fell(self) -> bool:
+        """True when the trailer rolled on and the test was ended for it."""
+        return bool(np.max(np.abs(self.recording.trailer_roll)) > _ROLLED)
+
     def growth(self) -> float:
         """Slip of the steer axle at the end over that at 0.9 of the greatest acceleration [1]."""
         late = int(np.argmax(self.lateral >= _LATE * np.max(self.lateral)))
@@ -256,7 +260,10 @@ def _checks(turn: Turn, payload: float, threshold: float, grip: float) -> list[C
 
 def _conclusion(payload: float, turn: Turn) -> str:
     """A sentence on what came first."""
+    after = ""
+    if turn.rolled_over() and not turn.fell():
+        after = " Then speed was lost, and the inner wheels came down again."
     return (
         f"ISO 14792 tightening turn on {turn.friction:g}, {payload / 1e3:g} t: "
-        f"{turn.ending()} first, at {turn.greatest():.3f} g."
+        f"{turn.ending()} first, at {turn.greatest():.3f} g.{after}"
     )

@@ -2,7 +2,8 @@
 
 The pulse is a triangle at the steering wheel, 0.2 s up and 0.2 s down, sized by the linear model to
 a wanted lateral acceleration of the steer axle. Our choice: the standard leaves shape and size to
-the tester, the actuator's rate limit is kept. The Australian PBS asks 0.15 of the worst signal.
+the tester, the actuator's rate limit is kept. The Australian PBS asks 0.15 of the worst signal
+(a number known to us without the text of its Rules at hand).
 """
 
 from __future__ import annotations
