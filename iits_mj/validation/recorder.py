@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.errors import InputError
-from iits_mj.messages import VehicleCommand, XbrMode
+from iits_mj.messages import EgoState, VehicleCommand, XbrMode
 from iits_mj.truck import Truck
 
 FloatArray = NDArray[np.float64]
@@ -134,7 +134,7 @@ def drive(
     for tick in range(round(duration / PERIOD) + 1):
         time = tick * PERIOD
         state = truck.observe()
-        row = _row(truck)
+        row = _row(truck, state)
         rows.append([time, *row])
         if stop is not None and stop(row[12]):
             break
@@ -152,17 +152,15 @@ def _advance(truck: Truck, target: float) -> None:
     truck.step(max(steps, 0))
 
 
-def _row(truck: Truck) -> list[float]:
-    """One sample, in the order of `Recording`'s fields after time; call `truck.observe` before."""
+def _row(truck: Truck, state: EgoState) -> list[float]:
+    """One sample at what the truck has just observed, in the order of `Recording` after time."""
     data = truck.data
-    state = truck.observe()
     rear = data.site("trailer_axle_center").xpos
     trailer = data.body("trailer").xmat.reshape(3, 3)
-    gravity = trailer.T @ truck.model.opt.gravity
-    trailer_acceleration = data.sensor("trailer_acceleration").data + gravity
+    gravity = float(trailer[:, 1] @ truck.model.opt.gravity)
     trailer_roll = np.arctan2(trailer[2, 1], trailer[2, 2])
     loads = [
-        min(data.sensor(f"{axle.name}_{side}_tire_force").data[2] for side in ("left", "right"))
+        min(truck.read(f"{axle.name}_{side}_tire_force", 2) for side in ("left", "right"))
         for axle in truck.parameters.axles
     ]
     return [
@@ -178,9 +176,9 @@ def _row(truck: Truck) -> list[float]:
         float(rear[0]),
         float(rear[1]),
         state.lateral_acceleration,
-        float(trailer_acceleration[1]),
+        truck.read("trailer_acceleration", 1) + gravity,
         state.lateral_speed,
         state.roll,
         float(trailer_roll),
-        *map(float, loads),
+        *loads,
     ]
