@@ -31,8 +31,9 @@ _NOTES = (
     "explicitly (kSpinDamping in the tire plugin), and with the carcass as a spring that step is "
     "too long. At 4.5 ms, or with half the rolling resistance, they stand still. It is an error of "
     "the plugin at standstill.",
-    "Transient off-tracking: the change grows in proportion to the step, as with first-order "
-    "integration; it is a few millimetres on a path of one and a half metres.",
+    "Transient off-tracking and phases of the frequency response: the change grows in proportion "
+    "to the step, as with first-order integration; it is a few millimetres on a path of one and a "
+    "half metres, and a lag of less than half a step.",
     "Circle: the limit is searched in steps of speed, so that what is found there jumps.",
 )
 STEPS = (0.001, 0.002, 0.005)
