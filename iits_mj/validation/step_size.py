@@ -33,7 +33,7 @@ _NOTES = (
     "the plugin at standstill.",
     "Transient off-tracking and phases of the frequency response: the change grows in proportion "
     "to the step, as with first-order integration; it is a few millimetres on a path of one and a "
-    "half metres, and a lag of less than half a step.",
+    "half metres, and a third of a degree.",
     "Circle: the limit is searched in steps of speed, so that what is found there jumps.",
 )
 STEPS = (0.001, 0.002, 0.005)
