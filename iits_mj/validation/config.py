@@ -20,13 +20,25 @@ class ValidateConfig:
         high=36_000.0,
         metavar="KG",
     )
-    timestep: float = option(
-        0.001, help="time step of the physics", unit="s", low=0.0005, high=0.005, metavar="S"
+    timestep: float | None = option(
+        None,
+        help="time step of the physics; without it 0.001, in the quick form 0.002",
+        unit="s",
+        low=0.0005,
+        high=0.005,
+        metavar="S",
     )
     quick: bool = option(False, help="a shorter form that ends within a minute")
 
     def __post_init__(self) -> None:
         options.check(self)
+
+    @property
+    def step(self) -> float:
+        """Time step to use [s]."""
+        if self.timestep is not None:
+            return self.timestep
+        return 0.002 if self.quick else 0.001
 
     def payloads(self) -> tuple[float, ...]:
         """The loads to test [kg], the greatest first."""

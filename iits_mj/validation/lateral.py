@@ -30,14 +30,14 @@ def run(config: ValidateConfig) -> Results:
     for payload in config.payloads():
         load = f"{payload / 1e3:g}t"
         angles = tuple(np.deg2rad([degrees for degrees, _ in _STEPS]))
-        recordings = step_steer.step_steers(payload, angles, config.timestep)
+        recordings = step_steer.step_steers(payload, angles, config.step)
         for (degrees, must), recording in zip(_STEPS, recordings, strict=True):
             checks, panels = step_steer.compare(payload, degrees, must, recording)
             results.checks += checks
             results.figures[f"step_steer_{degrees:g}deg_{load}"] = panels
         if not config.quick:
-            results.checks += step_steer.friction_effect(payload, 15.0, config.timestep)
-        checks, panels = frequency.compare(payload, config.timestep)
+            results.checks += step_steer.friction_effect(payload, 15.0, config.step)
+        checks, panels = frequency.compare(payload, config.step)
         results.checks += checks
         results.figures[f"frequency_response_{load}"] = panels
     _turn(results, config.payloads()[0], config)
@@ -48,7 +48,7 @@ def run(config: ValidateConfig) -> Results:
 
 
 def _turn(results: Results, payload: float, config: ValidateConfig) -> None:
-    turn = low_speed.turn(payload, config.timestep)
+    turn = low_speed.turn(payload, config.step)
     label = f"90 deg turn of {low_speed.RADIUS:g} m, {payload / 1e3:g} t"
     results.checks += [
         Check(
@@ -69,7 +69,7 @@ def _turn(results: Results, payload: float, config: ValidateConfig) -> None:
 
 def _circle(results: Results, payload: float, config: ValidateConfig) -> None:
     speeds = (6.0, 10.0, 14.1) if config.quick else (6.0, 8.0, 10.0, 11.5, 13.0, 14.1)
-    found = circle(payload, config.timestep, speeds)
+    found = circle(payload, config.step, speeds)
     scale = float(np.rad2deg(GRAVITY))
     load = f"{payload / 1e3:g}t"
     label = f"steady circle of {RADIUS:g} m, {payload / 1e3:g} t"

@@ -14,7 +14,7 @@ _XBR_PAYLOADS = (0.0, 31_000.0, 36_000.0)
 def run(config: ValidateConfig) -> Results:
     """Pedal tests, force balance and brake tests."""
     results = Results("validate longitudinal")
-    step = config.timestep
+    step = config.step
 
     def add(name: str, outcome: tuple[list[Check], list[Panel]]) -> None:
         checks, panels = outcome

@@ -29,7 +29,7 @@ _HEIGHTS = 5
 def run(config: ValidateConfig) -> Results:
     """Tilt table, lane changes, pulse steer, turns, split friction, locked wheels."""
     results = Results("validate standards")
-    step = config.timestep
+    step = config.step
     payloads = config.payloads()
     for payload in payloads:
         checks, panels, threshold = rollover.compare(payload, step)
@@ -59,7 +59,7 @@ def run(config: ValidateConfig) -> Results:
 def _lane_changes(
     results: Results, payload: float, threshold: float, config: ValidateConfig
 ) -> None:
-    step = config.timestep
+    step = config.step
     for kph in (88.0,) if config.quick else (80.0, 88.0, 100.0):
         place = f"{payload / 1e3:g}t_{kph:g}kph"
         _add(
