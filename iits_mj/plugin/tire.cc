@@ -14,6 +14,8 @@
 namespace iits {
 namespace {
 
+// Greatest stiffness of a wheel on its carcass spring, times step squared over inertia.
+constexpr double kCarry = 0.9;
 // Numbers of the sensors, and where slips begin in the state's signals.
 constexpr int kForceSize = 3, kSlipSize = 2, kSlipFirst = 4;
 
@@ -88,8 +90,10 @@ Tire* Tire::Create(const mjModel* m, int instance) {
                   InstanceName(m, instance).c_str(), m->names + m->name_bodyadr[body]);
       return nullptr;
     }
-    t->wheels_.push_back(
-        {body, m->body_parentid[body], m->body_rootid[body], m->jnt_dofadr[joint]});
+    const int dof = m->jnt_dofadr[joint];
+    const double radius = t->rolling_radius_;
+    const double carry = kCarry * m->dof_M0[dof] / (t->slip_stiffness_ * radius * radius);
+    t->wheels_.push_back({body, m->body_parentid[body], m->body_rootid[body], dof, carry});
   }
   t->common_dof_ = t->wheels_.empty() ? -1 : t->wheels_[0].dof;
   for (const Wheel& wheel : t->wheels_) {

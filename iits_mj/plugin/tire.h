@@ -39,6 +39,7 @@ class Tire {
  private:
   struct Wheel {
     int body, hub, root, dof;
+    double carry;  // load over the longitudinal relaxation length that a step can carry [N s2/m]
   };
   struct Sensor {
     int address, wheel;

@@ -157,7 +157,10 @@ void Tire::PairForces(const mjModel* m, const mjData* d, const Wheel& a, const W
   // Relaxation: dz/dt = -Vs - |Vr| z / sigma, semi-implicit, so that it holds at standstill.
   const Pair transport = Abs(c.rolling_radius * c.spin);
   const Pair relative = c.load * inverse_nominal_load_;
-  const double inverse_x = inverse_relaxation_x_;
+  // A wheel end spins on its carcass spring: no stiffer than the step can carry (at 5 ms it is
+  // felt).
+  const Pair inverse_x =
+      Min(Pair{a.carry, b.carry} / (h * h * c.load), Both(inverse_relaxation_x_));
   const Pair inverse_y = InverseRelaxation(relative);
   Pair zx = (Pair{sa->bristle_x, sb->bristle_x} - h * c.slip_vx) / (1 + h * transport * inverse_x);
   Pair zy = (Pair{sa->bristle_y, sb->bristle_y} - h * c.slip_vy) / (1 + h * transport * inverse_y);
