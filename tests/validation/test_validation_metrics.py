@@ -4,7 +4,6 @@ import pytest
 from iits_mj.errors import InputError
 from iits_mj.validation import COMMANDS, ValidateConfig
 from iits_mj.validation.metrics import fit, harmonic, peak_ratio
-from iits_mj.validation.single_lane_change import damping_ratio
 
 TIME = np.linspace(0.0, 20.0, 2001)
 
@@ -29,20 +28,11 @@ def test_harmonic_finds_amplitude_and_phase_beside_a_drift():
     assert np.angle(found[1]) == pytest.approx(-np.pi / 2)
 
 
-@pytest.mark.parametrize("ratio", [0.05, 0.15, 0.3])
-def test_damping_ratio_of_a_decaying_oscillation_is_found(ratio):
-    natural = 4.0
-    damped = natural * np.sqrt(1.0 - ratio**2)
-    signal = np.exp(-ratio * natural * TIME) * np.cos(damped * TIME)
-    assert damping_ratio(signal) == pytest.approx(ratio, rel=0.1)
-
-
-def test_a_signal_that_does_not_swing_counts_as_fully_damped():
-    assert damping_ratio(np.exp(-TIME)) == 1.0
-
-
 def test_commands_and_options_are_the_announced_ones():
-    assert set(COMMANDS) == {"lateral", "longitudinal", "standards"}
+    assert set(COMMANDS) == {"lateral", "longitudinal", "standards", "step-size"}
+    assert ValidateConfig().step == 0.001
+    assert ValidateConfig(quick=True).step == 0.002
+    assert ValidateConfig(quick=True, timestep=0.005).step == 0.005
     assert ValidateConfig().payloads() == (36_000.0, 0.0)
     assert ValidateConfig(payload=12_000.0).payloads() == (12_000.0,)
     with pytest.raises(InputError, match="payload"):
