@@ -10,6 +10,8 @@ from iits_mj.render import plots
 from iits_mj.results import Check, Results
 
 _DPI = 72
+# A section with more checks than this shows only those that fall short.
+_LONG = 300
 
 
 def write_markdown(results: Results, version: str, folder: Path) -> Path:
@@ -41,7 +43,12 @@ def write_markdown(results: Results, version: str, folder: Path) -> Path:
         if part is not results:
             lines += [f"## {part.command.removeprefix(results.command).strip().capitalize()}", ""]
         lines += [f"> {note}\n" for note in part.notes]
-        lines += [*table(part.checks), ""]
+        shown = part.checks
+        if len(shown) > _LONG:
+            shown = [check for check in part.checks if not check.ok]
+            held = len(part.checks) - len(shown)
+            lines += [f"{held} checks hold and are left out here; these do not:", ""]
+        lines += [*table(shown), ""]
         for title, panels in part.figures.items():
             name = f"{slug(part.command)}-{slug(title)}.png"
             plots.write_whole(pictures / name, plots.to_png(plots.draw(panels), dpi=_DPI))

@@ -17,6 +17,8 @@ from iits_mj.errors import InputError
 from iits_mj.results import Line, Panel
 
 PALETTE = ("#1f5fa8", "#d1495b", "#2a9d8f", "#e9a03b", "#6d597a", "#577590")
+# Labels of a plan view, which is drawn to scale.
+_MAP = ("x [m]", "y [m]")
 INK, GRID = "#22303c", "#d9dee3"
 _ROLE_STYLE: dict[str, dict[str, Any]] = {
     "reference": {"color": "#8a949e", "linestyle": "--", "linewidth": 1.4, "zorder": 2},
@@ -74,6 +76,8 @@ def _draw_panel(ax: Axes, panel: Panel) -> None:
         marker = "o" if x.size <= 2 else ""
         ax.plot(x, np.asarray(line.y, dtype=float), label=line.label, **style, marker=marker, ms=4)
     _open_flat_range(ax)
+    if (panel.x_label, panel.y_label) == _MAP:
+        ax.set_aspect("equal", adjustable="datalim")
     if all(np.array_equal(line.y, np.round(line.y)) for line in panel.lines):
         ax.yaxis.set_major_locator(MaxNLocator(integer=True))
     ax.set_title(panel.title, loc="left", fontsize=10, color=INK, fontweight="bold")

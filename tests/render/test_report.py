@@ -52,6 +52,12 @@ def test_units_stand_on_both_axes() -> None:
     assert figure.axes[0].get_ylabel() == "speed [m/s]"
 
 
+def test_plan_views_are_drawn_to_scale() -> None:
+    plan = Panel("path", "x [m]", "y [m]", PANEL.lines)
+    assert plots.draw([plan]).axes[0].get_aspect() == 1.0
+    assert plots.draw([PANEL]).axes[0].get_aspect() == "auto"
+
+
 def test_lines_that_do_not_match_are_refused() -> None:
     with pytest.raises(InputError, match="must be"):
         plots.draw([Panel("p", "x", "y", (Line("l", X, X[:-1]),))])
