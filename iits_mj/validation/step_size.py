@@ -26,11 +26,6 @@ _NOTES = (
     "Braking: stops and bends with ABS change by its valves, which switch at the step where a "
     "wheel's slip passes a threshold. A stop on the same road with so mild a demand that ABS stays "
     "off changes by less than a tenth of a percent.",
-    "Laden tilt table: the same at 0.5, 1 and 2 ms. At 5 ms the standing, loaded outer wheels of "
-    "the trailer swing in spin from step to step: the wind-up of rolling resistance is damped "
-    "explicitly (kSpinDamping in the tire plugin), and with the carcass as a spring that step is "
-    "too long. At 4.5 ms, or with half the rolling resistance, they stand still. It is an error of "
-    "the plugin at standstill.",
     "Transient off-tracking and phases of the frequency response: the change grows in proportion "
     "to the step, as with first-order integration; it is a few millimetres on a path of one and a "
     "half metres, and a third of a degree.",
