@@ -36,6 +36,18 @@ def _load_shape(load: ArrayLike, common: TireCommon) -> FloatArray:
     return np.asarray(np.sin(2.0 * np.arctan(relative / common.load_saturation)))
 
 
+def lateral_shape(stretch: ArrayLike, common: TireCommon) -> FloatArray:
+    """Magic Formula of the side force over its peak, any shape (Pacejka, eq. 4.6).
+
+    Args:
+      stretch: `B tan(alpha)`, which is `K_y tan(alpha) / (C mu Fz)`.
+      common: gives shape `C` and curvature `E`.
+    """
+    b = np.asarray(stretch, dtype=float)
+    bent = b - common.curvature_lateral * (b - np.arctan(b))
+    return np.asarray(np.sin(common.shape_lateral * np.arctan(bent)))
+
+
 def friction(load: ArrayLike, nominal_friction: float, common: TireCommon) -> FloatArray:
     """Peak friction coefficient `mu0 (1 - slope (Fz / Fz0 - 1))` at load [N], not below 0.
 

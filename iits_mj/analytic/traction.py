@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from iits_mj.analytic.roll_bodies import FIRST_AXLE, PHI_C, PHI_T, RollBodies
 from iits_mj.mass_state import group_center
 from iits_mj.parameters import TireCommon, TruckParameters
-from iits_mj.tire_law import friction
+from iits_mj.tire_law import friction, lateral_shape
 
 FloatArray = NDArray[np.float64]
 
@@ -147,9 +147,7 @@ def tractor_pitch(parameters: TruckParameters, load_changes: FloatArray) -> floa
 def _side_share(common: TireCommon, rho: FloatArray) -> FloatArray:
     """Magic Formula over its initial slope at normalised slip rho, any shape."""
     rho = np.maximum(rho, 1e-6)
-    b = rho / common.shape_lateral
-    bent = b - common.curvature_lateral * (b - np.arctan(b))
-    return np.asarray(np.sin(common.shape_lateral * np.arctan(bent)) / rho)
+    return np.asarray(lateral_shape(rho / common.shape_lateral, common) / rho)
 
 
 def _trail_share(rho: FloatArray) -> FloatArray:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.messages import EgoState
+from iits_mj.messages import EgoState, VehicleCommand, XbrMode
 from iits_mj.truck import Truck
-from iits_mj.validation.recorder import PERIOD
+from iits_mj.validation.recorder import sampled, wheel_slips
 
 FloatArray = NDArray[np.float64]
 
@@ -64,27 +64,17 @@ def brake(
       duration: at most [s].
       stop: ends the run early.
     """
-    steps = round(PERIOD / truck.model.opt.timestep)
-    rows: list[list[float]] = []
-    sensors = [
-        truck.data.sensor(f"{axle.name}_{side}_tire_slip")
-        for axle in truck.parameters.axles
-        for side in ("left", "right")
-    ]
-    for tick in range(round(duration / PERIOD) + 1):
-        state = truck.observe()
-        slips = [float(sensor.data[0]) for sensor in sensors]
-        rows.append([tick * PERIOD, *_row(state), *slips])
-        if stop(state):
-            break
-        truck.command(
-            accelerator_pedal=0.0,
-            xbr_mode=2.0,
+    table = sampled(
+        truck,
+        lambda time, state: VehicleCommand(
+            xbr_mode=XbrMode.MAXIMUM,
             xbr_demand=-demand,
-            steering_wheel_angle=steering(tick * PERIOD, state),
-        )
-        truck.step(steps)
-    table = np.array(rows)
+            steering_wheel_angle=steering(time, state),
+        ),
+        lambda state: [*_row(state), *wheel_slips(truck)],
+        duration,
+        stop,
+    )
     table[:, 4] = np.unwrap(table[:, 4])
     names = list(BrakingRun.__dataclass_fields__)[:-1]
     columns = dict(zip(names, table[:, : len(names)].T, strict=True))

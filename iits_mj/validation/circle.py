@@ -17,7 +17,14 @@ from iits_mj.analytic import Kinematic, YawSideslip, yaw_rate_gain
 from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
 from iits_mj.validation.checkpoint import restore, state_of
-from iits_mj.validation.recorder import PERIOD, Recording, SpeedHold, drive, run_straight
+from iits_mj.validation.recorder import (
+    PERIOD,
+    Recording,
+    SpeedHold,
+    drive,
+    run_straight,
+    trailer_roll,
+)
 from iits_mj.validation.steady_turn import SteadyTurn
 from iits_mj.validation.step_steer import FREE_HITCH
 
@@ -173,8 +180,7 @@ class _Staircase:
         return float(self.truck.parameters.steering.ratio * np.clip(angle, -0.6, 0.6))
 
     def _lost(self) -> bool:
-        attitude = self.truck.data.body("trailer").xmat.reshape(3, 3)
-        rolled = abs(float(np.arctan2(attitude[2, 1], attitude[2, 2]))) > _ROLLED
+        rolled = abs(trailer_roll(self.truck)) > _ROLLED
         return rolled or abs(self._outside()[0]) > _LOST
 
 

@@ -14,7 +14,7 @@ from scipy import optimize
 from iits_mj.analytic import static_axle_loads
 from iits_mj.parameters import TireCommon, TruckParameters
 from iits_mj.road.elements import DEFAULT_FRICTION
-from iits_mj.tire_law import cornering_stiffness, friction
+from iits_mj.tire_law import cornering_stiffness, friction, lateral_shape
 
 FloatArray = NDArray[np.float64]
 
@@ -52,8 +52,7 @@ def effort(
     stiffness = float(cornering_stiffness(each, tire, common))
     stretch = np.tan(np.abs(slip)) * stiffness / (common.shape_lateral * most)
     stretch = np.minimum(stretch, _peak(common))
-    bent = stretch - common.curvature_lateral * (stretch - np.arctan(stretch))
-    return np.asarray(np.sin(common.shape_lateral * np.arctan(bent)))
+    return lateral_shape(stretch, common)
 
 
 def _friction(parameters: TruckParameters, index: int, load: float, surface: float) -> float:

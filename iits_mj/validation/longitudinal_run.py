@@ -12,10 +12,9 @@ from iits_mj.identification import Log
 from iits_mj.identification.log import PRESSURES
 from iits_mj.messages import EgoState, VehicleCommand
 from iits_mj.truck import Truck
+from iits_mj.validation.recorder import sampled, wheel_slips
 
 FloatArray = NDArray[np.float64]
-
-PERIOD = 0.01
 
 
 @dataclass(frozen=True)
@@ -71,23 +70,13 @@ def run(
       duration: at most [s].
       stop: ends the run early.
     """
-    steps = round(PERIOD / truck.model.opt.timestep)
-    rows: list[list[float]] = []
-    slips = [
-        truck.data.sensor(f"{axle.name}_{side}_tire_slip")
-        for axle in truck.parameters.axles
-        for side in ("left", "right")
-    ]
-    for tick in range(round(duration / PERIOD) + 1):
-        state = truck.observe()
+
+    def read(state: EgoState) -> list[float]:
         grade = float(truck.route.evaluate(state.station, state.offset).grade)
-        slip = max(abs(float(sensor.data[0])) for sensor in slips)
-        rows.append([tick * PERIOD, *_row(state), grade, slip, *state.brake_pressures])
-        if stop is not None and stop(state):
-            break
-        truck.command(command(tick * PERIOD, state))
-        truck.step(steps)
-    table = np.array(rows)
+        slip = max(abs(value) for value in wheel_slips(truck))
+        return [*_row(state), grade, slip, *state.brake_pressures]
+
+    table = sampled(truck, command, read, duration, stop)
     names = list(Run.__dataclass_fields__)[:-1]
     columns = dict(zip(names, table[:, : len(names)].T, strict=True))
     return Run(**columns, pressures=table[:, len(names) :])

@@ -32,7 +32,6 @@ from iits_mj.validation.recorder import Recording, SpeedHold, drive, run_straigh
 from iits_mj.validation.single_lane_change import (
     PBS_FACTOR,
     linear_system,
-    model_steer_axle,
     steer_axle_acceleration,
 )
 
@@ -85,7 +84,7 @@ class PathChange:
     def model_amplification(self) -> float:
         """The linear model's [1]."""
         rear = np.max(np.abs(self.model.trailer_lateral_acceleration))
-        return float(rear / np.max(np.abs(model_steer_axle(self.model, self.system))))
+        return float(rear / np.max(np.abs(self.model.steer_axle_acceleration)))
 
 
 def end_offset() -> float:

@@ -146,6 +146,52 @@ def drive(
     return Recording(**named, side_loads=table[:, len(columns) :])
 
 
+def sampled(
+    truck: Truck,
+    command: Callable[[float, EgoState], VehicleCommand],
+    read: Callable[[EgoState], list[float]],
+    duration: float,
+    stop: Callable[[EgoState], bool] | None = None,
+) -> FloatArray:
+    """Drives the truck as it stands and samples it every 10 ms.
+
+    Args:
+      truck: call its `reset` before.
+      command: by time since the start [s] and state.
+      read: a sample's numbers, k of them.
+      duration: at most [s].
+      stop: ends the run early.
+
+    Returns:
+      Time [s] and what was read, shape (n, 1 + k).
+    """
+    steps = round(PERIOD / truck.model.opt.timestep)
+    rows: list[list[float]] = []
+    for tick in range(round(duration / PERIOD) + 1):
+        state = truck.observe()
+        rows.append([tick * PERIOD, *read(state)])
+        if stop is not None and stop(state):
+            break
+        truck.command(command(tick * PERIOD, state))
+        truck.step(steps)
+    return np.array(rows)
+
+
+def wheel_slips(truck: Truck) -> list[float]:
+    """Longitudinal slip of each wheel [1], axle by axle, left before right."""
+    return [
+        truck.read(f"{axle.name}_{side}_tire_slip")
+        for axle in truck.parameters.axles
+        for side in ("left", "right")
+    ]
+
+
+def trailer_roll(truck: Truck) -> float:
+    """Roll of the trailer [rad], positive to the right."""
+    attitude = truck.data.body("trailer").xmat
+    return float(np.arctan2(attitude[7], attitude[8]))
+
+
 def _advance(truck: Truck, target: float) -> None:
     """Steps to a time [s]."""
     steps = round((target - truck.time) / truck.model.opt.timestep)
@@ -158,7 +204,6 @@ def _row(truck: Truck, state: EgoState) -> list[float]:
     rear = data.site("trailer_axle_center").xpos
     trailer = data.body("trailer").xmat.reshape(3, 3)
     gravity = float(trailer[:, 1] @ truck.model.opt.gravity)
-    trailer_roll = np.arctan2(trailer[2, 1], trailer[2, 2])
     loads = [
         min(truck.read(f"{axle.name}_{side}_tire_force", 2) for side in ("left", "right"))
         for axle in truck.parameters.axles
@@ -179,6 +224,6 @@ def _row(truck: Truck, state: EgoState) -> list[float]:
         truck.read("trailer_acceleration", 1) + gravity,
         state.lateral_speed,
         state.roll,
-        float(trailer_roll),
+        trailer_roll(truck),
         *loads,
     ]

@@ -20,6 +20,7 @@ from iits_mj.results import Check, Line, Panel
 from iits_mj.truck import Truck
 from iits_mj.units import GRAVITY
 from iits_mj.validation.checkpoint import restore, state_of
+from iits_mj.validation.recorder import trailer_roll
 from iits_mj.validation.roll_plane import RollPlane
 
 FloatArray = NDArray[np.float64]
@@ -70,7 +71,7 @@ def tilt_table(payload: float, timestep: float = 0.002, height: float | None = N
     truck.reset()
     truck.command(parking_brake=1.0)
     truck.step(round(3.0 / timestep))
-    table, roll = [0.0], [_lean(truck)]
+    table, roll = [0.0], [trailer_roll(truck)]
     kept: list[tuple[float, NDArray[np.float64]]] = []
     lifted = math.inf
     left = [f"{axle.name}_left_tire_force" for axle in truck.parameters.axles[1:]]
@@ -79,7 +80,7 @@ def tilt_table(payload: float, timestep: float = 0.002, height: float | None = N
         rate = _SLOW if table[-1] > near else _FAST
         _tilt(truck, table[-1], rate, _BLOCK)
         table.append(table[-1] + rate * _BLOCK)
-        roll.append(_lean(truck))
+        roll.append(trailer_roll(truck))
         if math.isinf(lifted) and all(truck.data.sensor(name).data[2] <= 0.0 for name in left):
             lifted = math.tan(table[-1])
     held = math.tan(_last_held(truck, kept))
@@ -93,12 +94,6 @@ def _tilt(truck: Truck, angle: float, rate: float, duration: float) -> None:
         now = angle + rate * (i + 1) * step
         truck.model.opt.gravity[:] = (0.0, -GRAVITY * math.sin(now), -GRAVITY * math.cos(now))
         truck.step(1)
-
-
-def _lean(truck: Truck) -> float:
-    """Roll of the trailer against the table [rad]."""
-    attitude = truck.data.body("trailer").xmat.reshape(3, 3)
-    return math.atan2(attitude[2, 1], attitude[2, 2])
 
 
 def _last_held(truck: Truck, kept: list[tuple[float, NDArray[np.float64]]]) -> float:
@@ -116,7 +111,7 @@ def _stands(truck: Truck, angle: float, state: NDArray[np.float64]) -> bool:
     lean = np.zeros((2, round(0.5 * _HOLD / _BLOCK)))
     for index in np.ndindex(*lean.shape):
         _tilt(truck, angle, 0.0, _BLOCK)
-        lean[index] = abs(_lean(truck))
+        lean[index] = abs(trailer_roll(truck))
         if lean[index] > _FALLEN:
             return False
     first, second = lean.mean(axis=1)

@@ -47,7 +47,7 @@ class Amplification:
     def linear(self) -> float:
         """The linear model's [1]."""
         rear = np.max(np.abs(self.model.trailer_lateral_acceleration))
-        return float(rear / np.max(np.abs(model_steer_axle(self.model, self.system))))
+        return float(rear / np.max(np.abs(self.model.steer_axle_acceleration)))
 
     def peak(self) -> float:
         """Greatest lateral acceleration of the steer axle [m/s2]."""
@@ -65,12 +65,6 @@ def steer_axle_acceleration(record: Recording) -> FloatArray:
     )
 
 
-def model_steer_axle(answer: Response, system: LateralSystem) -> FloatArray:
-    """The same of the linear model [m/s2], shape (n,)."""
-    swing = np.gradient(answer.yaw_rate, answer.time)
-    return np.asarray(answer.lateral_acceleration + system.model.L_c1 * swing)
-
-
 def linear_system(truck: Truck, speed: float) -> LateralSystem:
     """The linear model of this truck at this speed [m/s], tires loaded as at cruise."""
     model = YawSideslip.from_parameters(truck.parameters, truck.payload, cruise_speed=speed)
@@ -83,7 +77,8 @@ def sine_steer(payload: float, speed: float, timestep: float) -> Amplification:
     truck.reset(speed=speed)
     system = linear_system(truck, speed)
     time, unit = single_sine(1.0 / FREQUENCY, 1.0 / FREQUENCY + 4.0)
-    per_steer = np.max(np.abs(model_steer_axle(simulate(system, time, 1e-3 * unit), system))) / 1e-3
+    answer = simulate(system, time, 1e-3 * unit)
+    per_steer = float(np.max(np.abs(answer.steer_axle_acceleration))) / 1e-3
     height = PEAK / per_steer * truck.parameters.steering.ratio
 
     def steering(time: float, _: float) -> float:
@@ -118,7 +113,7 @@ def compare(
         Line(
             "yaw-sideslip model, steer axle",
             time,
-            model_steer_axle(done.model, done.system),
+            done.model.steer_axle_acceleration,
             "reference",
         ),
         Line("truck, steer axle", time, steer_axle_acceleration(record), "simulation"),

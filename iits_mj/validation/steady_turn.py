@@ -22,7 +22,7 @@ from scipy import optimize
 
 from iits_mj.analytic import YawSideslip, cruise_axle_loads
 from iits_mj.parameters import TruckParameters
-from iits_mj.tire_law import cornering_stiffness, friction
+from iits_mj.tire_law import cornering_stiffness, friction, lateral_shape
 from iits_mj.validation.roll_plane import Leaning, RollPlane
 
 FloatArray = NDArray[np.float64]
@@ -74,9 +74,8 @@ class SteadyTurn:
                 continue
             most = float(friction(each, common.friction_lateral, common)) * each
             stretch = float(cornering_stiffness(each, tire, common)) * math.tan(slip) / most
-            b = stretch / common.shape_lateral
-            bent = b - common.curvature_lateral * (b - math.atan(b))
-            total += tire.count * most * math.sin(common.shape_lateral * math.atan(bent))
+            share = lateral_shape(stretch / common.shape_lateral, common)
+            total += tire.count * most * float(share)
         return total
 
 

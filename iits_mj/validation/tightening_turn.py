@@ -30,7 +30,7 @@ from iits_mj.truck import Truck
 from iits_mj.units import GRAVITY, KMH
 from iits_mj.validation.circle import gears_held
 from iits_mj.validation.grip import effort, grip_limit
-from iits_mj.validation.recorder import PERIOD, Recording, drive, run_straight
+from iits_mj.validation.recorder import PERIOD, Recording, drive, run_straight, trailer_roll
 
 FloatArray = NDArray[np.float64]
 
@@ -158,8 +158,7 @@ class _Watch:
         self.inner.append(sum(float(data.sensor(name).data[2]) for name in self._names))
         if self.lateral[-1] > self._best[0]:
             self._best = (self.lateral[-1], len(self.lateral))
-        attitude = data.body("trailer").xmat.reshape(3, 3)
-        rolled = abs(math.atan2(attitude[2, 1], attitude[2, 2])) > _ROLLED
+        rolled = abs(trailer_roll(self._truck)) > _ROLLED
         return rolled or (len(self.lateral) - self._best[1]) * PERIOD > _NO_RISE
 
 

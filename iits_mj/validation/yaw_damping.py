@@ -93,8 +93,7 @@ def _unit_peak(system: LateralSystem) -> float:
     """Peak lateral acceleration of the steer axle per road-wheel angle [m/s2 per rad]."""
     time = np.arange(0.0, 4.0, 0.01)
     answer = simulate(system, time, 1e-3 * triangle(time))
-    front = answer.lateral_acceleration + system.model.L_c1 * np.gradient(answer.yaw_rate, time)
-    return float(np.max(np.abs(front)) / 1e-3)
+    return float(np.max(np.abs(answer.steer_axle_acceleration)) / 1e-3)
 
 
 def damping_ratio(signal: FloatArray) -> float:

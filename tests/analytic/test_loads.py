@@ -10,7 +10,12 @@ from iits_mj.analytic import (
 )
 from iits_mj.errors import InputError
 from iits_mj.parameters import TruckParameters
-from iits_mj.tire_law import cornering_stiffness, friction, nominal_cornering_coefficient
+from iits_mj.tire_law import (
+    cornering_stiffness,
+    friction,
+    lateral_shape,
+    nominal_cornering_coefficient,
+)
 from iits_mj.units import GRAVITY
 
 PARAMETERS = TruckParameters.load()
@@ -102,3 +107,11 @@ def test_axle_stiffness_counts_every_tire():
     stiffness = axle_cornering_stiffness(PARAMETERS, loads)
     nominal = PARAMETERS.tires["drive"].cornering_coefficient * loads[1]
     assert stiffness[1] == pytest.approx(nominal)
+
+
+def test_side_force_over_its_peak_starts_with_the_shape_and_peaks_at_one():
+    common = PARAMETERS.tire_common
+    assert lateral_shape(1e-6, common) / 1e-6 == pytest.approx(common.shape_lateral)
+    stretch = np.linspace(0.0, 20.0, 2001)
+    assert np.max(lateral_shape(stretch, common)) == pytest.approx(1.0, abs=1e-4)
+    np.testing.assert_allclose(lateral_shape(-stretch, common), -lateral_shape(stretch, common))
