@@ -32,6 +32,14 @@ class XbrMode(enum.IntEnum):
     MAXIMUM = 2
 
 
+class XbrEbiMode(enum.IntEnum):
+    """XBR endurance brake integration of SAE J1939-71 (SPN 2915): who may answer the demand."""
+
+    FRICTION_ONLY = 0
+    ENDURANCE_ONLY = 1
+    INTEGRATION = 2
+
+
 class TransmissionMode(enum.IntEnum):
     """Gear selector. Drive is zero, so that an all-zero control vector is a truck ready to go."""
 
@@ -61,6 +69,9 @@ class VehicleCommand:
       parking_brake: 1 applies the spring brakes, 0 releases them.
       engine_brake: requested fraction of the available engine-brake torque, 0 to 1.
       transmission_mode: see `TransmissionMode`.
+      retarder: requested fraction of the available retarder torque, 0 to 1.
+      brake_pedal: position of the driver's service-brake pedal, 0 to 1.
+      xbr_ebi_mode: whether engine brake and retarder answer the XBR demand, see `XbrEbiMode`.
     """
 
     accelerator_pedal: float = 0.0
@@ -70,6 +81,9 @@ class VehicleCommand:
     parking_brake: float = 0.0
     engine_brake: float = 0.0
     transmission_mode: TransmissionMode = TransmissionMode.DRIVE
+    retarder: float = 0.0
+    brake_pedal: float = 0.0
+    xbr_ebi_mode: XbrEbiMode = XbrEbiMode.FRICTION_ONLY
 
 
 @dataclass(frozen=True, slots=True)

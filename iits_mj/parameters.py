@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.assets import mjcf_dir
+from iits_mj.brake_parameters import AirBrake
 from iits_mj.errors import InputError
 from iits_mj.parameter_files import (
-    Table2D,
     air_brake_tables,
     build,
     engine_tables,
@@ -31,6 +31,7 @@ from iits_mj.parameter_files import (
     read_toml,
     section,
 )
+from iits_mj.powertrain_parameters import Engine, Gearbox
 
 FloatArray = NDArray[np.float64]
 
@@ -178,119 +179,6 @@ class Aerodynamics:
     side_area: float
     pressure_height: float
     density: float
-
-
-@dataclass(frozen=True)
-class EngineScalars:
-    """Scalar figures of the engine; the maps are in `Engine`."""
-
-    idle_speed: float
-    governed_speed: float
-    reference_torque: float
-    inertia: float
-    torque_rise_rate: float
-    torque_rise_rate_low: float
-    torque_rise_threshold: float
-    torque_fall_rate: float
-    torque_fall_rate_low: float
-    torque_fall_threshold: float
-    boost_lag: float
-    drag_speed: tuple[float, ...]
-    drag_torque: tuple[float, ...]
-    engine_brake_power: float
-    engine_brake_speed: float
-    idle_fuel_rate: float
-
-
-@dataclass(frozen=True)
-class Engine(EngineScalars):
-    """The identified engine.
-
-    Attributes:
-      full_load_speed, full_load_torque: [rad/s], [N m], shape (n,).
-      pedal_map: torque [N m] over engine speed [rad/s] (rows) and pedal 0..1 (columns).
-      fuel_map: BSFC [kg/J] over torque [N m] (rows) and engine speed [rad/s] (columns).
-    """
-
-    full_load_speed: FloatArray
-    full_load_torque: FloatArray
-    pedal_map: Table2D
-    fuel_map: Table2D
-
-
-@dataclass(frozen=True)
-class GearboxScalars:
-    """Scalar figures of gearbox, clutch and driveline."""
-
-    final_drive: float
-    efficiency: float
-    driveline_efficiency: float
-    start_gear: int
-    reverse_ratio: float
-    shift_cut_time: float
-    synchronization_time: float
-    clutch_engagement_time: float
-    clutch_close_time: float
-    clutch_torque_max: float
-    driveline_stiffness: float
-    driveline_damping: float
-    downshift_delay: float
-    downshift_margin: float
-    min_gear_time: float
-
-
-@dataclass(frozen=True)
-class Gearbox(GearboxScalars):
-    """The 12-speed automated gearbox.
-
-    Attributes:
-      ratios: of gears 1 to 12, shape (12,).
-      inertias: at the gearbox input, per gear [kg m2], shape (12,).
-      upshift: vehicle speed [m/s] over from-gear 1..11 (rows) and pedal (columns).
-      downshift: vehicle speed [m/s] over from-gear 2..12 (rows) and pedal (columns).
-    """
-
-    ratios: FloatArray
-    inertias: FloatArray
-    upshift: Table2D
-    downshift: Table2D
-
-
-@dataclass(frozen=True)
-class AirBrakeScalars:
-    """Scalar and per-axle figures of the air brakes (six axles, front to rear)."""
-
-    dead_time: tuple[float, ...]
-    build_up_time_constant: tuple[float, ...]
-    release_time_constant: tuple[float, ...]
-    supply_rise_rate: float
-    supply_fall_rate: float
-    torque_per_pressure: tuple[float, ...]
-    push_out_pressure: float
-    hysteresis_pressure: float
-    pressure_max: float
-    abs_release_slip: float
-    abs_reapply_slip: float
-    abs_speed_min: float
-    stiffness: float
-    parking_torque: float
-    mass_light: float
-    mass_heavy: float
-
-
-@dataclass(frozen=True)
-class AirBrake(AirBrakeScalars):
-    """Air brakes with the pressure table.
-
-    Attributes:
-      demand: demanded deceleration, positive and increasing [m/s2], shape (n,).
-      pressure_light, pressure_heavy: pressure [Pa] of (front, drive, trailer) circuits at the two
-        masses, shape (n, 3).
-    """
-
-    demand: FloatArray
-    pressure_light: FloatArray
-    pressure_heavy: FloatArray
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from iits_mj.messages import (
     EgoState,
     TransmissionMode,
     VehicleCommand,
+    XbrEbiMode,
     XbrMode,
 )
 from iits_mj.model.builder import truck_spec
@@ -272,6 +273,7 @@ class Truck:
                 **values,
                 "xbr_mode": XbrMode(round(values["xbr_mode"])),
                 "transmission_mode": TransmissionMode(round(values["transmission_mode"])),
+                "xbr_ebi_mode": XbrEbiMode(round(values["xbr_ebi_mode"])),
             }  # type: ignore[arg-type]
         )
 

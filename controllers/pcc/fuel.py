@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from iits_mj.errors import PlanningError
-from iits_mj.parameters import Engine, TruckParameters
+from iits_mj.parameters import TruckParameters
+from iits_mj.powertrain_parameters import Engine
 
 FloatArray = NDArray[np.float64]
 _ENGINE_SPEED_MIN = 85.0  # [rad/s], 810 rpm: below it the driver would have shifted down

@@ -118,6 +118,9 @@ def add_actuators(root: ET.Element, p: TruckParameters) -> None:
         ("parking_brake", "air_brake", "propeller_shaft", (0, 1)),
         ("engine_brake", "powertrain", "propeller_shaft", (0, 1)),
         ("transmission_mode", "powertrain", "propeller_shaft", (0, 2)),
+        ("retarder", "powertrain", "propeller_shaft", (0, 1)),
+        ("brake_pedal", "air_brake", "propeller_shaft", (0, 1)),
+        ("xbr_ebi_mode", "air_brake", "propeller_shaft", (0, 2)),
     )
     for name, instance, tendon, limit in rows:
         ET.SubElement(

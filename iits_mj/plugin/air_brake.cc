@@ -147,11 +147,13 @@ bool AirBrake::FindActuators(const mjModel* m, int instance) {
     int* slot = name == "xbr_demand"      ? &demand_
                 : name == "xbr_mode"      ? &mode_
                 : name == "parking_brake" ? &parking_
+                : name == "brake_pedal"   ? &pedal_
+                : name == "xbr_ebi_mode"  ? &ebi_mode_
                                           : nullptr;
     if (!slot || *slot >= 0) {
       mju_warning(
           "plugin instance '%s': actuator '%s' is not one of xbr_demand, xbr_mode, "
-          "parking_brake, each at most once",
+          "parking_brake, brake_pedal, xbr_ebi_mode, each at most once",
           InstanceName(m, instance).c_str(), name.c_str());
       return false;
     }
@@ -162,6 +164,7 @@ bool AirBrake::FindActuators(const mjModel* m, int instance) {
                 InstanceName(m, instance).c_str());
     return false;
   }
+  powertrain_ = PartnerInstance(m, demand_, "iits.powertrain");
   return true;
 }
 
@@ -241,6 +244,8 @@ void AirBrake::Actuator(const mjModel* m, mjData* d, int instance) const {
   s->abs_active = demand.abs_active;
   d->actuator_force[m->actuator_outadr[demand_]] = 0;
   d->actuator_force[m->actuator_outadr[mode_]] = 0;
+  if (pedal_ >= 0) d->actuator_force[m->actuator_outadr[pedal_]] = 0;
+  if (ebi_mode_ >= 0) d->actuator_force[m->actuator_outadr[ebi_mode_]] = 0;
 }
 
 // Commits what the last `compute` found; nothing for a part of the engine that is disabled.

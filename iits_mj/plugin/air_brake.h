@@ -9,13 +9,15 @@
 
 #include "plugin/brake_control.h"
 #include "plugin/dead_time.h"
+#include "plugin/endurance.h"
 #include "plugin/wheel_brake.h"
 
 namespace iits {
 
 // Hubs (the bodies that do not spin) reference the instance: in body order, left and right of each
 // axle, each with one child body on one hinge, the wheel. Actuators, by local name: `xbr_demand`,
-// `xbr_mode` and optionally `parking_brake`; they exert no force themselves.
+// `xbr_mode` and optionally `parking_brake`, `brake_pedal`, `xbr_ebi_mode`; they exert no force
+// themselves.
 class AirBrake {
  public:
   static constexpr int kAxlesMax = 8;
@@ -33,6 +35,7 @@ class AirBrake {
   };
 
   struct State {
+    EnduranceDemand endurance;  // first: the powertrain reads it
     Pneumatics now, next;
     WindUp wind_up, next_wind_up;
     double next_is_fresh, next_wind_up_is_fresh;  // computed since the last `advance`
@@ -78,6 +81,8 @@ class AirBrake {
   std::vector<int> line_of_wheel_;
   double sample_spacing_ = 0;                   // of the dead-time line [s]
   int demand_ = -1, mode_ = -1, parking_ = -1;  // actuators
+  int pedal_ = -1, ebi_mode_ = -1;
+  int powertrain_ = -1;  // instance
   std::vector<Sensor> sensors_;
   std::vector<int> places_;
 };

@@ -72,11 +72,12 @@ bool Powertrain::FindActuators(const mjModel* m, int instance) {
     int* slot = name == "accelerator_pedal"   ? &pedal_
                 : name == "engine_brake"      ? &engine_brake_
                 : name == "transmission_mode" ? &mode_
+                : name == "retarder"          ? &retarder_
                                               : nullptr;
     if (!slot || *slot >= 0) {
       mju_warning(
           "plugin instance '%s': actuator '%s' is not one of accelerator_pedal, "
-          "engine_brake, transmission_mode, each at most once",
+          "engine_brake, retarder, transmission_mode, each at most once",
           InstanceName(m, instance).c_str(), name.c_str());
       return false;
     }
@@ -89,6 +90,7 @@ bool Powertrain::FindActuators(const mjModel* m, int instance) {
         InstanceName(m, instance).c_str());
     return false;
   }
+  air_brake_ = PartnerInstance(m, pedal_, "iits.air_brake");
   return true;
 }
 
@@ -240,6 +242,7 @@ void Powertrain::Actuator(const mjModel* m, mjData* d, int instance) const {
   d->actuator_force[out] = s->next.shaft_torque;
   if (engine_brake_ >= 0) d->actuator_force[m->actuator_outadr[engine_brake_]] = 0;
   if (mode_ >= 0) d->actuator_force[m->actuator_outadr[mode_]] = 0;
+  if (retarder_ >= 0) d->actuator_force[m->actuator_outadr[retarder_]] = 0;
 }
 
 void Powertrain::Sensors(const mjModel* m, mjData* d, int instance) const {
@@ -252,6 +255,8 @@ void Powertrain::Advance(const mjModel* m, mjData* d, int instance) const {
   State* s = reinterpret_cast<State*>(d->plugin_state + m->plugin_stateadr[instance]);
   if (s->next_is_fresh == 0) return;
   s->now = s->next;
+  s->endurance.shaft_torque = -s->now.shaft_torque;
+  s->endurance.engine_speed = s->now.engine.speed;
   s->next_is_fresh = 0;
 }
 

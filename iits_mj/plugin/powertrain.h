@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "plugin/clutch.h"
+#include "plugin/endurance.h"
 #include "plugin/engine.h"
 #include "plugin/gearbox.h"
 
@@ -15,7 +16,7 @@ namespace iits {
 
 // Actuators, by local name: `accelerator_pedal` (force: propeller-shaft torque; transmission: a
 // fixed tendon over the driven wheels with coefficients final_drive / n), and optionally
-// `engine_brake` and `transmission_mode` on the same tendon (force: 0).
+// `engine_brake`, `retarder` and `transmission_mode` on the same tendon (force: 0).
 class Powertrain {
  public:
   // All that evolves; zero after a reset, then `initialized` tells the first step to choose a gear.
@@ -36,6 +37,7 @@ class Powertrain {
   };
 
   struct State {
+    EnduranceState endurance;  // first: the brake control reads it
     Core now, next;
     double next_is_fresh;  // `compute` ran since the last `advance`
     Output output;
@@ -67,7 +69,8 @@ class Powertrain {
   Gearbox gearbox_;
   ClutchControl clutch_control_;
   double clutch_torque_max_, driveline_efficiency_, driveline_stiffness_, driveline_damping_;
-  int pedal_ = -1, engine_brake_ = -1, mode_ = -1;  // actuators
+  int pedal_ = -1, engine_brake_ = -1, mode_ = -1, retarder_ = -1;  // actuators
+  int air_brake_ = -1;                                              // instance
   std::vector<std::pair<int, double (*)(const Powertrain&, const Output&)>> sensors_;
 };
 

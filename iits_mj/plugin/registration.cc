@@ -2,7 +2,10 @@
 
 #include <mujoco/mujoco.h>
 
+#include <string>
 #include <vector>
+
+#include "plugin/config.h"
 
 namespace iits {
 
@@ -21,6 +24,18 @@ std::vector<int> ActuatorsOfInstance(const mjModel* m, int instance) {
     if (m->actuator_plugin[i] == instance) actuators.push_back(i);
   }
   return actuators;
+}
+
+int PartnerInstance(const mjModel* m, int actuator, const char* plugin) {
+  int slot = -1;
+  if (!mjp_getPlugin(plugin, &slot)) return -1;
+  const std::string prefix = NamePrefix(mj_id2name(m, mjOBJ_ACTUATOR, actuator));
+  for (int i = 0; i < m->nactuator; ++i) {
+    const int instance = m->actuator_plugin[i];
+    if (instance < 0 || m->plugin[instance] != slot) continue;
+    if (NamePrefix(mj_id2name(m, mjOBJ_ACTUATOR, i)) == prefix) return instance;
+  }
+  return -1;
 }
 
 }  // namespace iits

@@ -14,6 +14,10 @@ std::vector<int> BodiesOfInstance(const mjModel* m, int instance);
 // Actuators that belong to the plugin instance, in actuator order.
 std::vector<int> ActuatorsOfInstance(const mjModel* m, int instance);
 
+// Instance of `plugin` that has an actuator under the same name prefix as `actuator`; -1 when there
+// is none.
+int PartnerInstance(const mjModel* m, int actuator, const char* plugin);
+
 // One function a plugin, called when MuJoCo loads the library.
 void RegisterAerodynamics();
 void RegisterAirBrake();

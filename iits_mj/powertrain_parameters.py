@@ -1,0 +1,88 @@
+"""Numbers of engine, gearbox and driveline, as `mjcf/truck.toml` and its tables give them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.parameter_files import Table2D
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class EngineScalars:
+    """Scalar figures of the engine; the maps are in `Engine`."""
+
+    idle_speed: float
+    governed_speed: float
+    reference_torque: float
+    inertia: float
+    torque_rise_rate: float
+    torque_rise_rate_low: float
+    torque_rise_threshold: float
+    torque_fall_rate: float
+    torque_fall_rate_low: float
+    torque_fall_threshold: float
+    boost_lag: float
+    drag_speed: tuple[float, ...]
+    drag_torque: tuple[float, ...]
+    engine_brake_power: float
+    engine_brake_speed: float
+    idle_fuel_rate: float
+
+
+@dataclass(frozen=True)
+class Engine(EngineScalars):
+    """The identified engine.
+
+    Attributes:
+      full_load_speed, full_load_torque: [rad/s], [N m], shape (n,).
+      pedal_map: torque [N m] over engine speed [rad/s] (rows) and pedal 0..1 (columns).
+      fuel_map: BSFC [kg/J] over torque [N m] (rows) and engine speed [rad/s] (columns).
+    """
+
+    full_load_speed: FloatArray
+    full_load_torque: FloatArray
+    pedal_map: Table2D
+    fuel_map: Table2D
+
+
+@dataclass(frozen=True)
+class GearboxScalars:
+    """Scalar figures of gearbox, clutch and driveline."""
+
+    final_drive: float
+    efficiency: float
+    driveline_efficiency: float
+    start_gear: int
+    reverse_ratio: float
+    shift_cut_time: float
+    synchronization_time: float
+    clutch_engagement_time: float
+    clutch_close_time: float
+    clutch_torque_max: float
+    driveline_stiffness: float
+    driveline_damping: float
+    downshift_delay: float
+    downshift_margin: float
+    min_gear_time: float
+
+
+@dataclass(frozen=True)
+class Gearbox(GearboxScalars):
+    """The 12-speed automated gearbox.
+
+    Attributes:
+      ratios: of gears 1 to 12, shape (12,).
+      inertias: at the gearbox input, per gear [kg m2], shape (12,).
+      upshift: vehicle speed [m/s] over from-gear 1..11 (rows) and pedal (columns).
+      downshift: vehicle speed [m/s] over from-gear 2..12 (rows) and pedal (columns).
+    """
+
+    ratios: FloatArray
+    inertias: FloatArray
+    upshift: Table2D
+    downshift: Table2D
