@@ -48,6 +48,8 @@ _GEARBOX_SCALARS = (
     "reverse_ratio",
     "shift_cut_time",
     "synchronization_time",
+    "synchronization_time_max",
+    "synchronized_difference",
     "clutch_engagement_time",
     "clutch_close_time",
     "clutch_torque_max",
@@ -65,6 +67,7 @@ def config(parameters: TruckParameters) -> dict[str, str]:
     driven = next(axle for axle in parameters.tractor.axles if axle.tire == "drive")
     attributes = {name: _text(getattr(engine, name)) for name in _ENGINE_SCALARS}
     attributes |= {name: _text(getattr(gearbox, name)) for name in _GEARBOX_SCALARS}
+    attributes |= {name: _text(value) for name, value in vars(gearbox.shifting).items()}
     speed, torque = full_load(parameters)
     attributes |= {
         "engine_inertia": _text(engine.inertia),
@@ -78,6 +81,7 @@ def config(parameters: TruckParameters) -> dict[str, str]:
         "fuel_map_consumption": _text(engine.fuel_map.values),
         "ratios": _text(gearbox.ratios),
         "gear_inertias": _text(gearbox.inertias),
+        "shift_strategy": gearbox.shift_strategy,
         "wheel_radius": _text(parameters.tires[driven.tire].rolling_radius),
     }
     for name, table in (("upshift", gearbox.upshift), ("downshift", gearbox.downshift)):

@@ -23,10 +23,20 @@ const char* const kAttributes[] = {
     "pedal_map_speed", "pedal_map_pedal", "pedal_map_torque", "fuel_map_torque", "fuel_map_speed",
     "fuel_map_consumption",
     // gearbox
-    "ratios", "gear_inertias", "reverse_ratio", "final_drive", "efficiency", "start_gear",
-    "shift_cut_time", "synchronization_time", "clutch_close_time", "downshift_delay",
-    "downshift_margin", "min_gear_time", "wheel_radius", "upshift_gear", "upshift_pedal",
-    "upshift_speed", "downshift_gear", "downshift_pedal", "downshift_speed",
+    "ratios", "gear_inertias", "reverse_ratio", "final_drive", "efficiency", "wheel_radius",
+    "shift_cut_time", "synchronization_time", "synchronization_time_max",
+    "synchronized_difference", "clutch_close_time",
+    // shift strategy
+    "shift_strategy", "start_gear", "downshift_delay", "downshift_margin", "min_gear_time",
+    "reversal_time", "upshift_gear", "upshift_pedal", "upshift_speed", "downshift_gear",
+    "downshift_pedal", "downshift_speed", "acceleration_lag", "load_lag", "pedal_lag",
+    "lowest_speed", "lowest_speed_pedal", "rolling_speed", "recovery_horizon",
+    "upshift_speed_margin", "downshift_speed_margin", "downshift_speed_max", "power_speed",
+    "overspeed", "overspeed_braking", "torque_reserve", "failed_reserve", "failed_load",
+    "built_up_torque", "stuck_acceleration", "first_gear_delay", "engage_speed_max", "pedal_up",
+    "floored_pedal", "kick_down_pedal", "kick_down_rise", "kick_down_speed", "skip_up_max",
+    "skip_down_max", "braking_speed_low", "braking_speed_high", "braking_deceleration",
+    "adaptive_period", "adaptive_reserve", "adaptive_gain", "adaptive_speed_max",
     // clutch and driveline
     "clutch_engagement_time", "clutch_torque_max", "driveline_efficiency", "driveline_stiffness",
     "driveline_damping"};
