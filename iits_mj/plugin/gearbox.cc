@@ -10,7 +10,7 @@
 
 namespace iits {
 
-bool Gearbox::Read(const mjModel* m, int instance, double mass) {
+bool Gearbox::Read(const mjModel* m, int instance) {
   const struct {
     const char* name;
     double low, high;
@@ -27,10 +27,10 @@ bool Gearbox::Read(const mjModel* m, int instance, double mass) {
     if (!ReadNumber(m, instance, a.name, a.low, a.high, a.value)) return false;
   }
   double change_time = cut_time_ + synchronization_time_ + close_time_;
-  return ReadGears(m, instance, mass) && strategy_.Read(m, instance, gears_.count(), change_time);
+  return ReadGears(m, instance) && strategy_.Read(m, instance, gears_.count(), change_time);
 }
 
-bool Gearbox::ReadGears(const mjModel* m, int instance, double mass) {
+bool Gearbox::ReadGears(const mjModel* m, int instance) {
   double wheel_radius, driveline_efficiency;
   const struct {
     const char* name;
@@ -49,7 +49,6 @@ bool Gearbox::ReadGears(const mjModel* m, int instance, double mass) {
   }
   gears_.efficiency = gears_.gear_efficiency * driveline_efficiency;
   gears_.meters_per_radian = wheel_radius / gears_.final_drive;
-  gears_.vehicle_inertia = mass * gears_.meters_per_radian * gears_.meters_per_radian;
   std::vector<double>& ratios = gears_.ratios;
   if (!ReadNumbers(m, instance, "ratios", 2, 32, 0.05, 200, &ratios)) return false;
   const size_t n = ratios.size();

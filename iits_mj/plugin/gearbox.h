@@ -14,8 +14,8 @@ class Gearbox {
  public:
   enum Phase { kInGear = 0, kCut, kSynchronize, kClose };
 
-  // Reads the attributes; false after a warning. `mass` is that of the whole vehicle.
-  bool Read(const mjModel* m, int instance, double mass);
+  // Reads the attributes; false after a warning.
+  bool Read(const mjModel* m, int instance);
 
   double Ratio(int gear) const { return gears_.Ratio(gear); }
   double InputInertia(int gear) const { return gears_.InputInertia(gear); }
@@ -33,7 +33,7 @@ class Gearbox {
   EngineRequest Request(const Engine& engine, const GearboxInput& in, const GearboxState& s) const;
 
  private:
-  bool ReadGears(const mjModel* m, int instance, double mass);
+  bool ReadGears(const mjModel* m, int instance);
   void Choose(const Engine& engine, const GearboxInput& in, double h, GearboxState* s) const;
   void Synchronize(const Engine& engine, const GearboxInput& in, GearboxState* s) const;
 

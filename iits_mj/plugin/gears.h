@@ -33,6 +33,7 @@ struct GearboxInput {
   double shaft_speed, shaft_torque;  // propeller shaft [rad/s], [N m]
   double engine_speed;
   bool clutch_open;
+  double mass;  // of the vehicle, as the model has it now [kg]
 };
 
 struct Gears {
@@ -43,7 +44,6 @@ struct Gears {
   double gear_efficiency;
   double efficiency;         // from gearbox input to the wheels
   double meters_per_radian;  // of the propeller shaft
-  double vehicle_inertia;    // of the vehicle's mass about the propeller shaft [kg m2]
 
   int count() const { return static_cast<int>(ratios.size()); }
   // 0 in neutral, negative in reverse.
@@ -51,6 +51,8 @@ struct Gears {
     return gear > 0 ? ratios[gear - 1] : (gear < 0 ? -reverse_ratio : 0);
   }
   double InputInertia(int gear) const { return gear ? inertias[std::abs(gear) - 1] : 0; }
+  // Of the vehicle's mass about the propeller shaft [kg m2].
+  double VehicleInertia(double mass) const { return mass * meters_per_radian * meters_per_radian; }
   // Vehicle speed [m/s].
   double Speed(double shaft_speed) const { return shaft_speed * meters_per_radian; }
 };

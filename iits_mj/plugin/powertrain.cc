@@ -24,8 +24,8 @@ const char* const kAttributes[] = {
     "fuel_map_consumption",
     // gearbox
     "ratios", "gear_inertias", "reverse_ratio", "final_drive", "efficiency", "wheel_radius",
-    "shift_cut_time", "synchronization_time", "synchronization_time_max",
-    "synchronized_difference", "clutch_close_time",
+    "shift_cut_time", "synchronization_time", "synchronization_time_max", "synchronized_difference",
+    "clutch_close_time",
     // shift strategy
     "shift_strategy", "start_gear", "downshift_delay", "downshift_margin", "min_gear_time",
     "reversal_time", "upshift_gear", "upshift_pedal", "upshift_speed", "downshift_gear",
@@ -70,7 +70,7 @@ Powertrain* Powertrain::Create(const mjModel* m, int instance) {
   }
   if (!p->FindActuators(m, instance) || !p->FindSensors(m, instance)) return nullptr;
   if (!p->engine_.Read(m, instance)) return nullptr;
-  if (!p->gearbox_.Read(m, instance, p->VehicleMass(m))) return nullptr;
+  if (!p->gearbox_.Read(m, instance)) return nullptr;
   clutch.idle_speed = p->engine_.idle_speed();
   clutch.launch_share = std::min(1.0, p->engine_.reference_torque() / p->clutch_torque_max_);
   return p.release();
@@ -144,7 +144,8 @@ bool Powertrain::FindSensors(const mjModel* m, int instance) {
   return true;
 }
 
-// Mass of the kinematic tree that the first driven wheel belongs to.
+// Mass of the kinematic tree that the first driven wheel belongs to. Read in every step: a model's
+// masses may be changed, and rollouts share one plugin object between models.
 double Powertrain::VehicleMass(const mjModel* m) const {
   int wrap = m->tendon_adr[m->actuator_trnid[2 * pedal_]];
   if (m->wrap_type[wrap] != mjWRAP_JOINT) return 0;
@@ -159,7 +160,8 @@ Powertrain::Controls Powertrain::ReadControls(const mjModel* m, const mjData* d)
     return std::isfinite(value) ? std::clamp(value, 0.0, high) : 0.0;
   };
   int mode = static_cast<int>(std::lround(control(mode_, 2)));
-  return {control(pedal_, 1), control(engine_brake_, 1), static_cast<GearboxInput::Mode>(mode)};
+  return {control(pedal_, 1), control(engine_brake_, 1), static_cast<GearboxInput::Mode>(mode),
+          VehicleMass(m)};
 }
 
 // A vehicle that is found rolling is in the gear for its speed, clutch closed, no torque.
@@ -185,8 +187,8 @@ void Powertrain::Step(const Controls& controls, double shaft_speed, double h, Co
   const double speed_before = engine->speed;
 
   const GearboxInput input = {
-      controls.mode,      controls.pedal, controls.engine_brake,  shaft_speed,
-      core->shaft_torque, engine->speed,  core->engagement < 0.01};
+      controls.mode,      controls.pedal, controls.engine_brake,   shaft_speed,
+      core->shaft_torque, engine->speed,  core->engagement < 0.01, controls.mass};
   gearbox_.Update(engine_, input, h, gearbox);
   EngineRequest request = gearbox_.Request(engine_, input, *gearbox);
   if (core->engagement < 0.5) request.engine_brake = 0;

@@ -54,6 +54,7 @@ class Powertrain {
   struct Controls {
     double pedal, engine_brake;
     GearboxInput::Mode mode;
+    double mass;  // of the vehicle [kg]
   };
 
   Powertrain() = default;

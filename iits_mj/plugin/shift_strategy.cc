@@ -101,7 +101,7 @@ void ShiftStrategy::Observe(const Gears& gears, const GearboxInput& in, double h
   double difference = in.shaft_speed - s->shaft_speed;
   s->shaft_speed += difference * h / (acceleration_lag_ + h);
   s->acceleration = difference / (acceleration_lag_ + h);
-  double load = in.shaft_torque - gears.vehicle_inertia * s->acceleration;
+  double load = in.shaft_torque - gears.VehicleInertia(in.mass) * s->acceleration;
   s->load += (load - s->load) * h / (load_lag_ + h);
   s->pedal += (in.pedal - s->pedal) * h / (pedal_lag_ + h);
   if (s->load < failed_load_ * s->failed_load) s->failed_gear = s->failed_load = 0;
@@ -119,7 +119,7 @@ double ShiftStrategy::InputSpeed(const Situation& now) const {
 // Shaft speed when a change that begins now is over: the load slows the vehicle down, a descent
 // speeds it up.
 double ShiftStrategy::SpeedAfterChange(const Situation& now) const {
-  double coasting = -now.state.load / now.gears.vehicle_inertia;
+  double coasting = -now.state.load / VehicleInertia(now);
   if (now.in.pedal > pedal_up_) coasting = std::min(coasting, now.state.acceleration);
   return now.in.shaft_speed + change_time_ * coasting;
 }
@@ -155,7 +155,7 @@ double ShiftStrategy::SpeedAfterUpshift(const Situation& now, int next) const {
   double torque = now.engine.PedalTorque(now.gears.Ratio(next) * after, now.in.pedal);
   if (ShaftTorque(now, next, torque) < reserve * load) return 0;
   double recovery = now.engine.RecoveryTime(load / ShaftTorque(now, next, 1));
-  after -= 0.5 * recovery * load / now.gears.vehicle_inertia;
+  after -= 0.5 * recovery * load / VehicleInertia(now);
   double speed = now.gears.Ratio(next) * after;
   if (speed < upshift_speed_ * LowSpeed(now.engine, now.in.pedal)) return 0;
   torque = now.engine.PedalTorque(speed, now.in.pedal);
@@ -173,6 +173,14 @@ int ShiftStrategy::TableUpshift(const Situation& now) const {
   return best;
 }
 
+// The torque at the wheels has built up to what the pedal asks for; while the clutch slips, at the
+// engine's speed.
+bool ShiftStrategy::GivesItsTorque(const Situation& now) const {
+  double speed = std::max(InputSpeed(now), now.in.engine_speed);
+  double full = ShaftTorque(now, now.gear, now.engine.PedalTorque(speed, now.in.pedal));
+  return now.in.shaft_torque > built_up_torque_ * full;
+}
+
 // Floored pedal, the engine gives what it has, that is less than the load, and the lower gear has
 // more.
 bool ShiftStrategy::LosesSpeed(const Situation& now) const {
@@ -180,7 +188,7 @@ bool ShiftStrategy::LosesSpeed(const Situation& now) const {
   if (now.in.pedal <= floored_pedal_ || speed > power_speed_ * now.engine.idle_speed())
     return false;
   double full = ShaftTorque(now, now.gear, now.engine.PedalTorque(speed, now.in.pedal));
-  if (now.in.shaft_torque < built_up_torque_ * full || full > now.state.load) return false;
+  if (!GivesItsTorque(now) || full > now.state.load) return false;
   double faster = now.gears.Ratio(now.gear - 1) * now.in.shaft_speed;
   double lower = ShaftTorque(now, now.gear - 1, now.engine.PedalTorque(faster, now.in.pedal));
   return lower > torque_reserve_ * full;
@@ -191,7 +199,7 @@ bool ShiftStrategy::CallsForLower(const Situation& now) const {
   double ratio = now.gears.Ratio(now.gear);
   double low = LowSpeed(now.engine, now.in.pedal);
   if (now.gear <= start_gear_) {
-    return now.in.pedal > floored_pedal_ && InputSpeed(now) < low &&
+    return now.in.pedal > floored_pedal_ && InputSpeed(now) < low && GivesItsTorque(now) &&
            now.gears.Speed(now.state.acceleration) < stuck_acceleration_;
   }
   // Too slow and not recovering, or braked so hard that it soon will be.
@@ -228,7 +236,7 @@ bool ShiftStrategy::SoonOutgrown(const Situation& now, int gear) const {
   double ratio = now.gears.Ratio(gear);
   double after = SpeedAfterChange(now);
   double torque = ShaftTorque(now, gear, now.engine.TorqueLimit(ratio * after));
-  double acceleration = (torque - now.state.load) / now.gears.vehicle_inertia;
+  double acceleration = (torque - now.state.load) / VehicleInertia(now);
   return ratio * (after + reversal_time_ * acceleration) > now.engine.governed_speed();
 }
 

@@ -50,10 +50,14 @@ class ShiftStrategy {
     return in.pedal >= kick_down_pedal_ && in.pedal - s.pedal > kick_down_rise_;
   }
   double LowSpeed(const Engine& engine, double pedal) const;
+  static double VehicleInertia(const Situation& now) {
+    return now.gears.VehicleInertia(now.in.mass);
+  }
   double InputSpeed(const Situation& now) const;
   double SpeedAfterChange(const Situation& now) const;
   double ShaftTorque(const Situation& now, int gear, double engine_torque) const;
   bool CallsForLower(const Situation& now) const;
+  bool GivesItsTorque(const Situation& now) const;
   bool LosesSpeed(const Situation& now) const;
   double SpeedAfterUpshift(const Situation& now, int next) const;
   bool SoonOutgrown(const Situation& now, int gear) const;
