@@ -46,10 +46,11 @@ class Engine {
   double inertia() const { return inertia_; }
   double brake_speed() const { return brake_speed_; }
 
-  // Time in which brake torque can rise to this level after a gear change [s].
-  double RecoveryTime(double torque) const {
-    return std::max(0.0, (torque + drag_.y.front() - rise_threshold_) / rise_rate_) + boost_lag_;
-  }
+  // Angular impulse [N m s] that is missing until brake torque has risen from zero to `level`,
+  // after a pause of the combustion in which the turbocharger has lost charge. `before` is the
+  // torque before the pause, `demand` the pedal's after it. The sum of the ramps in UpdateBoost.
+  double RecoveryImpulse(double before, double pause, double demand, double level,
+                         double drag) const;
 
   // Friction and pumping torque, >= 0.
   double Drag(double speed) const { return drag_(speed); }

@@ -57,15 +57,18 @@ int ShiftStrategy::AdaptiveGear(const Situation& now) const {
   double needed = std::max(wanted / adaptive_reserve_, load * speed);
   bool able = AvailablePower(now, now.gear, speed) >= needed && InputSpeed(now) < fastest;
   double least = able ? (1 - adaptive_gain_) * FuelFor(now, now.gear, speed, wanted) : kInfinity;
+  // Near its governor the present gear gives less than is wanted: another one need not give more.
+  double kept = std::min(wanted, AvailablePower(now, now.gear, speed));
   int best = now.gear;
   int lowest = std::max(start_gear_, now.gear - skip_down_max_);
   int highest = std::min(now.gears.count(), now.gear + skip_up_max_);
   for (int gear = lowest; gear <= highest; ++gear) {
     if (gear == now.gear || (gear < now.gear && SoonOutgrown(now, gear))) continue;
     double ratio = now.gears.Ratio(gear);
+    if (ratio * speed > economic) continue;
     double after = gear > now.gear ? SpeedAfterUpshift(now, gear) : SpeedAfterChange(now);
-    if (ratio * after < downshift_speed_ * slowest || ratio * speed > economic) continue;
-    if (AvailablePower(now, gear, after) < std::max(wanted, adaptive_reserve_ * load * after)) {
+    if (gear < now.gear && ratio * after < downshift_speed_ * slowest) continue;
+    if (AvailablePower(now, gear, after) < std::max(kept, adaptive_reserve_ * load * after)) {
       continue;
     }
     double fuel = FuelFor(now, gear, speed, wanted);

@@ -116,6 +116,12 @@ double ShiftStrategy::InputSpeed(const Situation& now) const {
   return now.gears.Ratio(now.gear) * now.in.shaft_speed;
 }
 
+// Gearbox input speed a little later, if the gear stays.
+double ShiftStrategy::SpeedSoon(const Situation& now) const {
+  double speed = now.in.shaft_speed + recovery_horizon_ * now.state.acceleration;
+  return now.gears.Ratio(now.gear) * speed;
+}
+
 // Shaft speed when a change that begins now is over: the load slows the vehicle down, a descent
 // speeds it up.
 double ShiftStrategy::SpeedAfterChange(const Situation& now) const {
@@ -145,21 +151,32 @@ bool ShiftStrategy::ReversesTooSoon(const Situation& now, int next) const {
   return InputSpeed(now) < downshift_speed_max_ * now.engine.governed_speed();
 }
 
-// Shaft speed that is left when the pedal's torque in the higher gear has built up to the load; 0
-// when it never holds the load. A gear that failed under this load must show more torque.
+// Shaft speed that is left when the change to `next` is over and the engine's torque has built up
+// to the load again.
+double ShiftStrategy::SpeedWhenRecovered(const Situation& now, int next) const {
+  const Engine& engine = now.engine;
+  const double after = SpeedAfterChange(now);
+  const double speed = now.gears.Ratio(next) * after;
+  const double drag = engine.Drag(speed);
+  const double transmission = ShaftTorque(now, next, 1);
+  const double before = now.in.shaft_torque / ShaftTorque(now, now.gear, 1);
+  const double demand = engine.PedalTorque(speed, now.in.pedal);
+  const double level = std::max(0.0, now.state.load) / transmission;
+  const double impulse = engine.RecoveryImpulse(before, change_time_, demand, level, drag);
+  return after - impulse * transmission / VehicleInertia(now);
+}
+
+// The same for an upshift; 0 when the pedal's torque would never hold the load. A gear that failed
+// under this load must show more torque.
 double ShiftStrategy::SpeedAfterUpshift(const Situation& now, int next) const {
-  double load = std::max(0.0, now.state.load);
-  bool failed = now.state.failed_gear > 0 && next >= now.state.failed_gear;
-  double reserve = failed ? std::max(failed_reserve_, torque_reserve_) : torque_reserve_;
-  double after = SpeedAfterChange(now);
-  double torque = now.engine.PedalTorque(now.gears.Ratio(next) * after, now.in.pedal);
-  if (ShaftTorque(now, next, torque) < reserve * load) return 0;
-  double recovery = now.engine.RecoveryTime(load / ShaftTorque(now, next, 1));
-  after -= 0.5 * recovery * load / VehicleInertia(now);
-  double speed = now.gears.Ratio(next) * after;
-  if (speed < upshift_speed_ * LowSpeed(now.engine, now.in.pedal)) return 0;
-  torque = now.engine.PedalTorque(speed, now.in.pedal);
-  return ShaftTorque(now, next, torque) >= reserve * load ? after : 0;
+  const double load = std::max(0.0, now.state.load);
+  const bool failed = now.state.failed_gear > 0 && next >= now.state.failed_gear;
+  const double reserve = failed ? std::max(failed_reserve_, torque_reserve_) : torque_reserve_;
+  const double speed = SpeedWhenRecovered(now, next);
+  const double turns = now.gears.Ratio(next) * speed;
+  if (turns < upshift_speed_ * LowSpeed(now.engine, now.in.pedal)) return 0;
+  const double torque = now.engine.PedalTorque(turns, now.in.pedal);
+  return ShaftTorque(now, next, torque) >= reserve * load ? speed : 0;
 }
 
 // Highest gear that the table allows and that holds.
@@ -185,7 +202,7 @@ bool ShiftStrategy::GivesItsTorque(const Situation& now) const {
 // more.
 bool ShiftStrategy::LosesSpeed(const Situation& now) const {
   double speed = InputSpeed(now);
-  if (now.in.pedal <= floored_pedal_ || speed > power_speed_ * now.engine.idle_speed())
+  if (now.in.pedal <= floored_pedal_ || SpeedSoon(now) > power_speed_ * now.engine.idle_speed())
     return false;
   double full = ShaftTorque(now, now.gear, now.engine.PedalTorque(speed, now.in.pedal));
   if (!GivesItsTorque(now) || full > now.state.load) return false;
@@ -196,14 +213,13 @@ bool ShiftStrategy::LosesSpeed(const Situation& now) const {
 
 bool ShiftStrategy::CallsForLower(const Situation& now) const {
   if (now.gear < 2) return false;
-  double ratio = now.gears.Ratio(now.gear);
   double low = LowSpeed(now.engine, now.in.pedal);
   if (now.gear <= start_gear_) {
     return now.in.pedal > floored_pedal_ && InputSpeed(now) < low && GivesItsTorque(now) &&
            now.gears.Speed(now.state.acceleration) < stuck_acceleration_;
   }
   // Too slow and not recovering, or braked so hard that it soon will be.
-  double soon = ratio * (now.in.shaft_speed + recovery_horizon_ * now.state.acceleration);
+  double soon = SpeedSoon(now);
   if (std::max(InputSpeed(now), soon) < low || soon < LowSpeed(now.engine, 0)) return true;
   if (!adaptive_ && now.gears.Speed(now.in.shaft_speed) <
                         downshift_(now.gear, now.in.pedal) - downshift_margin_) {
@@ -223,8 +239,9 @@ int ShiftStrategy::Downshift(const Situation& now) const {
   double wanted = downshift_speed_ * LowSpeed(now.engine, now.in.pedal);
   int lowest = now.in.pedal > floored_pedal_ ? 1 : start_gear_;
   int next = now.gear;
-  while (next > lowest && (next == now.gear || now.gears.Ratio(next) * after < wanted) &&
-         now.gears.Ratio(next - 1) * now.in.shaft_speed < ceiling) {
+  while (next > lowest &&
+         (next == now.gear || now.gears.Ratio(next) * SpeedWhenRecovered(now, next) < wanted) &&
+         now.gears.Ratio(next - 1) * after < ceiling) {
     --next;
   }
   return next;

@@ -54,11 +54,13 @@ class ShiftStrategy {
     return now.gears.VehicleInertia(now.in.mass);
   }
   double InputSpeed(const Situation& now) const;
+  double SpeedSoon(const Situation& now) const;
   double SpeedAfterChange(const Situation& now) const;
   double ShaftTorque(const Situation& now, int gear, double engine_torque) const;
   bool CallsForLower(const Situation& now) const;
   bool GivesItsTorque(const Situation& now) const;
   bool LosesSpeed(const Situation& now) const;
+  double SpeedWhenRecovered(const Situation& now, int next) const;
   double SpeedAfterUpshift(const Situation& now, int next) const;
   bool SoonOutgrown(const Situation& now, int gear) const;
   bool TooFast(const Situation& now) const;
