@@ -34,10 +34,11 @@ double ShiftStrategy::PowerWanted(const Situation& now) const {
 // Fuel rate [kg/s] for this power at the wheels in a gear.
 double ShiftStrategy::FuelFor(const Situation& now, int gear, double shaft_speed,
                               double power) const {
-  EngineState point = {};
-  point.speed = now.gears.Ratio(gear) * shaft_speed;
-  point.torque = power / (point.speed * now.gears.efficiency) + now.engine.Drag(point.speed);
-  return now.engine.FuelRate(point);
+  const EnginePoint at = now.engine.At(now.gears.Ratio(gear) * shaft_speed);
+  EngineState state = {};
+  state.speed = at.speed;
+  state.torque = power / (at.speed * now.gears.efficiency) + at.drag;
+  return now.engine.FuelRate(at, state);
 }
 
 // The gear with the lowest fuel rate for the power wanted, among those that turn fast enough, not
@@ -53,6 +54,8 @@ int ShiftStrategy::AdaptiveGear(const Situation& now) const {
   const double economic =
       fastest * (adaptive_speed_max_ + (1 - adaptive_speed_max_) * now.in.pedal);
 
+  // The clutch slips or is open: nothing to compare.
+  if (InputSpeed(now) < engine.idle_speed()) return now.gear;
   // The present gear may use its reserve up.
   double needed = std::max(wanted / adaptive_reserve_, load * speed);
   bool able = AvailablePower(now, now.gear, speed) >= needed && InputSpeed(now) < fastest;
@@ -67,7 +70,7 @@ int ShiftStrategy::AdaptiveGear(const Situation& now) const {
     double ratio = now.gears.Ratio(gear);
     if (ratio * speed > economic) continue;
     double after = gear > now.gear ? SpeedAfterUpshift(now, gear) : SpeedAfterChange(now);
-    if (gear < now.gear && ratio * after < downshift_speed_ * slowest) continue;
+    if (after <= 0 || (gear < now.gear && ratio * after < downshift_speed_ * slowest)) continue;
     if (AvailablePower(now, gear, after) < std::max(kept, adaptive_reserve_ * load * after)) {
       continue;
     }

@@ -43,7 +43,6 @@ bool ShiftStrategy::Read(const mjModel* m, int instance, int gear_count, double 
       {"stuck_acceleration", 0, 5, &stuck_acceleration_},
       {"first_gear_delay", 0, 20, &first_gear_delay_},
       {"engage_speed_max", 0, 20, &engage_speed_max_},
-      {"pedal_up", 0, 0.5, &pedal_up_},
       {"floored_pedal", 0.1, 1, &floored_pedal_},
       {"kick_down_pedal", 0.1, 1, &kick_down_pedal_},
       {"kick_down_rise", 0, 1, &kick_down_rise_},
@@ -126,7 +125,7 @@ double ShiftStrategy::SpeedSoon(const Situation& now) const {
 // speeds it up.
 double ShiftStrategy::SpeedAfterChange(const Situation& now) const {
   double coasting = -now.state.load / VehicleInertia(now);
-  if (now.in.pedal > pedal_up_) coasting = std::min(coasting, now.state.acceleration);
+  if (now.in.pedal > now.engine.pedal_up()) coasting = std::min(coasting, now.state.acceleration);
   return now.in.shaft_speed + change_time_ * coasting;
 }
 
@@ -137,7 +136,7 @@ double ShiftStrategy::ShaftTorque(const Situation& now, int gear, double engine_
 // Driven beyond what the governor, or the engine brake, is made for.
 bool ShiftStrategy::TooFast(const Situation& now) const {
   double limit = overspeed_ * now.engine.governed_speed();
-  if (Braking(now.in)) limit = overspeed_braking_ * now.engine.brake_speed();
+  if (Braking(now)) limit = overspeed_braking_ * now.engine.brake_speed();
   return InputSpeed(now) > limit;
 }
 
@@ -292,18 +291,19 @@ ShiftStrategy::Choice ShiftStrategy::Choose(const Situation& now, double h) cons
   const int gear = now.gear;
   const GearboxState& s = now.state;
   bool standing = now.gears.Ratio(start_gear_) * now.in.shaft_speed < now.engine.idle_speed();
-  if (standing && now.in.clutch_open && (gear > start_gear_ || now.in.pedal < pedal_up_)) {
+  if (standing && now.in.clutch_open &&
+      (gear > start_gear_ || now.in.pedal < now.engine.pedal_up())) {
     return {start_gear_, false};
   }
   if (gear < now.gears.count() && TooFast(now)) return {gear + 1, false};
   if (s.gear_time < min_gear_time_) return {gear, false};
-  if (Braking(now.in)) {
+  if (Braking(now)) {
     int lower = BrakeGear(now);
     if (lower != gear) return {lower, false};
   }
   bool decides = !adaptive_ || std::floor(s.gear_time / adaptive_period_) !=
                                    std::floor((s.gear_time - h) / adaptive_period_);
-  if (now.in.pedal > pedal_up_ && decides) {
+  if (now.in.pedal > now.engine.pedal_up() && decides) {
     int next = adaptive_ ? AdaptiveGear(now) : TableUpshift(now);
     if (next == gear && !adaptive_) next = KickDown(now);
     if (next != gear && !ReversesTooSoon(now, next)) return {next, false};
@@ -311,7 +311,7 @@ ShiftStrategy::Choice ShiftStrategy::Choose(const Situation& now, double h) cons
   double delay = downshift_delay_ + (gear <= start_gear_ ? first_gear_delay_ : 0);
   if (s.low_time <= delay) return {gear, false};
   int lower = Downshift(now);
-  return {lower, lower != gear && now.in.pedal > pedal_up_};
+  return {lower, lower != gear && now.in.pedal > now.engine.pedal_up()};
 }
 
 }  // namespace iits

@@ -45,7 +45,9 @@ class ShiftStrategy {
   double engage_speed_max() const { return engage_speed_max_; }
 
  private:
-  bool Braking(const GearboxInput& in) const { return in.engine_brake > 0 && in.pedal < pedal_up_; }
+  static bool Braking(const Situation& now) {
+    return now.in.engine_brake > 0 && now.in.pedal < now.engine.pedal_up();
+  }
   bool KicksDown(const GearboxInput& in, const GearboxState& s) const {
     return in.pedal >= kick_down_pedal_ && in.pedal - s.pedal > kick_down_rise_;
   }
@@ -84,7 +86,7 @@ class ShiftStrategy {
   double overspeed_, overspeed_braking_;
   double torque_reserve_, failed_reserve_, failed_load_, built_up_torque_;
   double stuck_acceleration_, first_gear_delay_, engage_speed_max_;
-  double pedal_up_, floored_pedal_, kick_down_pedal_, kick_down_rise_, kick_down_speed_;
+  double floored_pedal_, kick_down_pedal_, kick_down_rise_, kick_down_speed_;
   double braking_speed_low_, braking_speed_high_, braking_deceleration_;
   double adaptive_period_, adaptive_reserve_, adaptive_gain_, adaptive_speed_max_;
   Map upshift_, downshift_;

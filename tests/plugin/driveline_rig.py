@@ -6,6 +6,7 @@ Grade and rolling resistance are one constant force, the air's drag a linear dam
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -140,7 +141,7 @@ def reversals(gear: FloatArray, within: float = 5.0, timestep: float = 0.005):
     """Pairs of changes of opposite direction that follow each other within a time [s]."""
     found = []
     changes = shifts(gear, timestep)
-    for first, second in zip(changes, changes[1:], strict=False):
+    for first, second in itertools.pairwise(changes):
         opposite = (first[2] - first[1]) * (second[2] - second[1]) < 0
         if opposite and second[0] - first[0] < within:
             found.append((first, second))

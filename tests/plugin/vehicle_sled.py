@@ -70,6 +70,7 @@ def sled_xml(mass, *, timestep=0.002, grade=0.0, grip=None, rolling=True, change
             ("parking_brake", "air_brake"),
             ("engine_brake", "powertrain"),
             ("transmission_mode", "powertrain"),
+            ("retarder", "powertrain"),
         )
     )
     signals = [(name, "powertrain") for name in powertrain.SIGNALS]
