@@ -238,9 +238,11 @@ int ShiftStrategy::Downshift(const Situation& now) const {
   double wanted = downshift_speed_ * LowSpeed(now.engine, now.in.pedal);
   int lowest = now.in.pedal > floored_pedal_ ? 1 : start_gear_;
   int next = now.gear;
-  while (next > lowest &&
-         (next == now.gear || now.gears.Ratio(next) * SpeedWhenRecovered(now, next) < wanted) &&
-         now.gears.Ratio(next - 1) * after < ceiling) {
+  while (next > lowest && now.gears.Ratio(next - 1) * after < ceiling) {
+    if (next < now.gear && (now.gears.Ratio(next) * SpeedWhenRecovered(now, next) >= wanted ||
+                            SoonOutgrown(now, next - 1))) {
+      break;
+    }
     --next;
   }
   return next;
