@@ -26,7 +26,8 @@ class AirBrakeScalars:
         pressure tables give the shares.
       release_rate: of the XBR demand, when it ends.
       pedal_deceleration: what the fully pressed pedal asks for.
-      filter_time_constant, trim_gain, trim_max, trim_share, trim_speed_min: deceleration control.
+      filter_time_constant, trim_gain, trim_max, trim_share, trim_speed_min,
+        hysteresis_time_constant: deceleration control.
       hold_speed, hold_deceleration, hold_release_speed, hill_hold_time, hill_hold_min: holding.
       reservoir_volume: of the front, drive and trailer circuit.
       compressor_displacement: of free air, per angle of the crankshaft.
@@ -51,6 +52,7 @@ class AirBrakeScalars:
     abs_reapply_slip: float
     abs_speed_min: float
     abs_time_constant: float
+    abs_yaw_rise_rate: float
     stiffness: float
     parking_torque: float
     parking_time_constant: float
@@ -62,6 +64,7 @@ class AirBrakeScalars:
     trim_max: float
     trim_share: float
     trim_speed_min: float
+    hysteresis_time_constant: float
     hold_speed: float
     hold_deceleration: float
     hold_release_speed: float

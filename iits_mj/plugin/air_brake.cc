@@ -18,13 +18,13 @@ const char* const kAttributes[] = {
     "torque_per_pressure", "parking_torque", "wheel_radius", "chamber_volume",
     // wheel ends and lines
     "push_out_pressure", "hysteresis_pressure", "abs_release_slip", "abs_reapply_slip",
-    "abs_speed_min", "abs_time_constant", "stiffness", "trailer_line_delay",
+    "abs_speed_min", "abs_time_constant", "abs_yaw_rise_rate", "stiffness", "trailer_line_delay",
     "parking_time_constant",
     // control
     "supply_rise_rate", "supply_fall_rate", "pressure_max", "release_rate", "pedal_deceleration",
     "rolling_resistance", "filter_time_constant", "trim_gain", "trim_max", "trim_share",
-    "trim_speed_min", "hold_speed", "hold_deceleration", "hold_release_speed", "hill_hold_time",
-    "hill_hold_min",
+    "trim_speed_min", "hysteresis_time_constant", "hold_speed", "hold_deceleration",
+    "hold_release_speed", "hill_hold_time", "hill_hold_min",
     // distribution
     "mass_light", "mass_heavy", "demand", "share_light", "share_heavy",
     // air supply
@@ -99,22 +99,33 @@ void AirBrake::Passive(const mjModel* m, mjData* d, int instance) const {
 }
 
 // From the supply valves to the chambers.
-void AirBrake::Brake(const mjModel* m, const mjData* d, double h, Pneumatics* next) const {
+void AirBrake::Brake(const mjModel* m, const mjData* d, double h, const Pneumatics& now,
+                     Pneumatics* next) const {
   next->line.Push(next->control.supply, h, sample_spacing_);
   double supplies[kWheelsMax];
   for (size_t i = 0; i < lines_.size(); ++i) {
     const Line& line = lines_[i];
     supplies[i] = next->line.Look(line.circuit, line.dead_time, next->control.supply[line.circuit]);
   }
+  double duty[kWheelsMax];
   for (size_t i = 0; i < wheels_.size(); ++i) {
     const WheelBrake& wheel = wheels_[i];
+    const bool braked = now.wheel[i].pressure > wheel.push_out_pressure;
+    const double speed = braked ? HubSpeed(m, d, wheel.hub) : 0;
+    duty[i] = wheel.Duty(now.wheel[i], speed, d->qvel[wheel.dof]);
+  }
+  for (size_t i = 0; i < wheels_.size(); ++i) {
+    const WheelBrake& wheel = wheels_[i];
+    const size_t other = i ^ 1;  // wheel of the axle
     const double supply = supplies[line_of_wheel_[i]];
     WheelBrakeState* chamber = &next->wheel[i];
     if (supply == 0 && chamber->pressure == 0) continue;
-    bool braked = chamber->pressure > wheel.push_out_pressure;
-    double speed = braked ? HubSpeed(m, d, wheel.hub) : 0;
+    const WheelBrakeRates rates = Rates(i, h);
+    const double rise_max = wheel.RiseMax(rates, now.wheel[i], now.wheel[other]);
+    // Driven axles by the wheel with less grip (select low), the others each wheel for itself.
+    const double modulation = wheel.circuit == kDrive ? std::min(duty[i], duty[other]) : duty[i];
     const double before = wheel.Air(*chamber);
-    wheel.Update(Rates(i, h), supply, speed, d->qvel[wheel.dof], chamber);
+    wheel.Update(rates, supply, rise_max, modulation, chamber);
     const double drawn = wheel.Air(*chamber) - before;
     if (drawn > 0) reservoirs_.Draw(wheel.circuit, drawn, &next->reservoir);
   }
@@ -144,7 +155,7 @@ void AirBrake::Actuator(const mjModel* m, mjData* d, int instance) const {
   if (next->control.initialized == 0) reservoirs_.Fill(&next->reservoir);
   const BrakeDemand demand = ReadDemand(m, d, *s);
   const BrakeEffort effort = control_.Update(demand, h, &next->control);
-  Brake(m, d, h, next);
+  Brake(m, d, h, s->now, next);
   Park(Control(m, d, parking_, 0, 1), h, next);
   const double engine_speed = ReadPartner<EnduranceState>(m, d, powertrain_).engine_speed;
   reservoirs_.Pump(engine_speed, h, &next->reservoir);

@@ -83,7 +83,8 @@ class AirBrake {
     return h == rates_[wheel].step ? rates_[wheel] : wheels_[wheel].Rates(h);
   }
   BrakeDemand ReadDemand(const mjModel* m, const mjData* d, const State& s) const;
-  void Brake(const mjModel* m, const mjData* d, double h, Pneumatics* next) const;
+  void Brake(const mjModel* m, const mjData* d, double h, const Pneumatics& now,
+             Pneumatics* next) const;
   void Park(double wanted, double h, Pneumatics* next) const;
 
   BrakeControl control_;

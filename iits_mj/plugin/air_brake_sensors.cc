@@ -81,7 +81,7 @@ bool AirBrake::FindSignal(const std::string& name, std::vector<int>* places) con
   }
   if (name != stem + "trailer") return false;
   for (size_t i = 0; i < wheels_.size(); ++i) {
-    if (wheels_[i].circuit == kCircuits - 1) places->push_back(Pressure(i));
+    if (wheels_[i].circuit == kTrailer) places->push_back(Pressure(i));
   }
   return true;
 }

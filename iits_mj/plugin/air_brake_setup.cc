@@ -52,6 +52,7 @@ bool AirBrake::ReadWheels(const mjModel* m, int instance) {
       {"abs_reapply_slip", 0, 1, &WheelBrake::abs_reapply_slip},
       {"abs_speed_min", 0.1, 100, &WheelBrake::abs_speed_min},
       {"abs_time_constant", 0.001, 10, &WheelBrake::abs_time_constant},
+      {"abs_yaw_rise_rate", 1, 1e9, &WheelBrake::abs_yaw_rise_rate},
       {"stiffness", 1, 1e9, &WheelBrake::stiffness},
   };
   const std::vector<int> hubs = BodiesOfInstance(m, instance);
@@ -85,7 +86,7 @@ bool AirBrake::ReadWheels(const mjModel* m, int instance) {
     WheelBrake& wheel = wheels_[i];
     wheel.hub = hubs[i];
     wheel.circuit = static_cast<int>(circuit[i / 2]);
-    if (wheel.circuit == kCircuits - 1) wheel.dead_time += trailer_delay;
+    if (wheel.circuit == kTrailer) wheel.dead_time += trailer_delay;
     if (wheel.abs_reapply_slip >= wheel.abs_release_slip) {
       mju_warning(
           "plugin instance '%s': attribute 'abs_reapply_slip' = %g must be less than "

@@ -31,6 +31,8 @@ bool BrakeControl::Read(const mjModel* m, int instance) {
       {"trim_max", 0, 10, &trim_max_},
       {"trim_share", 0, 1, &trim_share_},
       {"trim_speed_min", 0, 100, &trim_speed_min_},
+      {"hysteresis_pressure", 0, 1e6, &hysteresis_},
+      {"hysteresis_time_constant", 0.001, 10, &hysteresis_time_},
       {"hold_speed", 0, 10, &hold_speed_},
       {"hold_deceleration", 0, 10, &hold_deceleration_},
       {"hold_release_speed", 0, 10, &hold_release_speed_},
@@ -52,18 +54,19 @@ void BrakeControl::AddWheel(int circuit, double radius, double inertia,
   ++wheels_;
 }
 
-// Driver and XBR together, as J1939-71 says at SPN 2916. The XBR part ends gradually.
+// Driver and XBR together, as J1939-71 says at SPN 2916. The XBR part ends gradually in motion.
 BrakeControl::Level BrakeControl::Arbitrate(const BrakeDemand& demand, double h,
                                             BrakeControlState* s) const {
   double asked = demand.xbr_mode == BrakeDemand::kOff ? 0 : demand.xbr;
-  s->xbr = std::max(asked, s->xbr - release_rate_ * h);
+  const bool moving = std::abs(demand.speed) > hold_speed_;
+  s->xbr = moving ? std::max(asked, s->xbr - release_rate_ * h) : asked;
   double driver = demand.pedal > kPedalMin ? demand.pedal * pedal_deceleration_ : 0;
   bool addition = demand.xbr_mode == BrakeDemand::kAddition;
   return {driver, addition ? driver + s->xbr : std::max(driver, s->xbr)};
 }
 
 // A vehicle braked to a standstill is held while the demand lasts; on an upgrade also afterwards,
-// until the driveline carries it or the hill-hold time is over.
+// until the driveline carries it, or drives it backwards, or the hill-hold time is over.
 void BrakeControl::Hold(const BrakeDemand& demand, bool active, double h,
                         BrakeControlState* s) const {
   if (active) {
@@ -71,8 +74,10 @@ void BrakeControl::Hold(const BrakeDemand& demand, bool active, double h,
     s->hold_time = 0;
   } else if (s->holding != 0) {
     s->hold_time += h;
-    double carried = demand.mass * hold_uphill_ * radius_sum_ / std::max(wheels_, 1);
-    if (demand.uphill_torque < carried || s->hold_time > hold_time_max_) s->holding = 0;
+    double hill = demand.mass * hold_uphill_;  // what rolls the vehicle back [N]
+    bool carried = demand.uphill_torque < hill * radius_sum_ / std::max(wheels_, 1);
+    bool reversing = demand.shaft_force > hill;
+    if (carried || reversing || s->hold_time > hold_time_max_) s->holding = 0;
   }
   if (std::abs(demand.speed) > hold_release_speed_) s->holding = 0;
 }
@@ -124,12 +129,31 @@ void BrakeControl::Trim(const BrakeDemand& demand, double wanted, double deceler
   s->reference[1] += (s->reference[0] - s->reference[1]) * h / (filter_time_ + h);
   double limit = trim_max_ + trim_share_ * wanted;
   double change = 0;
-  if (demand.speed > trim_speed_min_ && !demand.abs_active) {
+  if (demand.abs_active) {  // what friction does not allow is not owed afterwards
+    for (double& reference : s->reference) reference = std::min(reference, deceleration);
+  } else if (demand.speed > trim_speed_min_ && !targets.limited) {
     change = h * trim_gain_ * (s->reference[1] - deceleration);
-    if ((targets.limited && change > 0) || (targets.idle && change < 0)) change = 0;
+    if (targets.idle) change = std::max(change, 0.0);
   }
   // With the demand the bounds close: nothing is left of the trim when braking ends.
   s->trim = std::clamp(s->trim + change, -std::min(limit, wanted), std::min(limit, wanted));
+}
+
+// Moves a supply valve to the pressure that shall act in the brakes. On the way down these hold
+// back by their hysteresis: the supply goes lower, until a model of them shows what is wanted.
+void BrakeControl::Supply(int circuit, double wanted, double h, BrakeControlState* s) const {
+  double* supply = &s->supply[circuit];
+  double* effective = &s->effective[circuit];
+  double* lowering = &s->lowering[circuit];
+  if (wanted > 0 && hysteresis_ > 0) {
+    double error = (*effective - wanted) / hysteresis_;
+    *lowering = std::clamp(*lowering + error * h / hysteresis_time_, 0.0, 1.0);
+  } else {
+    *lowering = 0;
+  }
+  double target = std::max(0.0, wanted - *lowering * hysteresis_);
+  *supply = std::clamp(target, *supply - h * fall_rate_, *supply + h * rise_rate_);
+  *effective = std::clamp(*effective, *supply, *supply + hysteresis_);
 }
 
 BrakeEffort BrakeControl::Update(const BrakeDemand& demand, double h, BrakeControlState* s) const {
@@ -146,9 +170,9 @@ BrakeEffort BrakeControl::Update(const BrakeDemand& demand, double h, BrakeContr
   const Targets targets = Blend(demand, level, *s);
   double supplied = 1;  // least share of a circuit's set point that its supply has reached
   for (int i = 0; i < kCircuits; ++i) {
-    double target = targets.pressure[i];
-    s->supply[i] = std::clamp(target, s->supply[i] - h * fall_rate_, s->supply[i] + h * rise_rate_);
-    if (target > 0) supplied = std::min(supplied, s->supply[i] / target);
+    const double target = targets.pressure[i];
+    Supply(i, target, h, s);
+    if (target > 0) supplied = std::min(supplied, s->effective[i] / target);
   }
   Trim(demand, level.total, deceleration, targets, supplied, h, s);
   return targets.effort;

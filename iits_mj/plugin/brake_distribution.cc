@@ -9,11 +9,6 @@
 #include "plugin/lookup.h"
 
 namespace iits {
-namespace {
-
-constexpr int kDrive = 1;  // circuit of the driven wheels
-
-}  // namespace
 
 bool BrakeDistribution::Read(const mjModel* m, int instance) {
   const struct {

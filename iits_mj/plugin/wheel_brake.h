@@ -4,6 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+
+#include "plugin/dead_time.h"
 
 namespace iits {
 
@@ -35,7 +38,7 @@ struct WheelBrake {
   double torque_per_pressure, parking_torque, wheel_radius, chamber_volume;
   int circuit;
   double push_out_pressure, hysteresis_pressure;
-  double abs_release_slip, abs_reapply_slip, abs_speed_min, abs_time_constant;
+  double abs_release_slip, abs_reapply_slip, abs_speed_min, abs_time_constant, abs_yaw_rise_rate;
   double stiffness;
   // From the model.
   int hub, dof;    // non-spinning body; degree of freedom of the wheel
@@ -82,17 +85,26 @@ struct WheelBrake {
   // chamber; a pulse-width modulated valve acts as this mean, which is continuous in time and so
   // does not depend on the step. Fills all the time below the slip for reapplication, empties all
   // the time above that for release, and holds half-way.
-  double Duty(double hub_speed, double wheel_speed) const {
-    if (hub_speed < abs_speed_min) return 1;
+  double Duty(const WheelBrakeState& s, double hub_speed, double wheel_speed) const {
+    if (hub_speed < abs_speed_min || s.pressure <= push_out_pressure) return 1;
     double slip = 1 - wheel_speed * wheel_radius / hub_speed;
     double middle = 0.5 * (abs_release_slip + abs_reapply_slip);
     return std::clamp((middle - slip) / (middle - abs_reapply_slip), -1.0, 1.0);
   }
 
-  // Chamber pressure follows the supply line, unless ABS lets it go.
-  void Update(const WheelBrakeRates& rates, double supply, double hub_speed, double wheel_speed,
+  // Greatest rise of the pressure in one step [Pa]: on the steered axle slow while ABS works at the
+  // `other` wheel with less pressure, so that on a road with two surfaces the yaw moment gives the
+  // driver time (modified individual control).
+  double RiseMax(const WheelBrakeRates& rates, const WheelBrakeState& s,
+                 const WheelBrakeState& other) const {
+    bool limited = circuit == kFront && other.abs_active != 0 &&
+                   s.pressure > other.pressure + push_out_pressure;
+    return limited ? rates.step * abs_yaw_rise_rate : std::numeric_limits<double>::infinity();
+  }
+
+  // Chamber pressure follows the supply line, by at most `rise_max`, unless ABS lets it go.
+  void Update(const WheelBrakeRates& rates, double supply, double rise_max, double duty,
               WheelBrakeState* s) const {
-    double duty = s->pressure > push_out_pressure ? Duty(hub_speed, wheel_speed) : 1;
     if (duty < 0) {
       s->abs_active = 1;
     } else if (duty == 1 && s->pressure > supply - push_out_pressure) {
@@ -102,7 +114,7 @@ struct WheelBrake {
       s->pressure += duty * rates.abs * s->pressure;
     } else {
       double share = supply > s->pressure ? duty * rates.build_up : rates.release;
-      s->pressure += share * (supply - s->pressure);
+      s->pressure += std::min(rise_max, share * (supply - s->pressure));
     }
     // What is left of a release is no pressure.
     if (supply == 0 && s->pressure < 1e-3 * push_out_pressure) s->pressure = 0;
