@@ -25,7 +25,7 @@ class Decision(enum.IntEnum):
 
 
 class XbrMode(enum.IntEnum):
-    """XBR control mode of SAE J1939-71 (SPN 2923 group): how the demand meets the driver's."""
+    """XBR control mode of SAE J1939-71 (SPN 2916): how the demand meets the driver's."""
 
     OFF = 0
     ADDITION = 1
@@ -33,7 +33,7 @@ class XbrMode(enum.IntEnum):
 
 
 class XbrEbiMode(enum.IntEnum):
-    """XBR endurance brake integration of SAE J1939-71 (SPN 2915): who may answer the demand."""
+    """XBR endurance brake integration of SAE J1939-71 (SPN 2914): who may answer the demand."""
 
     FRICTION_ONLY = 0
     ENDURANCE_ONLY = 1
@@ -139,6 +139,49 @@ class EgoState:
     fuel_rate: float = 0.0
     fuel_used: float = 0.0
     brake_pressures: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class TruckReport:
+    """What the truck's control units report beside `EgoState`; None is "not available".
+
+    Attributes:
+      accelerator_pedal, brake_pedal: positions in force, 0 to 1; parking_brake: 1 when applied.
+      xbr_mode: XBR control mode in force, see `XbrMode`.
+      engine_torque_percent: indicated, of the reference torque (SPN 513).
+      torque_loss_percent: friction, of the reference torque (SPN 514).
+      clutch_engagement: 0 open to 1 closed; propeller_shaft_speed: [rad/s].
+      engine_brake_torque: braking, at the crankshaft, zero or positive [N m].
+      retarder_torque: braking, at the propeller shaft, zero or positive [N m].
+      engine_brake_torque_percent_intended, engine_brake_torque_percent_available: of the greatest
+        torque, negative when braking (SPN 1085, 1717); the retarder's alike.
+      reservoir_pressure_front, reservoir_pressure_rear, reservoir_pressure_trailer: [Pa].
+      compressor_active: 1 while the compressor fills the reservoirs.
+      abs_active, xbr_active: 1 while ABS modulates, while an XBR demand is being answered.
+      axle_loads: vertical tire forces of the axles, front to rear [N].
+    """
+
+    accelerator_pedal: float | None = None
+    brake_pedal: float | None = None
+    parking_brake: float | None = None
+    xbr_mode: float | None = None
+    engine_torque_percent: float | None = None
+    torque_loss_percent: float | None = None
+    clutch_engagement: float | None = None
+    propeller_shaft_speed: float | None = None
+    engine_brake_torque: float | None = None
+    engine_brake_torque_percent_intended: float | None = None
+    engine_brake_torque_percent_available: float | None = None
+    retarder_torque: float | None = None
+    retarder_torque_percent_intended: float | None = None
+    retarder_torque_percent_available: float | None = None
+    reservoir_pressure_front: float | None = None
+    reservoir_pressure_rear: float | None = None
+    reservoir_pressure_trailer: float | None = None
+    compressor_active: float | None = None
+    abs_active: float | None = None
+    xbr_active: float | None = None
+    axle_loads: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

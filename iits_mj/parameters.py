@@ -31,7 +31,7 @@ from iits_mj.parameter_files import (
     read_toml,
     section,
 )
-from iits_mj.powertrain_parameters import Engine, Gearbox
+from iits_mj.powertrain_parameters import Clutch, Engine, Gearbox, Retarder
 
 FloatArray = NDArray[np.float64]
 
@@ -194,6 +194,8 @@ class TruckParameters:
     tire_common: TireCommon
     aerodynamics: Aerodynamics
     engine: Engine
+    retarder: Retarder
+    clutch: Clutch
     gearbox: Gearbox
     air_brake: AirBrake
 

@@ -1,4 +1,4 @@
-"""Numbers of engine, gearbox and driveline, as `mjcf/truck.toml` and its tables give them."""
+"""Numbers of engine, retarder, gearbox and driveline: `mjcf/truck.toml` and its tables."""
 
 from __future__ import annotations
 
@@ -18,19 +18,39 @@ class EngineScalars:
 
     idle_speed: float
     governed_speed: float
+    governor_droop: float
     reference_torque: float
     inertia: float
+    pedal_up: float
+    pedal_fade: float
+    pedal_return_time: float
     torque_rise_rate: float
     torque_rise_rate_low: float
     torque_rise_threshold: float
     torque_fall_rate: float
     torque_fall_rate_low: float
     torque_fall_threshold: float
+    torque_cut_time: float
     boost_lag: float
+    spool_time: float
+    idle_gain: float
+    idle_integral_gain: float
+    idle_band: float
+    idle_integral_min: float
+    idle_integral_max: float
+    idle_forget_time: float
+    synchronization_lag: float
+    synchronization_torque_share: float
+    synchronization_brake_share: float
     drag_speed: tuple[float, ...]
     drag_torque: tuple[float, ...]
     engine_brake_power: float
     engine_brake_speed: float
+    engine_brake_exponent: float
+    engine_brake_speed_min: float
+    engine_brake_fade: float
+    engine_brake_lag: float
+    engine_brake_release_lag: float
     idle_fuel_rate: float
 
 
@@ -51,6 +71,33 @@ class Engine(EngineScalars):
 
 
 @dataclass(frozen=True)
+class Retarder:
+    """Hydrodynamic retarder on the propeller shaft; `torque_max` 0 is a truck without one."""
+
+    torque_max: float
+    full_torque_speed: float
+    power_max: float
+    power_continuous: float
+    heat_time: float
+    derate_heat: float
+    fill_time: float
+    empty_time: float
+
+
+@dataclass(frozen=True)
+class Clutch:
+    """How the clutch is moved; its capacity and times of engagement are the gearbox's."""
+
+    opening_time: float
+    launch_range: float
+    alike_range: float
+    release_share: float
+    release_share_coast: float
+    stall_share: float
+    stall_range: float
+
+
+@dataclass(frozen=True)
 class GearboxScalars:
     """Scalar figures of gearbox, clutch and driveline."""
 
@@ -66,6 +113,7 @@ class GearboxScalars:
     clutch_torque_max: float
     driveline_stiffness: float
     driveline_damping: float
+    loss_reversal_speed: float
     downshift_delay: float
     downshift_margin: float
     min_gear_time: float

@@ -17,6 +17,7 @@ from iits_mj.messages import (
     EgoFootprint,
     EgoState,
     TransmissionMode,
+    TruckReport,
     VehicleCommand,
     XbrEbiMode,
     XbrMode,
@@ -29,6 +30,9 @@ from iits_mj.plugin_library import register
 from iits_mj.road import Route
 
 COMMAND_FIELDS = tuple(field.name for field in dataclasses.fields(VehicleCommand))
+_REPORT_FIELDS = tuple(
+    field.name for field in dataclasses.fields(TruckReport) if field.name != "axle_loads"
+)
 _COMMAND_INDEX = {name: index for index, name in enumerate(COMMAND_FIELDS)}
 BRAKE_PRESSURES = tuple(
     f"brake_pressure_{place}"
@@ -276,6 +280,21 @@ class Truck:
                 "xbr_ebi_mode": XbrEbiMode(round(values["xbr_ebi_mode"])),
             }  # type: ignore[arg-type]
         )
+
+    def report(self) -> TruckReport:
+        """What the control units say beside `observe`, as at the last step or observation.
+
+        A quantity for which this model has neither sensor nor control is None.
+        """
+        controls = dict(zip(COMMAND_FIELDS, map(float, self.data.ctrl), strict=False))
+        known = {name: self.read(name) for name in _REPORT_FIELDS if name in self._address}
+        known |= {name: controls[name] for name in _REPORT_FIELDS if name in controls}
+        loads = tuple(
+            sum(self.read(f"{axle.name}_{side}_tire_force", 2) for side in ("left", "right"))
+            for axle in self.parameters.axles
+        )
+        pedal = self.read("accelerator_pedal_position")
+        return TruckReport(**known | {"accelerator_pedal": pedal}, axle_loads=loads)
 
     def _place(self, station: float, offset: float, speed: float) -> None:
         """Poses the combination on the road: tractor by its axles, trailer by its own."""

@@ -2,11 +2,12 @@
 
 The layouts are in `iits_mj.dbc` (`database_path()`), written from public facts. In process the
 `VehicleCommand` goes straight to the model's controls; over a bus the same command is the frames of
-`command_to_frames`, and `CommandReceiver` is the truck's side with its fail-safe.
+`command_to_frames`, and `CommandReceiver` is the truck's side with its fail-safe. Which signal is
+which control or sensor stands in `signals.csv`.
 """
 
 from iits_mj.j1939.bus import Bus, LogWriter, read_log
-from iits_mj.j1939.command import CommandReceiver, TimeOuts, command_to_frames
+from iits_mj.j1939.command import command_to_frames
 from iits_mj.j1939.database import (
     Decoded,
     Status,
@@ -18,6 +19,8 @@ from iits_mj.j1939.database import (
     pgn_of,
 )
 from iits_mj.j1939.frame import Frame, make_id
+from iits_mj.j1939.quantities import ReferenceTorques
+from iits_mj.j1939.receiver import CommandReceiver, TimeOuts
 from iits_mj.j1939.state import StateReceiver, state_to_frames
 
 __all__ = [
@@ -26,6 +29,7 @@ __all__ = [
     "Decoded",
     "Frame",
     "LogWriter",
+    "ReferenceTorques",
     "StateReceiver",
     "Status",
     "TimeOuts",

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from iits_mj.parameters import FloatArray, TruckParameters
+from iits_mj.powertrain_parameters import Clutch, EngineScalars, Retarder
 
 # Local names of the sensors that the plugin knows, in the order of the model.
 SIGNALS = (
@@ -21,25 +24,24 @@ SIGNALS = (
     "propeller_shaft_torque",
     "propeller_shaft_speed",
     "accelerator_pedal_position",
+    "engine_brake_torque",
+    "engine_brake_torque_percent",
+    "engine_brake_torque_percent_intended",
+    "engine_brake_torque_percent_available",
+    "retarder_torque",
+    "retarder_torque_percent",
+    "retarder_torque_percent_intended",
+    "retarder_torque_percent_available",
+    "retarder_heat",
+    "engine_work",
+    "driveline_loss",
+    "clutch_loss",
+    "retarder_work",
+    "driveline_energy",
 )
 
-_ENGINE_SCALARS = (
-    "idle_speed",
-    "governed_speed",
-    "reference_torque",
-    "torque_rise_rate",
-    "torque_rise_rate_low",
-    "torque_rise_threshold",
-    "torque_fall_rate",
-    "torque_fall_rate_low",
-    "torque_fall_threshold",
-    "boost_lag",
-    "engine_brake_power",
-    "engine_brake_speed",
-    "idle_fuel_rate",
-    "drag_speed",
-    "drag_torque",
-)
+# Attributes of the plugin that carry the prefix here but not in the truck's sections.
+_PREFIXES = {"retarder": Retarder, "clutch": Clutch}
 _GEARBOX_SCALARS = (
     "final_drive",
     "efficiency",
@@ -53,6 +55,7 @@ _GEARBOX_SCALARS = (
     "clutch_torque_max",
     "driveline_stiffness",
     "driveline_damping",
+    "loss_reversal_speed",
     "downshift_delay",
     "downshift_margin",
     "min_gear_time",
@@ -63,11 +66,16 @@ def config(parameters: TruckParameters) -> dict[str, str]:
     """Attributes of the plugin instance `powertrain`, as text."""
     engine, gearbox = parameters.engine, parameters.gearbox
     driven = next(axle for axle in parameters.tractor.axles if axle.tire == "drive")
-    attributes = {name: _text(getattr(engine, name)) for name in _ENGINE_SCALARS}
+    attributes = {
+        f"engine_{name}" if name == "inertia" else name: _text(getattr(engine, name))
+        for name in _names(EngineScalars)
+    }
+    for prefix, kind in _PREFIXES.items():
+        section = getattr(parameters, prefix)
+        attributes |= {f"{prefix}_{name}": _text(getattr(section, name)) for name in _names(kind)}
     attributes |= {name: _text(getattr(gearbox, name)) for name in _GEARBOX_SCALARS}
     speed, torque = full_load(parameters)
     attributes |= {
-        "engine_inertia": _text(engine.inertia),
         "full_load_speed": _text(speed),
         "full_load_torque": _text(torque),
         "pedal_map_speed": _text(engine.pedal_map.rows),
@@ -107,6 +115,10 @@ def full_load(parameters: TruckParameters) -> tuple[FloatArray, FloatArray]:
             speed.append(float(point))
             torque.append(power / float(point))
     return np.array(speed), np.array(torque)
+
+
+def _names(kind: type) -> list[str]:
+    return [field.name for field in dataclasses.fields(kind)]
 
 
 def _text(values: ArrayLike) -> str:

@@ -34,40 +34,43 @@ struct ElasticClutch {
 
 // Engagement, 0 open to 1 closed, as a gearbox controller moves it while a gear is in.
 struct ClutchControl {
-  double idle_speed;       // [rad/s]
-  double engagement_time;  // full travel at launch [s]
-  double launch_share;     // engagement that carries the engine's reference torque
+  double idle_speed;           // [rad/s]
+  double pedal_up;             // accelerator travel up to which nothing is launched
+  double launch_share;         // engagement that carries the engine's reference torque
+  double engagement_time;      // full travel at launch [s]
+  double opening_time;         // full travel [s]
+  double launch_range;         // engine speed above idle, to the reference torque [rad/s]
+  double alike_range;          // speed difference at which the clutch closes for good [rad/s]
+  double release_share;        // of idle: gearbox input speed below which it opens, pedal down
+  double release_share_coast;  // the same, pedal up
+  double stall_share;          // of idle: engine speed at which its capacity is gone
+  double stall_range;          // of idle: above, to the whole capacity
 
   // Slips while the truck starts: torque grows with engine speed above idle, which finds the
   // engine's own torque by itself, cannot stall it, and is zero at idle. Closes for good when both
   // sides turn alike; opens near idle speed.
   double Update(double engagement, double engine_speed, double input_speed, double pedal,
                 double h) const {
-    bool powered = pedal > 0.01;
-    double release_speed = (powered ? 0.92 : 1.05) * idle_speed;
+    bool powered = pedal >= pedal_up;
     double target = 0;
-    if (input_speed > release_speed) {
-      bool alike = std::abs(engine_speed - input_speed) < 0.06 * idle_speed;
+    if (input_speed > (powered ? release_share : release_share_coast) * idle_speed) {
+      bool alike = std::abs(engine_speed - input_speed) < alike_range;
       double pulled = std::max(engine_speed, input_speed);
-      target = alike || engagement > 0.99 ? 1 : Launch(pulled);
+      target = alike || engagement >= 1 ? 1 : Launch(pulled);
     } else if (powered) {
       target = Launch(engine_speed);
     }
-    double closing = h / engagement_time;
-    return std::clamp(target, engagement - kOpeningRate * h, engagement + closing);
+    return std::clamp(target, engagement - h / opening_time, engagement + h / engagement_time);
   }
 
   // Last guard: whatever the control does, the capacity is gone before the engine stalls.
   double StallGuard(double engine_speed) const {
-    return std::clamp(10 * (engine_speed / idle_speed - 0.8), 0.0, 1.0);
+    return std::clamp((engine_speed / idle_speed - stall_share) / stall_range, 0.0, 1.0);
   }
 
  private:
-  static constexpr double kOpeningRate = 10.0;  // [1/s]
-  static constexpr double kLaunchRange = 40.0;  // above idle, to the reference torque [rad/s]
-
   double Launch(double speed) const {
-    return std::clamp((speed - idle_speed) / kLaunchRange, 0.0, 1.0) * launch_share;
+    return std::clamp((speed - idle_speed) / launch_range, 0.0, 1.0) * launch_share;
   }
 };
 

@@ -10,21 +10,8 @@
 namespace iits {
 namespace {
 
-// Judgement, all of it: figures of a heavy-duty engine controller that no source gives.
-constexpr double kGovernorDroop = 0.04;     // of the governed speed, over which torque goes to zero
-constexpr double kPedalFade = 0.05;         // pedal travel over which overrun turns into traction
-constexpr double kIdleGain = 20.0;          // [N m s/rad]
-constexpr double kIdleIntegralGain = 30.0;  // [N m/rad]
-constexpr double kIdleBand = 12.0;          // |speed error| within which the governor integrates
-constexpr double kIdleIntegralMax = 400.0;  // [N m]
-constexpr double kIdleForget = 0.2;         // time constant outside the band [s]
-constexpr double kSpeedLag = 0.08;          // of the speed control while synchronizing [s]
-constexpr double kSpeedTorqueMax = 0.3;     // of the reference torque, while synchronizing
-constexpr double kSpeedBrakeShare = 0.4;    // of the engine brake, while synchronizing
-constexpr double kSpoolTime = 3.0;          // a large step of demand rises faster than the rate [s]
-constexpr double kBrakeLag = 0.25;          // of the engine brake's flaps [s]
-constexpr double kBrakeExponent = 1.3986;   // power law with 55 % of the power at 1500 of 2300 rpm
-constexpr double kBrakeSpeedMin = 85.0;     // no engine brake below [rad/s]; full 20 rad/s above
+// Resolution of the engine brake's power law; its error is below 1e-5 of the torque.
+constexpr int kBrakeIntervals = 256;
 
 double Clip(double x, double low, double high) { return x < low ? low : (x > high ? high : x); }
 
@@ -38,17 +25,36 @@ bool Engine::Read(const mjModel* m, int instance) {
   } attributes[] = {
       {"idle_speed", 20, 200, &idle_speed_},
       {"governed_speed", 50, 1000, &governed_speed_},
+      {"governor_droop", 0.001, 0.5, &governor_droop_},
       {"reference_torque", 1, 1e5, &reference_torque_},
       {"engine_inertia", 0.01, 1000, &inertia_},
+      {"pedal_up", 0, 0.5, &pedal_up_},
+      {"pedal_fade", 0.001, 1, &pedal_fade_},
       {"torque_rise_rate", 1, 1e6, &rise_rate_},
       {"torque_rise_rate_low", 1, 1e6, &rise_rate_low_},
       {"torque_rise_threshold", 0, 1e5, &rise_threshold_},
       {"torque_fall_rate", 1, 1e6, &fall_rate_},
       {"torque_fall_rate_low", 1, 1e6, &fall_rate_low_},
       {"torque_fall_threshold", 0, 1e5, &fall_threshold_},
+      {"torque_cut_time", 0.001, 10, &cut_time_},
       {"boost_lag", 0.001, 10, &boost_lag_},
+      {"spool_time", 0.01, 100, &spool_time_},
+      {"idle_gain", 0, 1e4, &idle_gain_},
+      {"idle_integral_gain", 0, 1e4, &idle_integral_gain_},
+      {"idle_band", 0, 1000, &idle_band_},
+      {"idle_integral_min", -1e5, 0, &idle_integral_min_},
+      {"idle_integral_max", 0, 1e5, &idle_integral_max_},
+      {"idle_forget_time", 0.001, 100, &idle_forget_time_},
+      {"synchronization_lag", 0.001, 10, &sync_lag_},
+      {"synchronization_torque_share", 0, 1, &sync_torque_share_},
+      {"synchronization_brake_share", 0, 1, &sync_brake_share_},
       {"engine_brake_power", 0, 1e7, &brake_power_},
       {"engine_brake_speed", 50, 1000, &brake_speed_},
+      {"engine_brake_exponent", 0, 4, &brake_exponent_},
+      {"engine_brake_speed_min", 0, 1000, &brake_speed_min_},
+      {"engine_brake_fade", 0.1, 1000, &brake_fade_},
+      {"engine_brake_lag", 0.001, 10, &brake_lag_},
+      {"engine_brake_release_lag", 0.001, 10, &brake_release_lag_},
       {"idle_fuel_rate", 0, 1, &idle_fuel_rate_},
   };
   for (const auto& a : attributes) {
@@ -60,6 +66,11 @@ bool Engine::Read(const mjModel* m, int instance) {
                 InstanceName(m, instance).c_str(), governed_speed_, idle_speed_);
     return false;
   }
+  // P = engine_brake_power (w / engine_brake_speed)^exponent through the rated point.
+  auto law = [this](double speed) {
+    return rated_brake_torque() * std::pow(speed / brake_speed_, brake_exponent_ - 1);
+  };
+  brake_torque_.Sample(law, 0.2 * brake_speed_, 1.2 * brake_speed_, kBrakeIntervals);
   return ReadCurve(m, instance, "full_load_speed", "full_load_torque", 0, 1e5, &full_load_) &&
          ReadCurve(m, instance, "drag_speed", "drag_torque", 0, 1e5, &drag_) &&
          ReadMap(m, instance, "pedal_map_speed", "pedal_map_pedal", "pedal_map_torque", 0, 1e5,
@@ -68,51 +79,47 @@ bool Engine::Read(const mjModel* m, int instance) {
                  &fuel_map_);
 }
 
-double Engine::Governor(double speed) const {
-  return Clip((governed_speed_ - speed) / (kGovernorDroop * governed_speed_), 0, 1);
+double Engine::Limit(double speed, double drag) const {
+  double governor = Clip((governed_speed_ - speed) / (governor_droop_ * governed_speed_), 0, 1);
+  return governor * (full_load_(speed) + drag) - drag;
 }
 
-double Engine::TorqueLimit(double speed) const {
+EnginePoint Engine::At(double speed) const {
   double drag = drag_(speed);
-  return Governor(speed) * (full_load_(speed) + drag) - drag;
+  return {speed, drag, Limit(speed, drag), BrakeTorqueMax(speed)};
 }
 
-double Engine::PedalTorque(double speed, double pedal) const {
-  double drag = drag_(speed);
-  double wanted = std::min(pedal_map_(speed, pedal), TorqueLimit(speed));
-  return std::min(1.0, pedal / kPedalFade) * (wanted + drag) - drag;
+double Engine::PedalTorque(const EnginePoint& at, double pedal) const {
+  if (pedal <= 0) return -at.drag;
+  double wanted = std::min(pedal_map_(at.speed, pedal), at.limit);
+  return std::min(1.0, pedal / pedal_fade_) * (wanted + at.drag) - at.drag;
 }
 
-double Engine::BrakeTorque(const EngineState& s) const {
-  return s.torque - drag_(s.speed) - s.brake_torque;
-}
-
-// Engine brake: power law through the rated point, fading out near idle.
+// The power law, fading out near idle.
 double Engine::BrakeTorqueMax(double speed) const {
-  if (speed <= kBrakeSpeedMin) return 0;
-  double rated = brake_power_ / brake_speed_;
-  double fade = std::min(1.0, (speed - kBrakeSpeedMin) / 20.0);
-  return fade * rated * std::pow(speed / brake_speed_, kBrakeExponent - 1);
+  if (speed <= brake_speed_min_) return 0;
+  return std::min(1.0, (speed - brake_speed_min_) / brake_fade_) * brake_torque_(speed);
 }
 
 // PI idle governor about the friction torque; indicated torque.
-double Engine::IdleTorque(double h, EngineState* s) const {
-  double error = idle_speed_ - s->speed;
-  if (std::abs(error) < kIdleBand) {
-    s->idle_integral += h * kIdleIntegralGain * error;
+double Engine::IdleTorque(const EnginePoint& at, double h, EngineState* s) const {
+  double error = idle_speed_ - at.speed;
+  if (std::abs(error) < idle_band_) {
+    s->idle_integral += h * idle_integral_gain_ * error;
   } else {
-    s->idle_integral -= s->idle_integral * h / (kIdleForget + h);
+    s->idle_integral -= s->idle_integral * h / (idle_forget_time_ + h);
   }
-  s->idle_integral = Clip(s->idle_integral, -0.25 * kIdleIntegralMax, kIdleIntegralMax);
-  return std::max(0.0, drag_(s->speed) + kIdleGain * error + s->idle_integral);
+  s->idle_integral = Clip(s->idle_integral, idle_integral_min_, idle_integral_max_);
+  return std::max(0.0, at.drag + idle_gain_ * error + s->idle_integral);
 }
 
 // The free engine is brought to the new gear's speed, slowed by the engine brake where it must be.
-void Engine::Synchronize(const EngineRequest& request, double h, EngineState* s) const {
-  double wanted = request.inertia * (request.target_speed - s->speed) / (kSpeedLag + h);
-  double indicated = wanted + drag_(s->speed);
-  s->torque = Clip(indicated, 0, kSpeedTorqueMax * reference_torque_);
-  s->brake_torque = Clip(-indicated, 0, kSpeedBrakeShare * BrakeTorqueMax(s->speed));
+void Engine::Synchronize(const EngineRequest& request, const EnginePoint& at, double h,
+                         EngineState* s) const {
+  double wanted = request.inertia * (request.target_speed - at.speed) / (sync_lag_ + h);
+  double indicated = wanted + at.drag;
+  s->torque = Clip(indicated, 0, sync_torque_share_ * reference_torque_);
+  s->brake_torque = Clip(-indicated, 0, sync_brake_share_ * at.brake_max);
   s->idle_integral = 0;
 }
 
@@ -122,38 +129,43 @@ void Engine::UpdateBoost(double demand, double h, EngineState* s) const {
   const double floor = rise_threshold_;
   s->boost_demand = std::max(s->boost_demand, floor);
   double gap = demand - s->boost_demand;
-  double rise = h * std::max(rise_rate_, gap / kSpoolTime);
+  double rise = h * std::max(rise_rate_, gap / spool_time_);
   s->boost_demand += Clip(gap, -h * fall_rate_low_, rise);
   s->boost_demand = std::max(s->boost_demand, floor);
   s->boost += (s->boost_demand - s->boost) * h / (boost_lag_ + h);
   s->boost = std::max(s->boost, floor);
 }
 
-void Engine::Update(const EngineRequest& request, double h, EngineState* s) const {
-  double drag = drag_(s->speed);
+void Engine::UpdateBrake(const EngineRequest& request, double available, double h,
+                         EngineState* s) const {
+  if (request.engine_brake <= 0 && s->brake_torque <= 0) return;
+  bool braking = request.mode == EngineRequest::kPedal && request.pedal < pedal_up_;
+  double brake = braking ? request.engine_brake * available : 0;
+  double lag = braking ? brake_lag_ : brake_release_lag_;
+  s->brake_torque += (brake - s->brake_torque) * h / (lag + h);
+  s->brake_torque = std::min(s->brake_torque, available);
+}
+
+void Engine::Update(const EngineRequest& request, const EnginePoint& at, double h,
+                    EngineState* s) const {
   // Unloaded, in a gear change, the turbocharger loses its charge.
   if (request.mode != EngineRequest::kPedal) UpdateBoost(0, h, s);
-  if (request.mode == EngineRequest::kSpeed) return Synchronize(request, h, s);
-  bool braking = request.mode == EngineRequest::kPedal && request.pedal < 0.02;
-  if (request.engine_brake > 0 || s->brake_torque > 0) {  // seldom; spares the power law
-    double available = BrakeTorqueMax(s->speed);
-    double brake = braking ? request.engine_brake * available : 0;
-    s->brake_torque += (brake - s->brake_torque) * h / ((braking ? kBrakeLag : 0.05) + h);
-    s->brake_torque = std::min(s->brake_torque, available);
-  }
+  if (request.mode == EngineRequest::kSpeed) return Synchronize(request, at, h, s);
+  UpdateBrake(request, at.brake_max, h, s);
   if (request.mode == EngineRequest::kCut) {
     s->torque -= s->torque * std::min(1.0, h / std::max(request.time_left, h));
     return;
   }
-  double limit = TorqueLimit(s->speed) + drag;
-  double wanted = PedalTorque(s->speed, request.pedal) + drag;
-  double demand = std::min(limit, std::max(wanted, IdleTorque(h, s)));
+  double limit = at.limit + at.drag;
+  double wanted = PedalTorque(at, request.pedal) + at.drag;
+  double demand = std::min(limit, std::max(wanted, IdleTorque(at, h, s)));
   UpdateBoost(demand, h, s);
   double target = std::min(demand, s->boost);
   if (target > s->torque) {
     s->torque = std::min(target, s->torque + h * rise_rate_low_);
   } else {
     double rate = s->torque > fall_threshold_ ? fall_rate_ : fall_rate_low_;
+    if (request.limited) rate = std::max(rate, reference_torque_ / cut_time_);
     s->torque = std::max(target, s->torque - h * rate);
   }
   s->torque = std::min(s->torque, limit);
@@ -161,14 +173,14 @@ void Engine::Update(const EngineRequest& request, double h, EngineState* s) cons
 
 // Inside the map by specific consumption; below its lowest torque by a line through the idle rate
 // (Willans), which ends at zero where combustion just stops (overrun).
-double Engine::FuelRate(const EngineState& s) const {
+double Engine::FuelRate(const EnginePoint& at, const EngineState& s) const {
   if (s.torque <= 0) return 0;
-  double torque = s.torque - drag_(s.speed);
+  double torque = s.torque - at.drag;
   double lowest = fuel_map_.rows.front();
-  if (torque >= lowest) return fuel_map_(torque, s.speed) * torque * s.speed;
-  double no_load = idle_fuel_rate_ * s.speed / idle_speed_;
-  if (torque < 0) return no_load * s.torque / drag_(s.speed);
-  double at_lowest = fuel_map_(lowest, s.speed) * lowest * s.speed;
+  if (torque >= lowest) return fuel_map_(torque, at.speed) * torque * at.speed;
+  double no_load = idle_fuel_rate_ * at.speed / idle_speed_;
+  if (torque < 0) return no_load * s.torque / at.drag;
+  double at_lowest = fuel_map_(lowest, at.speed) * lowest * at.speed;
   return no_load + (at_lowest - no_load) * torque / lowest;
 }
 

@@ -45,6 +45,32 @@ struct Map {
   }
 };
 
+// A smooth y(x) sampled once on a uniform grid, so that it costs no search and no power function.
+// Held constant beyond both ends; the error is at most step^2 / 8 max |y''|.
+class UniformCurve {
+ public:
+  template <class Function>
+  void Sample(const Function& f, double low, double high, int intervals) {
+    low_ = low;
+    inverse_step_ = intervals / (high - low);
+    y_.resize(intervals + 1);
+    for (int i = 0; i <= intervals; ++i) y_[i] = f(low + i / inverse_step_);
+  }
+
+  double operator()(double at) const {
+    const double position = (at - low_) * inverse_step_;
+    if (!(position > 0)) return y_.front();
+    const size_t last = y_.size() - 1;
+    if (position >= static_cast<double>(last)) return y_.back();
+    const size_t i = static_cast<size_t>(position);
+    return y_[i] + (position - static_cast<double>(i)) * (y_[i + 1] - y_[i]);
+  }
+
+ private:
+  double low_ = 0, inverse_step_ = 0;
+  std::vector<double> y_;
+};
+
 // Reads a curve from two attributes: at least two points, `x` strictly increasing.
 // Returns false after an mju_warning.
 bool ReadCurve(const mjModel* m, int instance, const char* x, const char* y, double low,

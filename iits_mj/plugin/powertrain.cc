@@ -16,53 +16,48 @@ namespace {
 
 const char* const kAttributes[] = {
     // engine
-    "idle_speed", "governed_speed", "reference_torque", "engine_inertia", "torque_rise_rate",
-    "torque_rise_rate_low", "torque_rise_threshold", "torque_fall_rate", "torque_fall_rate_low",
-    "torque_fall_threshold", "boost_lag", "engine_brake_power", "engine_brake_speed",
-    "idle_fuel_rate", "full_load_speed", "full_load_torque", "drag_speed", "drag_torque",
-    "pedal_map_speed", "pedal_map_pedal", "pedal_map_torque", "fuel_map_torque", "fuel_map_speed",
-    "fuel_map_consumption",
+    "idle_speed", "governed_speed", "governor_droop", "reference_torque", "engine_inertia",
+    "pedal_up", "pedal_fade", "torque_rise_rate", "torque_rise_rate_low", "torque_rise_threshold",
+    "torque_fall_rate", "torque_fall_rate_low", "torque_fall_threshold", "torque_cut_time",
+    "boost_lag", "spool_time", "idle_gain", "idle_integral_gain", "idle_band", "idle_integral_min",
+    "idle_integral_max", "idle_forget_time", "synchronization_lag", "synchronization_torque_share",
+    "synchronization_brake_share", "engine_brake_power", "engine_brake_speed",
+    "engine_brake_exponent", "engine_brake_speed_min", "engine_brake_fade", "engine_brake_lag",
+    "engine_brake_release_lag", "idle_fuel_rate", "full_load_speed", "full_load_torque",
+    "drag_speed", "drag_torque", "pedal_map_speed", "pedal_map_pedal", "pedal_map_torque",
+    "fuel_map_torque", "fuel_map_speed", "fuel_map_consumption",
+    // retarder and what the brakes take from the engine
+    "retarder_torque_max", "retarder_full_torque_speed", "retarder_power_max",
+    "retarder_power_continuous", "retarder_heat_time", "retarder_derate_heat", "retarder_fill_time",
+    "retarder_empty_time", "pedal_return_time",
     // gearbox
     "ratios", "gear_inertias", "reverse_ratio", "final_drive", "efficiency", "start_gear",
     "shift_cut_time", "synchronization_time", "clutch_close_time", "downshift_delay",
     "downshift_margin", "min_gear_time", "wheel_radius", "upshift_gear", "upshift_pedal",
     "upshift_speed", "downshift_gear", "downshift_pedal", "downshift_speed",
     // clutch and driveline
-    "clutch_engagement_time", "clutch_torque_max", "driveline_efficiency", "driveline_stiffness",
-    "driveline_damping"};
-
-using Output = Powertrain::Output;
-
-struct Signal {
-  const char* name;
-  double (*value)(const Powertrain& p, const Output& o);
-};
+    "clutch_engagement_time", "clutch_opening_time", "clutch_torque_max", "clutch_launch_range",
+    "clutch_alike_range", "clutch_release_share", "clutch_release_share_coast",
+    "clutch_stall_share", "clutch_stall_range", "driveline_efficiency", "driveline_stiffness",
+    "driveline_damping", "loss_reversal_speed"};
 
 }  // namespace
 
 Powertrain* Powertrain::Create(const mjModel* m, int instance) {
   std::unique_ptr<Powertrain> p(new Powertrain());
-  ClutchControl& clutch = p->clutch_control_;
-  const struct {
-    const char* name;
-    double low, high;
-    double* value;
-  } attributes[] = {
-      {"clutch_engagement_time", 0.01, 10, &clutch.engagement_time},
-      {"clutch_torque_max", 1, 1e6, &p->clutch_torque_max_},
-      {"driveline_efficiency", 0.5, 1, &p->driveline_efficiency_},
-      {"driveline_stiffness", 1, 1e9, &p->driveline_stiffness_},
-      {"driveline_damping", 1, 1e9, &p->driveline_damping_},
-  };
-  for (const auto& a : attributes) {
-    *a.value = std::nan("");
-    if (!ReadNumber(m, instance, a.name, a.low, a.high, a.value)) return nullptr;
-  }
   if (!p->FindActuators(m, instance) || !p->FindSensors(m, instance)) return nullptr;
-  if (!p->engine_.Read(m, instance)) return nullptr;
-  if (!p->gearbox_.Read(m, instance, p->VehicleMass(m))) return nullptr;
-  clutch.idle_speed = p->engine_.idle_speed();
-  clutch.launch_share = std::min(1.0, p->engine_.reference_torque() / p->clutch_torque_max_);
+  p->FindWheels(m);
+  double* return_time = &p->endurance_.return_time;
+  *return_time = std::nan("");
+  const Engine& engine = p->engine_;
+  if (!p->engine_.Read(m, instance) || !p->gearbox_.Read(m, instance, p->VehicleMass(m)) ||
+      !p->retarder_.Read(m, instance) ||
+      !ReadNumber(m, instance, "pedal_return_time", 0.001, 60, return_time) ||
+      !p->driveline_.Read(m, instance, p->gearbox_.final_drive(), engine.idle_speed(),
+                          engine.pedal_up(), engine.reference_torque())) {
+    return nullptr;
+  }
+  p->endurance_.pedal_up = engine.pedal_up();
   return p.release();
 }
 
@@ -72,7 +67,7 @@ bool Powertrain::FindActuators(const mjModel* m, int instance) {
     int* slot = name == "accelerator_pedal"   ? &pedal_
                 : name == "engine_brake"      ? &engine_brake_
                 : name == "transmission_mode" ? &mode_
-                : name == "retarder"          ? &retarder_
+                : name == "retarder"          ? &retarder_lever_
                                               : nullptr;
     if (!slot || *slot >= 0) {
       mju_warning(
@@ -94,44 +89,14 @@ bool Powertrain::FindActuators(const mjModel* m, int instance) {
   return true;
 }
 
-bool Powertrain::FindSensors(const mjModel* m, int instance) {
-  static const Signal kSignals[] = {
-      {"gear", [](const Powertrain&, const Output& o) { return o.gear; }},
-      {"shift_in_process", [](const Powertrain&, const Output& o) { return o.shift_in_process; }},
-      {"engine_speed", [](const Powertrain&, const Output& o) { return o.engine_speed; }},
-      {"engine_torque", [](const Powertrain&, const Output& o) { return o.engine_torque; }},
-      {"engine_torque_percent",
-       [](const Powertrain& p, const Output& o) {
-         return 100 * o.indicated_torque / p.engine_.reference_torque();
-       }},
-      {"torque_loss_percent",
-       [](const Powertrain& p, const Output& o) {
-         return 100 * o.drag_torque / p.engine_.reference_torque();
-       }},
-      {"fuel_rate", [](const Powertrain&, const Output& o) { return o.fuel_rate; }},
-      {"fuel_used", [](const Powertrain&, const Output& o) { return o.fuel_used; }},
-      {"clutch_engagement", [](const Powertrain&, const Output& o) { return o.clutch_engagement; }},
-      {"propeller_shaft_torque", [](const Powertrain&, const Output& o) { return o.shaft_torque; }},
-      {"propeller_shaft_speed", [](const Powertrain&, const Output& o) { return o.shaft_speed; }},
-      {"accelerator_pedal_position", [](const Powertrain&, const Output& o) { return o.pedal; }},
-  };
-  for (int i = 0; i < m->nsensor; ++i) {
-    if (m->sensor_plugin[i] != instance) continue;
-    std::string name = LocalName(mj_id2name(m, mjOBJ_SENSOR, i));
-    size_t before = sensors_.size();
-    for (const Signal& signal : kSignals) {
-      if (name == signal.name) sensors_.emplace_back(m->sensor_adr[i], signal.value);
-    }
-    if (sensors_.size() == before) {
-      std::string known;
-      for (const Signal& signal : kSignals)
-        known += std::string(known.empty() ? "" : ", ") + signal.name;
-      mju_warning("plugin instance '%s': sensor '%s' is unknown; known are %s",
-                  InstanceName(m, instance).c_str(), name.c_str(), known.c_str());
-      return false;
-    }
+// The driven wheels, through the tendon of the accelerator's transmission.
+void Powertrain::FindWheels(const mjModel* m) {
+  const int tendon = m->actuator_trnid[2 * pedal_];
+  const double gear = m->actuator_gear[6 * pedal_];
+  for (int i = m->tendon_adr[tendon]; i < m->tendon_adr[tendon] + m->tendon_num[tendon]; ++i) {
+    if (m->wrap_type[i] != mjWRAP_JOINT) continue;
+    wheels_.emplace_back(m->jnt_dofadr[m->wrap_objid[i]], gear * m->wrap_prm[i]);
   }
-  return true;
 }
 
 // Mass of the kinematic tree that the first driven wheel belongs to.
@@ -149,105 +114,121 @@ Powertrain::Controls Powertrain::ReadControls(const mjModel* m, const mjData* d)
     return std::isfinite(value) ? std::clamp(value, 0.0, high) : 0.0;
   };
   int mode = static_cast<int>(std::lround(control(mode_, 2)));
-  return {control(pedal_, 1), control(engine_brake_, 1), static_cast<GearboxInput::Mode>(mode)};
+  return {{control(pedal_, 1), control(engine_brake_, 1), control(retarder_lever_, 1)},
+          static_cast<GearboxInput::Mode>(mode),
+          ReadPartner<EnduranceDemand>(m, d, air_brake_)};
+}
+
+// From the wheels as they are now; `actuator_velocity` is of before the step when `advance` runs.
+double Powertrain::ShaftSpeed(const mjData* d) const {
+  double speed = 0;
+  for (const auto& [dof, share] : wheels_) speed += share * d->qvel[dof];
+  return std::isfinite(speed) ? speed : 0;
+}
+
+// While a change synchronizes, the gearbox's input turns with the engine, as in the gear to come.
+GearData Powertrain::Gear(const GearboxState& gearbox) const {
+  const int gear = static_cast<int>(gearbox.gear);
+  const int turning = gear ? gear : static_cast<int>(gearbox.target);
+  return {gearbox_.Ratio(gear), engine_.inertia() + gearbox_.InputInertia(turning),
+          gearbox_.Efficiency()};
+}
+
+// An engine that is being taken out counts for nothing, so that the retarder fills in time.
+EnduranceGearing Powertrain::Gearing(const Core& core) const {
+  const bool closed = core.gearbox.phase == Gearbox::kInGear && core.driveline.engagement >= 1;
+  const double ratio = std::abs(gearbox_.Ratio(static_cast<int>(core.gearbox.gear)));
+  const double behind = 1 / driveline_.efficiency();
+  return {closed ? ratio * behind / gearbox_.Efficiency() : 0,
+          closed ? -core.shaft_torque - core.retarder_torque * behind : 0, behind};
 }
 
 // A vehicle that is found rolling is in the gear for its speed, clutch closed, no torque.
 void Powertrain::Initialize(double shaft_speed, Core* core) const {
   *core = Core();
   core->initialized = 1;
+  const double idle = engine_.idle_speed();
   int gear = gearbox_.GearForSpeed(engine_, shaft_speed);
   double input_speed = gearbox_.Ratio(gear) * shaft_speed;
-  bool rolling = input_speed > 1.05 * engine_.idle_speed();
-  core->engine.speed =
-      rolling ? std::min(input_speed, engine_.brake_speed()) : engine_.idle_speed();
+  bool rolling = input_speed > driveline_.control().release_share_coast * idle;
+  core->engine.speed = rolling ? std::min(input_speed, engine_.brake_speed()) : idle;
   core->engine.torque = engine_.Drag(core->engine.speed);
   core->gearbox.gear = core->gearbox.target = gear;
   core->gearbox.gear_time = 1e3;
   core->gearbox.shaft_speed = shaft_speed;
-  core->engagement = rolling ? 1 : 0;
+  driveline_.SetGear(Gear(core->gearbox), &core->driveline);
+  core->driveline.engagement = rolling ? 1 : 0;
 }
 
-void Powertrain::Step(const Controls& controls, double shaft_speed, double h, Core* core,
-                      Output* output) const {
+// Of the clutch, as the phase of a gear change or the launch wants it.
+double Powertrain::Engagement(const Core& core, const EngineRequest& request, double pedal,
+                              double input_speed, double h) const {
+  const double engagement = core.driveline.engagement;
+  const GearboxState& gearbox = core.gearbox;
+  if (gearbox.phase == Gearbox::kCut) {
+    // With the torque, so that a clutch that still slips does not drag the engine down.
+    return engagement - engagement * std::min(1.0, h / std::max(request.time_left, h));
+  }
+  if (gearbox.phase == Gearbox::kClose) {
+    return std::min(1.0, gearbox.phase_time / gearbox_.close_time());
+  }
+  if (gearbox.phase != Gearbox::kInGear) return engagement;
+  return driveline_.control().Update(engagement, core.engine.speed, input_speed, pedal, h);
+}
+
+void Powertrain::Step(const Controls& controls, double shaft_speed, double h, State* s) const {
+  Core* core = &s->next;
   EngineState* engine = &core->engine;
   GearboxState* gearbox = &core->gearbox;
-  const double speed_before = engine->speed;
+  const EnginePoint at = engine_.At(engine->speed);
+  ReportStart(*core, &s->output);
+  const double retarder_max = retarder_.Available(shaft_speed, core->retarder.heat);
+  const EnduranceGearing before = Gearing(*core);
+  const EnduranceCommand command =
+      endurance_.Update(controls.levers, controls.demand, before, at.drag, at.brake_max,
+                        retarder_max, h, &core->held_back);
 
   const GearboxInput input = {
-      controls.mode,      controls.pedal, controls.engine_brake,  shaft_speed,
-      core->shaft_torque, engine->speed,  core->engagement < 0.01};
+      controls.mode,      command.pedal, command.engine_brake,           shaft_speed,
+      core->shaft_torque, engine->speed, core->driveline.engagement <= 0};
   gearbox_.Update(engine_, input, h, gearbox);
   EngineRequest request = gearbox_.Request(engine_, input, *gearbox);
-  if (core->engagement < 0.5) request.engine_brake = 0;
-  engine_.Update(request, h, engine);
+  request.limited = core->held_back > 0;
+  if (core->driveline.engagement < 1) request.engine_brake = 0;
+  engine_.Update(request, at, h, engine);
 
-  const int gear = static_cast<int>(gearbox->gear);
-  const double ratio = gearbox_.Ratio(gear);
-  const double input_speed = ratio * shaft_speed;
-  const double torque = engine_.BrakeTorque(*engine);
-  const double inertia = engine_.inertia() + gearbox_.InputInertia(gear);
-  output->engine_torque = torque;
-  output->fuel_rate = engine_.FuelRate(*engine);
-
-  double clutch_torque = 0;
-  if (gear == 0) {
-    core->torsion = core->engagement = 0;
-    engine->speed = std::max(0.0, engine->speed + h * torque / inertia);
-  } else {
-    if (gearbox->phase == Gearbox::kCut) {
-      // With the torque, so that a clutch that still slips does not drag the engine down.
-      core->engagement -= core->engagement * std::min(1.0, h / std::max(request.time_left, h));
-    } else if (gearbox->phase == Gearbox::kClose) {
-      core->engagement = std::min(1.0, gearbox->phase_time / gearbox_.close_time());
-    } else if (gearbox->phase == Gearbox::kInGear) {
-      core->engagement =
-          clutch_control_.Update(core->engagement, engine->speed, input_speed, controls.pedal, h);
-    }
-    double capacity =
-        core->engagement * clutch_torque_max_ * clutch_control_.StallGuard(engine->speed);
-    // Stiffness and damping are given at the wheels.
-    double reduction = ratio * gearbox_.final_drive();
-    const ElasticClutch clutch = {driveline_stiffness_ / (reduction * reduction),
-                                  driveline_damping_ / (reduction * reduction)};
-    clutch_torque =
-        clutch.Step(torque, inertia, input_speed, capacity, h, &core->torsion, &engine->speed);
+  const GearData gear = Gear(*gearbox);
+  if (gear.ratio != 0) {
+    core->driveline.engagement =
+        Engagement(*core, request, command.pedal, gear.ratio * shaft_speed, h);
   }
-  // Losses oppose the flow of power, whichever way it goes.
-  double efficiency = gearbox_.Efficiency() * driveline_efficiency_;
-  core->shaft_torque = clutch_torque * ratio * (clutch_torque > 0 ? efficiency : 1 / efficiency);
+  core->retarder_torque =
+      retarder_.Update(command.retarder_torque, retarder_max, shaft_speed, h, &core->retarder);
+  driveline_.Step(gear, engine_.BrakeTorque(at, *engine), core->retarder_torque, shaft_speed, h,
+                  &core->driveline, &engine->speed, &s->work);
+  core->shaft_torque = s->work.shaft_torque;
 
-  output->gear = gearbox->target;
-  output->shift_in_process = gearbox->phase != Gearbox::kInGear;
-  output->engine_speed = speed_before;
-  output->indicated_torque = engine->torque;
-  output->drag_torque = engine_.Drag(speed_before);
-  output->fuel_used = core->fuel_used;
-  output->clutch_engagement = core->engagement;
-  output->shaft_torque = core->shaft_torque;
-  output->shaft_speed = shaft_speed;
-  output->pedal = controls.pedal;
-  core->fuel_used += h * output->fuel_rate;
+  ReportStep(at, command, retarder_max, controls.levers.pedal, s);
+  core->fuel_used += h * s->output.fuel_rate;
+  const EnduranceGearing after = Gearing(*core);
+  s->next_endurance = {
+      gearbox->gear < 0 ? core->shaft_torque : -core->shaft_torque,
+      after.engine_factor * (at.drag + at.brake_max) + after.retarder_factor * retarder_max,
+      engine->speed};
 }
 
 void Powertrain::Actuator(const mjModel* m, mjData* d, int instance) const {
   State* s = reinterpret_cast<State*>(d->plugin_state + m->plugin_stateadr[instance]);
   int out = m->actuator_outadr[pedal_];
-  double shaft_speed = d->actuator_velocity[out];
-  if (!std::isfinite(shaft_speed)) shaft_speed = 0;
+  const double shaft_speed = ShaftSpeed(d);
   s->next = s->now;
   if (s->next.initialized == 0) Initialize(shaft_speed, &s->next);
-  Step(ReadControls(m, d), shaft_speed, m->opt.timestep, &s->next, &s->output);
+  Step(ReadControls(m, d), shaft_speed, m->opt.timestep, s);
   s->next_is_fresh = 1;
   d->actuator_force[out] = s->next.shaft_torque;
   if (engine_brake_ >= 0) d->actuator_force[m->actuator_outadr[engine_brake_]] = 0;
   if (mode_ >= 0) d->actuator_force[m->actuator_outadr[mode_]] = 0;
-  if (retarder_ >= 0) d->actuator_force[m->actuator_outadr[retarder_]] = 0;
-}
-
-void Powertrain::Sensors(const mjModel* m, mjData* d, int instance) const {
-  const State* s = reinterpret_cast<const State*>(d->plugin_state + m->plugin_stateadr[instance]);
-  for (const auto& [address, value] : sensors_) d->sensordata[address] = value(*this, s->output);
+  if (retarder_lever_ >= 0) d->actuator_force[m->actuator_outadr[retarder_lever_]] = 0;
 }
 
 // Commits what the last `compute` found; nothing when actuation is disabled.
@@ -255,8 +236,8 @@ void Powertrain::Advance(const mjModel* m, mjData* d, int instance) const {
   State* s = reinterpret_cast<State*>(d->plugin_state + m->plugin_stateadr[instance]);
   if (s->next_is_fresh == 0) return;
   s->now = s->next;
-  s->endurance.shaft_torque = -s->now.shaft_torque;
-  s->endurance.engine_speed = s->now.engine.speed;
+  s->work.Book(ShaftSpeed(d), m->opt.timestep, &s->now.energy);
+  s->endurance = s->next_endurance;
   s->next_is_fresh = 0;
 }
 

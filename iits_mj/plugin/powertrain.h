@@ -1,4 +1,5 @@
-// Powertrain plugin `iits.powertrain`: engine, clutch, automated gearbox, driveline to the wheels.
+// Powertrain plugin `iits.powertrain`: engine, clutch, automated gearbox, retarder, driveline to
+// the wheels.
 #ifndef IITS_MJ_PLUGIN_POWERTRAIN_H_
 #define IITS_MJ_PLUGIN_POWERTRAIN_H_
 
@@ -7,10 +8,12 @@
 #include <utility>
 #include <vector>
 
-#include "plugin/clutch.h"
+#include "plugin/driveline.h"
 #include "plugin/endurance.h"
+#include "plugin/endurance_control.h"
 #include "plugin/engine.h"
 #include "plugin/gearbox.h"
+#include "plugin/retarder.h"
 
 namespace iits {
 
@@ -24,21 +27,33 @@ class Powertrain {
     double initialized;
     EngineState engine;
     GearboxState gearbox;
-    double torsion;     // of the driveline, at the gearbox input [rad]
-    double engagement;  // of the clutch, 0 to 1
-    double shaft_torque;
-    double fuel_used;  // since the reset [kg]
+    DrivelineState driveline;
+    RetarderState retarder;
+    double held_back;        // of the accelerator, by the brakes, 0 to 1
+    double shaft_torque;     // behind all losses [N m]
+    double retarder_torque;  // at the retarder, >= 0 [N m]
+    double fuel_used;        // since the reset [kg]
+    EnergyAccount energy;
   };
 
-  // What `compute` found for the present instant; sensors read it.
+  // What `compute` found for the present instant, one number a signal; sensors read it.
   struct Output {
-    double gear, shift_in_process, engine_speed, engine_torque, indicated_torque, drag_torque;
-    double fuel_rate, fuel_used, clutch_engagement, shaft_torque, shaft_speed, pedal;
+    double gear, shift_in_process, engine_speed, engine_torque;
+    double engine_torque_percent, torque_loss_percent;
+    double fuel_rate, fuel_used, clutch_engagement;
+    double propeller_shaft_torque, propeller_shaft_speed, accelerator_pedal_position;
+    double engine_brake_torque, engine_brake_torque_percent, engine_brake_torque_percent_intended;
+    double engine_brake_torque_percent_available;
+    double retarder_torque, retarder_torque_percent, retarder_torque_percent_intended;
+    double retarder_torque_percent_available, retarder_heat;
+    double engine_work, driveline_loss, clutch_loss, retarder_work, driveline_energy;
   };
 
   struct State {
     EnduranceState endurance;  // first: the brake control reads it
     Core now, next;
+    EnduranceState next_endurance;
+    StepWork work;         // of the step that leads to `next`
     double next_is_fresh;  // `compute` ran since the last `advance`
     Output output;
   };
@@ -52,26 +67,37 @@ class Powertrain {
 
  private:
   struct Controls {
-    double pedal, engine_brake;
+    EnduranceLevers levers;
     GearboxInput::Mode mode;
+    EnduranceDemand demand;
   };
 
   Powertrain() = default;
   bool FindActuators(const mjModel* m, int instance);
   bool FindSensors(const mjModel* m, int instance);
+  void FindWheels(const mjModel* m);
   double VehicleMass(const mjModel* m) const;
   Controls ReadControls(const mjModel* m, const mjData* d) const;
+  double ShaftSpeed(const mjData* d) const;
+  GearData Gear(const GearboxState& gearbox) const;
+  EnduranceGearing Gearing(const Core& core) const;
   void Initialize(double shaft_speed, Core* core) const;
-  void Step(const Controls& controls, double shaft_speed, double h, Core* core,
-            Output* output) const;
+  double Engagement(const Core& core, const EngineRequest& request, double pedal,
+                    double input_speed, double h) const;
+  void Step(const Controls& controls, double shaft_speed, double h, State* s) const;
+  void ReportStart(const Core& core, Output* output) const;
+  void ReportStep(const EnginePoint& at, const EnduranceCommand& command, double retarder_max,
+                  double pedal, State* s) const;
 
   Engine engine_;
   Gearbox gearbox_;
-  ClutchControl clutch_control_;
-  double clutch_torque_max_, driveline_efficiency_, driveline_stiffness_, driveline_damping_;
-  int pedal_ = -1, engine_brake_ = -1, mode_ = -1, retarder_ = -1;  // actuators
-  int air_brake_ = -1;                                              // instance
-  std::vector<std::pair<int, double (*)(const Powertrain&, const Output&)>> sensors_;
+  Driveline driveline_;
+  Retarder retarder_;
+  EnduranceControl endurance_;
+  int pedal_ = -1, engine_brake_ = -1, mode_ = -1, retarder_lever_ = -1;  // actuators
+  int air_brake_ = -1;                                                    // instance
+  std::vector<std::pair<int, double>> wheels_;  // degree of freedom, its share of the shaft's speed
+  std::vector<std::pair<int, int>> sensors_;    // place in sensordata, place in Output
 };
 
 }  // namespace iits

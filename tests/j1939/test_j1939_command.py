@@ -3,9 +3,10 @@ import dataclasses
 import pytest
 
 from iits_mj.errors import InputError
-from iits_mj.j1939 import CommandReceiver, Frame, command_to_frames, decode
+from iits_mj.j1939 import CommandReceiver, Frame, TimeOuts, command_to_frames, decode
 from iits_mj.j1939.checksum import tsc1_checksum, with_byte8, xbr_checksum
-from iits_mj.messages import TransmissionMode, VehicleCommand, XbrMode
+from iits_mj.j1939.mapping import commands
+from iits_mj.messages import TransmissionMode, VehicleCommand, XbrEbiMode, XbrMode
 
 COMMAND = VehicleCommand(
     accelerator_pedal=0.4,
@@ -15,6 +16,9 @@ COMMAND = VehicleCommand(
     parking_brake=0.0,
     engine_brake=0.5,
     transmission_mode=TransmissionMode.DRIVE,
+    retarder=0.75,
+    brake_pedal=0.2,
+    xbr_ebi_mode=XbrEbiMode.INTEGRATION,
 )
 
 
@@ -22,9 +26,15 @@ def _send(receiver, command, counter, time):
     return [receiver.receive(frame) for frame in command_to_frames(command, counter, time)]
 
 
-def _frame(command, counter, name, time=0.0):
+def _frame(command, counter, name, time=0.0, destination=None):
     frames = command_to_frames(command, counter, time)
-    return next(f for f in frames if decode(f).name == name)
+    return next(
+        f for f in frames if decode(f).name == name and destination in (None, f.destination)
+    )
+
+
+def _to_everybody(frame):
+    return Frame(frame.can_id | 0xFF00, frame.data, frame.time)
 
 
 def test_command_survives_the_bus_up_to_the_signals_steps():
@@ -36,6 +46,15 @@ def test_command_survives_the_bus_up_to_the_signals_steps():
     assert received.xbr_mode is XbrMode.MAXIMUM
     assert received.steering_wheel_angle == pytest.approx(-0.7, abs=0.5 / 1024)
     assert received.engine_brake == pytest.approx(0.5, abs=0.005)
+    assert received.retarder == pytest.approx(0.75, abs=0.005)
+    assert received.brake_pedal == pytest.approx(0.2, abs=0.002)
+    assert received.xbr_ebi_mode is XbrEbiMode.INTEGRATION
+
+
+def test_every_field_of_the_command_has_its_row_in_the_order_of_the_controls():
+    names = [field.name for field in dataclasses.fields(VehicleCommand)]
+    assert [row.quantity for row in commands()] == names
+    assert [row.element for row in commands()] == names
 
 
 def test_every_selector_and_the_parking_brake_survive():
@@ -68,7 +87,10 @@ def test_silent_bus_takes_the_truck_to_its_safe_state():
     safe = receiver.command(1.0)
     assert safe.accelerator_pedal == 0.0
     assert (safe.xbr_mode, safe.xbr_demand) == (XbrMode.OFF, 0.0)
-    assert safe.engine_brake == 0.0
+    assert (safe.engine_brake, safe.retarder) == (0.0, 0.0)
+    assert safe.xbr_ebi_mode is XbrEbiMode.FRICTION_ONLY
+    # A driver who was braking keeps braking.
+    assert safe.brake_pedal == pytest.approx(0.2, abs=0.002)
     assert safe.steering_wheel_angle == pytest.approx(-0.7, abs=1e-3)
 
 
@@ -81,6 +103,68 @@ def test_xbr_is_released_after_100_ms_and_not_before():
     _send(receiver, COMMAND, 0, 5.0)
     assert receiver.command(5.1).xbr_mode is XbrMode.MAXIMUM
     assert receiver.command(5.101).xbr_mode is XbrMode.OFF
+
+
+def test_each_retarder_has_its_own_value_counter_and_time_out():
+    receiver = CommandReceiver(TimeOuts(engine_retarder=0.1, driveline_retarder=0.3))
+    assert receiver.receive(_frame(COMMAND, 3, "TSC1", 0.0, 0x0F))
+    assert receiver.command(0.0).retarder == 0.0
+    # The same counter, but to the other unit.
+    assert receiver.receive(_frame(COMMAND, 3, "TSC1", 0.0, 0x10))
+    both = receiver.command(0.05)
+    assert (both.engine_brake, both.retarder) == pytest.approx((0.5, 0.75))
+    later = receiver.command(0.2)
+    assert (later.engine_brake, later.retarder) == pytest.approx((0.0, 0.75))
+    assert receiver.command(0.31).retarder == 0.0
+    assert receiver.accepted == {"TSC1 to 15": 1, "TSC1 to 16": 1}
+
+
+def test_torque_control_of_the_engine_passes_the_retarders_by():
+    to_engine = Frame(_frame(COMMAND, 1, "TSC1").can_id & ~0xFF00, b"\xff" * 8)
+    receiver = CommandReceiver()
+    assert not receiver.receive(to_engine)
+    assert not receiver.rejected
+
+
+def test_torque_control_to_everybody_reaches_both_retarders():
+    frame = _to_everybody(_frame(COMMAND, 1, "TSC1", 0.0, 0x0F))
+    receiver = CommandReceiver()
+    assert receiver.receive(with_byte8(frame, 1, tsc1_checksum(frame)))
+    received = receiver.command(0.0)
+    assert (received.engine_brake, received.retarder) == pytest.approx((0.5, 0.5))
+
+
+def test_override_off_releases_the_retarder_at_once():
+    receiver = CommandReceiver()
+    _send(receiver, COMMAND, 0, 0.0)
+    _send(receiver, dataclasses.replace(COMMAND, retarder=0.0), 1, 0.02)
+    assert receiver.command(0.02).retarder == 0.0
+    assert receiver.command(0.02).engine_brake == pytest.approx(0.5)
+
+
+def test_a_sender_without_a_driver_leaves_the_brake_pedal_where_it_is():
+    good = _frame(COMMAND, 1, "IITS_COMMAND")
+    frame = Frame(good.can_id, good.data[:3] + b"\xff" + good.data[4:])
+    receiver = CommandReceiver()
+    assert receiver.receive(with_byte8(frame, 1, xbr_checksum(frame)))
+    assert receiver.command(0.0).brake_pedal == 0.0
+    assert receiver.command(0.0).steering_wheel_angle == pytest.approx(-0.7, abs=1e-3)
+
+
+@pytest.mark.parametrize("mode", XbrEbiMode)
+def test_every_way_of_integrating_endurance_brakes_survives(mode):
+    receiver = CommandReceiver()
+    _send(receiver, dataclasses.replace(COMMAND, xbr_ebi_mode=mode), 0, 0.0)
+    assert receiver.command(0.0).xbr_ebi_mode is mode
+
+
+def test_smooth_stop_does_not_hang_on_endurance_brakes_alone():
+    command = dataclasses.replace(COMMAND, xbr_ebi_mode=XbrEbiMode.ENDURANCE_ONLY)
+    receiver = CommandReceiver(TimeOuts(body=0.01), stop_deceleration=2.0)
+    _send(receiver, command, 0, 0.0)
+    assert receiver.command(0.0).xbr_ebi_mode is XbrEbiMode.ENDURANCE_ONLY
+    stopping = receiver.command(0.05)
+    assert (stopping.xbr_demand, stopping.xbr_ebi_mode) == (-2.0, XbrEbiMode.INTEGRATION)
 
 
 def test_smooth_stop_when_so_configured():
@@ -99,9 +183,12 @@ def test_repeated_counter_is_rejected_and_counted():
     assert receiver.receive(_frame(COMMAND, 4, "XBR", 0.04))
 
 
-@pytest.mark.parametrize("name", ["XBR", "TSC1", "IITS_COMMAND"])
-def test_any_flipped_bit_in_a_protected_frame_is_rejected(name):
-    good = _frame(COMMAND, 1, name)
+@pytest.mark.parametrize(
+    ("name", "destination"),
+    [("XBR", None), ("TSC1", 0x0F), ("TSC1", 0x10), ("IITS_COMMAND", None)],
+)
+def test_any_flipped_bit_in_a_protected_frame_is_rejected(name, destination):
+    good = _frame(COMMAND, 1, name, 0.0, destination)
     for bit in range(64):
         data = bytearray(good.data)
         data[bit // 8] ^= 1 << bit % 8
@@ -130,10 +217,13 @@ def _reworked(name, byte, value):
         ("XBR", 1, 0x00),
         ("XBR", 1, 0xF0),
         ("XBR", 2, 0xFF),
+        ("XBR", 2, 0xE7),
         ("TSC1", 3, 0xFE),
         ("TSC1", 3, 0xE0),
         ("IITS_COMMAND", 1, 0xFF),
         ("IITS_COMMAND", 2, 0xFF),
+        ("IITS_COMMAND", 3, 0xFE),
+        ("IITS_COMMAND", 3, 0xFB),
     ],
 )
 def test_error_codes_and_values_out_of_range_are_never_acted_upon(name, byte, value):
@@ -159,6 +249,9 @@ def test_commands_to_other_addresses_pass_by():
         {"xbr_demand": 0.5},
         {"xbr_demand": -11.0},
         {"engine_brake": -0.1},
+        {"retarder": 1.5},
+        {"retarder": float("nan")},
+        {"brake_pedal": -0.2},
         {"steering_wheel_angle": float("inf")},
         {"steering_wheel_angle": 40.0},
     ],

@@ -16,7 +16,7 @@ from iits_mj.j1939 import (
     message_names,
     pgn_of,
 )
-from iits_mj.messages import VehicleCommand, XbrMode
+from iits_mj.messages import VehicleCommand, XbrEbiMode, XbrMode
 
 EIGHT_BYTES = st.binary(min_size=8, max_size=8)
 
@@ -54,7 +54,8 @@ def test_random_frames_never_command_anything_out_of_range(ids, data, name, know
     command = receiver.command(0.0)
     assert 0.0 <= command.accelerator_pedal <= 1.0
     assert -10.0 <= command.xbr_demand <= 0.0
-    assert 0.0 <= command.engine_brake <= 1.0
+    for share in (command.engine_brake, command.retarder, command.brake_pedal):
+        assert 0.0 <= share <= 1.0
     assert all(math.isfinite(float(v)) for v in dataclasses.astuple(command))
 
 
@@ -65,9 +66,20 @@ def test_random_frames_never_command_anything_out_of_range(ids, data, name, know
     mode=st.sampled_from(XbrMode),
     angle=st.floats(-15.7, 15.7),
     counter=st.integers(0, 1000),
+    shares=st.tuples(*[st.floats(0.0, 1.0)] * 3),
+    ebi_mode=st.sampled_from(XbrEbiMode),
 )
-def test_every_lawful_command_survives(pedal, demand, mode, angle, counter):
-    command = VehicleCommand(pedal, demand, mode, angle)
+def test_every_lawful_command_survives(pedal, demand, mode, angle, counter, shares, ebi_mode):
+    command = VehicleCommand(
+        pedal,
+        demand,
+        mode,
+        angle,
+        engine_brake=shares[0],
+        retarder=shares[1],
+        brake_pedal=shares[2],
+        xbr_ebi_mode=ebi_mode,
+    )
     receiver = CommandReceiver()
     assert all(receiver.receive(frame) for frame in command_to_frames(command, counter))
     received = receiver.command(0.0)
@@ -75,3 +87,7 @@ def test_every_lawful_command_survives(pedal, demand, mode, angle, counter):
     assert received.steering_wheel_angle == pytest.approx(angle, abs=0.0005)
     if mode is not XbrMode.OFF:
         assert received.xbr_demand == pytest.approx(demand, abs=0.00025)
+        assert received.xbr_ebi_mode is ebi_mode
+    assert received.engine_brake == pytest.approx(shares[0], abs=0.0051)
+    assert received.retarder == pytest.approx(shares[1], abs=0.0051)
+    assert received.brake_pedal == pytest.approx(shares[2], abs=0.0021)

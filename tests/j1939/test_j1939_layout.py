@@ -6,13 +6,14 @@ from iits_mj.errors import BusError
 from iits_mj.j1939 import (
     Frame,
     Status,
-    database_path,
     decode,
     encode,
     make_id,
     message_names,
     pgn_of,
 )
+from iits_mj.j1939.manual import PAGE, fill, tables
+from iits_mj.j1939.mapping import commands, reports
 
 PGNS = {
     "XBR": 1024,
@@ -20,6 +21,7 @@ PGNS = {
     "EEC2": 61443,
     "EEC1": 61444,
     "EEC3": 65247,
+    "ERC1": 61440,
     "ETC1": 61442,
     "ETC2": 61445,
     "CCVS1": 65265,
@@ -143,10 +145,34 @@ def test_saturation_keeps_a_sensor_inside_its_range():
     assert decode(frame).number("engine_speed_rpm") == pytest.approx(8031.875)
 
 
-def test_manual_page_lists_every_message_and_our_own_signals():
-    page = database_path().with_name("README.md").read_text(encoding="utf-8")
-    for name in message_names():
-        assert f"| `{name}` | {pgn_of(name)} |" in page
-    for name in (n for n in message_names() if n.startswith("IITS_")):
-        for signal in decode(encode(name, {})).values:
-            assert f"| `{signal}` |" in page
+def test_endurance_brake_integration_is_bits_1_and_2_of_byte_3_of_xbr():
+    values = {"xbr_ebi_mode": 2, "xbr_priority": 1, "xbr_control_mode": 2}
+    assert encode("XBR", values).data[2] & 0x3F == 0b10_01_10
+
+
+def test_retarder_torque_is_byte_2_of_erc1_in_percent_above_minus_125():
+    frame = encode("ERC1", {"actual_retarder_torque_percent": -40.0}, source=0x10)
+    assert frame.can_id == 0x18F00010
+    assert frame.data[1] == 85
+
+
+def test_torque_control_to_the_driveline_retarder_is_known_to_the_byte():
+    frame = encode("TSC1", {"override_control_mode": 2}, destination=0x10)
+    assert frame.can_id == 0x0C00102A
+
+
+def test_manual_page_is_made_from_the_dbc_and_the_table_of_signals():
+    page = PAGE.read_text(encoding="utf-8")
+    assert fill(page) == page, "run `python -m iits_mj.j1939`"
+    for name in tables():
+        assert f"<!-- begin {name} -->" in page
+
+
+def test_every_row_of_the_table_is_a_signal_of_the_dbc_and_said_once():
+    for rows in (commands(), reports()):
+        keys = [(row.message, row.signal, row.address) for row in rows]
+        assert len(set(keys)) == len(keys)
+        for row in rows:
+            assert row.signal in decode(encode(row.message, {})).values
+    back = [row.quantity for row in reports() if row.back]
+    assert len(set(back)) == len(back)

@@ -3,8 +3,10 @@ import dataclasses
 import pytest
 
 from iits_mj.errors import BusError
-from iits_mj.j1939 import StateReceiver, decode, state_to_frames
-from iits_mj.messages import EgoState
+from iits_mj.j1939 import ReferenceTorques, StateReceiver, decode, encode, state_to_frames
+from iits_mj.messages import EgoState, TruckReport, XbrMode
+from iits_mj.parameters import TruckParameters
+from iits_mj.truck import Truck
 
 STATE = EgoState(
     time=12.5,
@@ -35,10 +37,34 @@ STATE = EgoState(
     fuel_used=1.2,
     brake_pressures=(100e3, 100e3, 150e3, 150e3, 200e3),
 )
+# 1350 N m at the crankshaft are 1512 N m in the cylinders, of 2700 N m.
+REPORT = TruckReport(
+    accelerator_pedal=0.6,
+    brake_pedal=0.0,
+    parking_brake=0.0,
+    xbr_mode=0.0,
+    engine_torque_percent=56.0,
+    torque_loss_percent=6.0,
+    clutch_engagement=1.0,
+    propeller_shaft_speed=120.0,
+    engine_brake_torque=0.0,
+    engine_brake_torque_percent_intended=-80.0,
+    engine_brake_torque_percent_available=-90.0,
+    retarder_torque=0.0,
+    retarder_torque_percent_intended=-10.0,
+    retarder_torque_percent_available=-55.0,
+    reservoir_pressure_front=1000e3,
+    reservoir_pressure_rear=960e3,
+    reservoir_pressure_trailer=840e3,
+    compressor_active=1.0,
+    abs_active=0.0,
+    xbr_active=0.0,
+    axle_loads=(60.7e3, 94.9e3),
+)
 TOLERANCE = {
     "z": 0.07,
     "engine_speed": 0.01,
-    "engine_torque": 13.6,
+    "engine_torque": 1e-6,
     "fuel_rate": 1e-5,
     "fuel_used": 1e-3,
     "speed": 1e-3,
@@ -49,7 +75,7 @@ TOLERANCE = {
 
 def test_state_survives_the_bus_up_to_the_signals_steps():
     receiver = StateReceiver()
-    for frame in state_to_frames(STATE):
+    for frame in state_to_frames(STATE, REPORT):
         receiver.receive(frame)
     received = receiver.state()
     for field in dataclasses.fields(STATE):
@@ -57,8 +83,107 @@ def test_state_survives_the_bus_up_to_the_signals_steps():
         assert got == pytest.approx(sent, abs=TOLERANCE.get(field.name, 6e-4)), field.name
 
 
+REPORT_TOLERANCE = {
+    "accelerator_pedal": 0.002,
+    "propeller_shaft_speed": 0.01,
+    "reservoir_pressure_front": 4e3,
+    "reservoir_pressure_rear": 4e3,
+    "reservoir_pressure_trailer": 4e3,
+    "axle_loads": 2.5,
+}
+
+
+def test_report_survives_the_bus_up_to_the_signals_steps():
+    receiver = StateReceiver()
+    for frame in state_to_frames(STATE, REPORT):
+        receiver.receive(frame)
+    received = receiver.report()
+    for field in dataclasses.fields(REPORT):
+        sent, got = getattr(REPORT, field.name), getattr(received, field.name)
+        if field.name in ("clutch_engagement", "xbr_mode", "xbr_active"):
+            # Only what follows from these is sent: driveline engaged, what the brakes execute.
+            assert got is None
+        else:
+            assert got == pytest.approx(sent, abs=REPORT_TOLERANCE.get(field.name, 1e-6))
+
+
+def test_either_retarder_reports_its_own_torque_and_the_engines_counts_at_the_crankshaft():
+    braking = dataclasses.replace(
+        REPORT,
+        engine_torque_percent=0.0,
+        engine_brake_torque=726.5,
+        retarder_torque=1750.0,
+    )
+    frames = state_to_frames(STATE, braking)
+    said = {f.source: decode(f) for f in frames if decode(f).name == "ERC1"}
+    assert said.keys() == {0x0F, 0x10}
+    assert said[0x0F].number("actual_retarder_torque_percent") == -50.0
+    assert said[0x10].number("actual_retarder_torque_percent") == -50.0
+    receiver = StateReceiver()
+    for frame in frames:
+        receiver.receive(frame)
+    assert receiver.report().retarder_torque == pytest.approx(1750.0)
+    assert receiver.state().engine_torque == pytest.approx(-0.06 * 2700.0 - 726.5)
+
+
+def test_default_percent_torques_are_those_of_the_shipped_truck():
+    shipped = ReferenceTorques.of(TruckParameters.load())
+    for field in dataclasses.fields(shipped):
+        default = getattr(ReferenceTorques(), field.name)
+        assert default == pytest.approx(getattr(shipped, field.name), rel=1e-3)
+
+
+def test_a_truck_without_retarder_reports_none():
+    frames = state_to_frames(STATE, REPORT, ReferenceTorques(retarder=0.0))
+    said = next(decode(f) for f in frames if decode(f).name == "ERC1" and f.source == 0x10)
+    with pytest.raises(BusError, match="not available"):
+        said.number("actual_retarder_torque_percent")
+
+
+def test_retarder_of_another_address_is_not_taken_for_ours():
+    receiver = StateReceiver()
+    frame = encode("ERC1", {"actual_retarder_torque_percent": -50.0}, source=0x29)
+    assert not receiver.receive(frame)
+    assert receiver.report().retarder_torque is None
+
+
+@pytest.mark.parametrize(
+    ("mode", "active", "pedal", "code"),
+    [
+        (XbrMode.OFF, 0.0, 0.0, 0.0),
+        (XbrMode.OFF, 0.0, 0.3, 1.0),
+        (XbrMode.ADDITION, 1.0, 0.3, 2.0),
+        (XbrMode.MAXIMUM, 1.0, 0.0, 3.0),
+    ],
+)
+def test_brakes_say_whose_demand_they_execute(mode, active, pedal, code):
+    report = dataclasses.replace(REPORT, xbr_mode=mode, xbr_active=active, brake_pedal=pedal)
+    said = {decode(f).name: decode(f) for f in state_to_frames(STATE, report)}
+    assert said["EBC5"].number("xbr_active_control_mode") == code
+    assert said["EBC1"].number("ebs_brake_switch") == float(pedal > 0.0)
+
+
+def test_the_truck_reports_what_it_does():
+    truck = Truck.load(payload=0.0, visuals=False)
+    truck.reset(speed=15.0)
+    truck.command(brake_pedal=0.25)
+    truck.step(100)
+    receiver = StateReceiver()
+    state, report = truck.observe(), truck.report()
+    for frame in state_to_frames(state, report):
+        receiver.receive(frame)
+    assert receiver.report().brake_pedal == pytest.approx(0.25, abs=0.002)
+    assert len(receiver.report().axle_loads) == 6
+    assert sum(receiver.report().axle_loads) == pytest.approx(19_000 * 9.81, rel=0.02)
+    assert receiver.state().speed == pytest.approx(state.speed, abs=1e-3)
+    # One percent of the reference torque is the step of either percentage.
+    assert receiver.state().engine_torque == pytest.approx(state.engine_torque, abs=27.0)
+
+
 def test_unknown_quantities_are_sent_as_not_available():
     frames = {decode(f).name: decode(f) for f in state_to_frames(STATE)}
+    with pytest.raises(BusError, match="not available"):
+        frames["ERC1"].number("actual_retarder_torque_percent")
     with pytest.raises(BusError, match="not available"):
         frames["EEC3"].number("nominal_friction_torque_percent")
     with pytest.raises(BusError, match="not available"):
@@ -66,7 +191,7 @@ def test_unknown_quantities_are_sent_as_not_available():
 
 
 def test_axle_weights_are_one_frame_each():
-    frames = state_to_frames(STATE, axle_loads=[60.7e3, 94.9e3])
+    frames = state_to_frames(STATE, REPORT)
     weights = [decode(f) for f in frames if decode(f).name == "VW"]
     assert [w.number("axle_location") for w in weights] == [0.0, 16.0]
     assert weights[0].number("axle_weight_kg") == pytest.approx(60.7e3 / 9.81, abs=0.25)
@@ -76,3 +201,11 @@ def test_axle_weights_are_one_frame_each():
 def test_a_state_that_is_not_finite_never_reaches_the_bus(field):
     with pytest.raises(BusError, match=field):
         state_to_frames(dataclasses.replace(STATE, **{field: float("nan")}))
+
+
+@pytest.mark.parametrize(
+    "change", [{"retarder_torque": float("nan")}, {"axle_loads": (1.0, float("inf"))}]
+)
+def test_a_report_that_is_not_finite_never_reaches_the_bus(change):
+    with pytest.raises(BusError, match=next(iter(change))):
+        state_to_frames(STATE, dataclasses.replace(REPORT, **change))

@@ -72,6 +72,7 @@ def sled_xml(mass, *, timestep=0.002, grade=0.0, grip=None, rolling=True, change
             ("transmission_mode", "powertrain"),
             ("brake_pedal", "air_brake"),
             ("xbr_ebi_mode", "air_brake"),
+            ("retarder", "powertrain"),
         )
     )
     signals = [(name, "powertrain") for name in powertrain.SIGNALS]
