@@ -88,9 +88,18 @@ double BrakeControl::Force(const BrakeDemand& demand, double deceleration) const
   return std::max(0.0, (demand.mass + spin_mass_) * deceleration - rolling);
 }
 
+// Braking force of the shaft to count on when friction has had time to respond: what it gives now,
+// at most what it will still be able to give then. Less at once when a gear change begins, and
+// ahead of a retarder that fades out.
+double BrakeControl::ShaftForce(const BrakeDemand& demand, double h, BrakeControlState* s) const {
+  double ahead = demand.shaft_force_max + (demand.shaft_force_max - s->shaft_max);
+  s->shaft_max += (demand.shaft_force_max - s->shaft_max) * h / (response_time_ + h);
+  return std::min(demand.shaft_force, std::max(0.0, ahead));
+}
+
 // Who gives the force. The shaft brakes in any case (engine drag); friction gives the rest.
 BrakeControl::Targets BrakeControl::Blend(const BrakeDemand& demand, const Level& level,
-                                          const BrakeControlState& s) const {
+                                          double shaft_force, const BrakeControlState& s) const {
   Targets t = {};
   t.effort.active = level.total > 0;
   double wanted = t.effort.active ? std::max(0.0, level.total + s.trim) : 0;
@@ -98,7 +107,7 @@ BrakeControl::Targets BrakeControl::Blend(const BrakeDemand& demand, const Level
   bool endurance_only = demand.ebi_mode == BrakeDemand::kEnduranceOnly && s.xbr > 0;
   if (t.effort.active) {
     force = Force(demand, wanted);
-    friction = std::max(0.0, force - demand.shaft_force);
+    friction = std::max(0.0, force - shaft_force);
     if (endurance_only) friction = std::min(friction, Force(demand, level.driver));
     t.idle = friction <= 0;
     // Endurance brakes act on one axle group and know no slip: off while ABS works.
@@ -110,8 +119,7 @@ BrakeControl::Targets BrakeControl::Blend(const BrakeDemand& demand, const Level
   double held = s.holding != 0 ? Force(demand, hold_deceleration_) : 0;
   bool prepared = t.effort.active && !(endurance_only && level.driver == 0);
   if (!prepared && held == 0) return t;
-  distribution_.Pressures(std::max(friction, held), demand.shaft_force, wanted, demand.mass,
-                          t.pressure);
+  distribution_.Pressures(std::max(friction, held), shaft_force, wanted, demand.mass, t.pressure);
   for (int i = 0; i < kCircuits; ++i) {
     double available = std::min(pressure_max_, demand.reservoir[i]);
     t.limited = t.limited || t.pressure[i] > available;
@@ -160,6 +168,7 @@ BrakeEffort BrakeControl::Update(const BrakeDemand& demand, double h, BrakeContr
   if (s->initialized == 0) {
     s->initialized = 1;
     s->speed = demand.speed;
+    s->shaft_max = demand.shaft_force_max;
   }
   double difference = demand.speed - s->speed;
   s->speed += difference * h / (filter_time_ + h);
@@ -167,7 +176,7 @@ BrakeEffort BrakeControl::Update(const BrakeDemand& demand, double h, BrakeContr
 
   const Level level = Arbitrate(demand, h, s);
   Hold(demand, level.total > 0, h, s);
-  const Targets targets = Blend(demand, level, *s);
+  const Targets targets = Blend(demand, level, ShaftForce(demand, h, s), *s);
   double supplied = 1;  // least share of a circuit's set point that its supply has reached
   for (int i = 0; i < kCircuits; ++i) {
     const double target = targets.pressure[i];

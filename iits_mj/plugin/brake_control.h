@@ -20,6 +20,7 @@ struct BrakeControlState {
   double reference[2];  // demand as the brakes can follow it, then as the filter shows it [m/s2]
   double xbr;           // XBR demand that is followed: it falls gradually [m/s2]
   double trim;          // added to the demand by the deceleration control [m/s2]
+  double shaft_max;     // what the propeller shaft can brake with, low-passed [N]
   double holding;       // 1: the brakes hold the standing vehicle
   double hold_time;     // since the demand ended, while holding [s]
 };
@@ -69,7 +70,9 @@ class BrakeControl {
   };
   Level Arbitrate(const BrakeDemand& demand, double h, BrakeControlState* s) const;
   void Hold(const BrakeDemand& demand, bool active, double h, BrakeControlState* s) const;
-  Targets Blend(const BrakeDemand& demand, const Level& level, const BrakeControlState& s) const;
+  double ShaftForce(const BrakeDemand& demand, double h, BrakeControlState* s) const;
+  Targets Blend(const BrakeDemand& demand, const Level& level, double shaft_force,
+                const BrakeControlState& s) const;
   void Trim(const BrakeDemand& demand, double wanted, double deceleration, const Targets& targets,
             double supplied, double h, BrakeControlState* s) const;
   double Force(const BrakeDemand& demand, double deceleration) const;

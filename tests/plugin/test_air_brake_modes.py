@@ -81,15 +81,15 @@ def test_integration_keeps_the_total_while_friction_is_spared():
     assert shared[TRAILER] <= with_friction[TRAILER] + 1e3
 
 
-@pytest.mark.parametrize("mode", [0, 2])
-def test_engine_drag_counts_as_braking(mode):
+@pytest.mark.parametrize(("mode", "tolerance"), [(0, 0.05), (2, 0.12)])
+def test_engine_drag_counts_as_braking(mode, tolerance):
     """Low gear, much drag: total deceleration is right, friction gives only the rest."""
     mass = 19_000.0
-    sled = Sled(mass, speed=20 * KMH).run(1.0)
+    sled = Sled(mass, speed=30 * KMH).run(1.0)
     sled.run(1.0, xbr_demand=-1.0, xbr_mode=2, xbr_ebi_mode=mode)
     before = sled["speed"]
     rows = sled.record(1.5, "propeller_shaft_torque", xbr_demand=-1.0)
-    assert (before - sled["speed"]) / 1.5 == pytest.approx(1.0, rel=0.05)
+    assert (before - sled["speed"]) / 1.5 == pytest.approx(1.0, rel=tolerance)
     assert rows[:, 0].mean() < -100
 
 
