@@ -153,7 +153,10 @@ class TruckReport:
       clutch_engagement: 0 open to 1 closed; propeller_shaft_speed: [rad/s].
       engine_brake_torque: braking, at the crankshaft, zero or positive [N m].
       retarder_torque: braking, at the propeller shaft, zero or positive [N m].
-      reservoir_pressure_front, reservoir_pressure_drive, reservoir_pressure_trailer: [Pa].
+      engine_brake_torque_percent_intended, engine_brake_torque_percent_available: of the greatest
+        torque, negative when braking (SPN 1085, 1717); the retarder's alike.
+      reservoir_pressure_front, reservoir_pressure_rear, reservoir_pressure_trailer: [Pa].
+      compressor_active: 1 while the compressor fills the reservoirs.
       abs_active, xbr_active: 1 while ABS modulates, while an XBR demand is being answered.
       axle_loads: vertical tire forces of the axles, front to rear [N].
     """
@@ -167,10 +170,15 @@ class TruckReport:
     clutch_engagement: float | None = None
     propeller_shaft_speed: float | None = None
     engine_brake_torque: float | None = None
+    engine_brake_torque_percent_intended: float | None = None
+    engine_brake_torque_percent_available: float | None = None
     retarder_torque: float | None = None
+    retarder_torque_percent_intended: float | None = None
+    retarder_torque_percent_available: float | None = None
     reservoir_pressure_front: float | None = None
-    reservoir_pressure_drive: float | None = None
+    reservoir_pressure_rear: float | None = None
     reservoir_pressure_trailer: float | None = None
+    compressor_active: float | None = None
     abs_active: float | None = None
     xbr_active: float | None = None
     axle_loads: tuple[float, ...] = ()

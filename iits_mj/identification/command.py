@@ -9,8 +9,11 @@ import numpy as np
 
 from iits_mj import options
 from iits_mj.errors import InputError
-from iits_mj.identification.identify import DEFAULT, Identification, identify
+from iits_mj.identification.grade import read_grade
+from iits_mj.identification.identify import Identification, identify
 from iits_mj.identification.log import Log
+from iits_mj.identification.overlay import write_toml
+from iits_mj.identification.sources import read
 from iits_mj.options import option
 from iits_mj.parameters import TruckParameters
 from iits_mj.results import Check, Line, Panel, Results
@@ -20,7 +23,21 @@ from iits_mj.results import Check, Line, Panel, Results
 class IdentifyConfig:
     """What to identify from which log."""
 
-    log: Path = option(help="telemetry table of a drive", metavar="LOG.csv", positional=True)
+    log: Path = option(
+        help="telemetry table (.csv) or CAN log (candump .log, .asc, .blf) of a drive",
+        metavar="LOG",
+        positional=True,
+    )
+    signals: str = option(
+        "",
+        help="use these signals only; name=title where a table calls one otherwise",
+        metavar="NAME,...",
+    )
+    grade: str = option(
+        "",
+        help="grade of the road: a number, or a table of station and grade (CSV)",
+        metavar="GRADE|FILE.csv",
+    )
     parameters: Path | None = option(None, help="overlay with prior values", metavar="FILE.toml")
     mass: float | None = option(
         None,
@@ -44,13 +61,21 @@ def run(config: IdentifyConfig) -> Results:
       InputError: the log or the overlay cannot be used.
     """
     parameters = TruckParameters.load(overlay=config.parameters)
-    names = DEFAULT if config.mass is None else (*DEFAULT, "engine_torque_scale")
-    found = identify(Log.from_csv(config.log), parameters, names=names, mass=config.mass)
+    found = identify(load_log(config, parameters), parameters, mass=config.mass)
     if config.output is not None:
-        if not found.overlay():
-            raise InputError(f"log {str(config.log)!r} shows no parameter: nothing written")
-        found.write_toml(config.output)
+        write_toml(found, config.output)
     return results(found)
+
+
+def load_log(config: IdentifyConfig, parameters: TruckParameters) -> Log:
+    """The log with the grade and the signals that the options name."""
+    wanted = [part.strip() for part in config.signals.split(",") if part.strip()]
+    names = dict(part.split("=", 1) for part in wanted if "=" in part)
+    log = read(config.log, parameters, names)
+    if config.grade:
+        log = read_grade(config.grade, log)
+    kept = [part.split("=", 1)[0] for part in wanted]
+    return log.only(kept) if kept else log
 
 
 def results(found: Identification) -> Results:
@@ -62,20 +87,24 @@ def results(found: Identification) -> Results:
             report.notes.append(f"{e.name}: {e.value:.5g} +/- {e.half_width:.2g} {e.unit} (95 %)")
         else:
             report.notes.append(f"{e.name}: not identifiable, {e.reason}; kept {e.prior:.5g}")
-    error = found.speed_after - found.recorded
-    spread = np.linalg.norm(found.recorded - found.recorded.mean())
-    fit = 100.0 * (1.0 - np.linalg.norm(error) / spread) if spread > 0.0 else float("nan")
-    report.checks.append(Check("fit of the model's speed", float(fit), "%", None, ">= 90"))
-    report.figures["identification"] = [
-        Panel(
-            "Speed in the windows of the log",
-            "time [s]",
-            "speed [m/s]",
-            (
-                Line("recorded", found.time, found.recorded, "reference"),
-                Line("before", found.time, found.speed_before),
-                Line("after", found.time, found.speed_after, "simulation"),
-            ),
-        )
-    ]
+    if not any(e.identifiable for e in found.estimates):
+        raise InputError("the log shows no parameter: " + found.estimates[0].reason)
+    motion = found.motion
+    if len(motion.time):
+        error = motion.after - motion.recorded
+        spread = np.linalg.norm(motion.recorded - motion.recorded.mean())
+        fit = 100.0 * (1.0 - np.linalg.norm(error) / spread) if spread > 0.0 else float("nan")
+        report.checks.append(Check("fit of the model's speed", float(fit), "%", None, ">= 90"))
+        report.figures["identification"] = [
+            Panel(
+                "Speed in the windows of the log",
+                "time [s]",
+                "speed [m/s]",
+                (
+                    Line("recorded", motion.time, motion.recorded, "reference"),
+                    Line("before", motion.time, motion.before),
+                    Line("after", motion.time, motion.after, "simulation"),
+                ),
+            )
+        ]
     return report

@@ -1,4 +1,8 @@
-"""Least squares with confidence intervals, and the verdict on what a log can show at all."""
+"""Least squares with confidence intervals, and the verdict on what a log can show at all.
+
+The optimiser is scipy's `least_squares` (trust region, bounds). MuJoCo's `mujoco.sysid` wraps the
+same one, but its intervals take the residuals for white, which those of a drive are not.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,7 @@ from scipy import stats
 from scipy.optimize import least_squares
 
 FloatArray = NDArray[np.float64]
+Residual = Callable[[FloatArray], Sequence[FloatArray]]
 
 # A parameter whose 95 % interval is wider than +/- this share of its value is not identified.
 WIDEST = 0.15
@@ -19,6 +24,8 @@ WIDEST = 0.15
 WEAKEST = 1e-5
 # Columns of unit length hang together when a singular value is below this share of the greatest.
 COLLINEAR = 1e-3
+# Two estimates whose errors correlate more than this are named together in a warning.
+CORRELATED = 0.9
 
 
 @dataclass(frozen=True)
@@ -39,10 +46,15 @@ class Estimate:
     identifiable: bool
     reason: str = ""
 
+    @classmethod
+    def unseen(cls, name: str, unit: str, prior: float, reason: str) -> Estimate:
+        """A parameter that the log does not show: it keeps its prior."""
+        return cls(name, prior, unit, prior, math.inf, False, reason)
+
 
 @dataclass(frozen=True)
 class Free:
-    """A parameter to fit: start value (prior), bounds, and a size that makes it dimensionless."""
+    """A parameter to fit: name, unit, start value (prior), bounds."""
 
     name: str
     unit: str
@@ -51,26 +63,25 @@ class Free:
     high: float
 
 
-def fit(
-    free: Sequence[Free],
-    residual: Callable[[FloatArray], Sequence[FloatArray]],
-) -> tuple[list[Estimate], FloatArray]:
-    """Fits parameters and judges them.
+def fit(free: Sequence[Free], residual: Residual) -> tuple[list[Estimate], FloatArray]:
+    """Fits parameters together and judges each.
 
     The covariance is the cluster-robust sandwich over the residual's groups (windows of the log),
-    since the errors inside a window hang together.
+    since the errors inside a window hang together. A parameter that is seen too weakly stays free,
+    so that the others' intervals count with any value of it; of several that the log shows only
+    together none is taken as identified.
 
     Args:
       free: the parameters, k of them.
       residual: parameter values (k,) to groups of residuals, all in one unit.
 
     Returns:
-      The estimates, and the fitted values (k,), where what cannot be identified keeps its prior.
+      The estimates, and the values of the best fit (k,), trusted or not.
     """
-    prior = np.array([f.prior for f in free])
-    size = np.maximum(np.abs(prior), 1e-12)
+    values = np.array([f.prior for f in free])
+    size = np.maximum(np.abs(values), 1e-12)
     active = list(range(len(free)))
-    values, reasons = prior.copy(), {}
+    reasons: dict[int, str] = {}
     widths = np.full(len(free), math.inf)
 
     def stacked(scaled: FloatArray) -> FloatArray:
@@ -78,74 +89,85 @@ def fit(
         trial[active] = scaled * size[active]
         return np.concatenate(list(residual(trial)))
 
-    # Drop one unseen parameter at a time: the others may be visible without it.
     while active:
         low = np.array([free[i].low for i in active]) / size[active]
         high = np.array([free[i].high for i in active]) / size[active]
-        start = np.clip(prior[active] / size[active], low, high)
+        start = np.clip(values[active] / size[active], low, high)
         solution = least_squares(stacked, start, bounds=(low, high), x_scale="jac", loss="soft_l1")
-        names = [free[i].name for i in active]
-        unseen = _hidden(solution.jac)
-        if unseen:
-            dropped, reason = max(unseen), _reason(names, max(unseen), unseen[max(unseen)])
-        else:
+        hidden = _hidden(solution.jac)
+        if hidden is None:
+            values[active] = solution.x * size[active]
             groups = [len(group) for group in residual(values)]
-            relative = _half_widths(solution.jac, stacked(solution.x), groups)
-            widths[active] = relative * size[active]
-            share = relative / np.maximum(np.abs(solution.x), 1e-12)
-            weak = np.flatnonzero(share > WIDEST)
-            if not len(weak):
-                values[active] = solution.x * size[active]
-                break
-            dropped = int(weak[-1])
-            reason = f"the log is too weak: +/-{100.0 * share[dropped]:.0f} % of the value"
-        reasons[active[dropped]] = reason
-        values[active[dropped]] = prior[active[dropped]]
-        del active[dropped]
-    estimates = []
-    for i, parameter in enumerate(free):
-        reason = reasons.get(i, "")
-        if not reason and not parameter.low * 1.001 < values[i] < parameter.high * 0.999:
-            reason = f"the fit runs into its bound {values[i]:g}"
-        kept = parameter.prior if reason else float(values[i])
-        estimates.append(
-            Estimate(
-                parameter.name,
-                kept,
-                parameter.unit,
-                parameter.prior,
-                float(widths[i]),
-                not reason,
-                reason,
+            covariance = _covariance(solution.jac, stacked(solution.x), groups)
+            quantile = stats.t.ppf(0.975, max(len(groups) - len(active), 1))
+            widths[active] = quantile * np.sqrt(np.diag(covariance)) * size[active]
+            reasons |= _weak([free[i] for i in active], active, values, widths, covariance)
+            break
+        for k in hidden:
+            others = [free[active[j]].name for j in hidden if j != k]
+            reasons[active[k]] = (
+                f"the log shows it only together with {', '.join(others)}"
+                if others
+                else "the log does not excite it"
             )
-        )
-    return estimates, values
+        del active[hidden[-1]]
+    return [
+        _estimate(f, values[i], widths[i], reasons.get(i, "")) for i, f in enumerate(free)
+    ], values
 
 
-def _hidden(jacobian: FloatArray) -> dict[int, list[int]]:
-    """Columns in unexcited directions: index to all columns of its direction."""
+def _estimate(free: Free, value: float, half_width: float, reason: str) -> Estimate:
+    if not reason and not free.low * 1.001 < value < free.high * 0.999:
+        reason = f"the fit runs into its bound {value:g}"
+    kept = free.prior if reason else float(value)
+    return Estimate(free.name, kept, free.unit, free.prior, float(half_width), not reason, reason)
+
+
+def _weak(
+    free: list[Free],
+    places: list[int],
+    values: FloatArray,
+    widths: FloatArray,
+    covariance: FloatArray,
+) -> dict[int, str]:
+    """Reasons of the parameters whose interval is too wide, by their place among all."""
+    reasons = {}
+    deviation = np.sqrt(np.diag(covariance))
+    for k, place in enumerate(places):
+        share = widths[place] / max(abs(values[place]), 1e-12)
+        if share <= WIDEST:
+            continue
+        reason = f"the log is too weak: +/-{100.0 * share:.0f} % of the value"
+        if np.isfinite(covariance).all():
+            correlation = covariance[k] / (deviation[k] * deviation)
+            partners = [
+                f"{free[j].name} ({correlation[j]:+.2f})"
+                for j in np.argsort(-np.abs(correlation))
+                if j != k and abs(correlation[j]) > CORRELATED
+            ]
+            if partners:
+                reason += f", its error goes with that of {partners[0]}"
+        reasons[place] = reason
+    return reasons
+
+
+def _hidden(jacobian: FloatArray) -> list[int] | None:
+    """Columns of a direction that the residual does not see; None when it sees all."""
     norms = np.linalg.norm(jacobian, axis=0)
-    silent = norms <= WEAKEST * norms.max(initial=0.0)
-    if silent.any():
-        return {int(k): [int(k)] for k in np.flatnonzero(silent)}
+    silent = np.flatnonzero(norms <= WEAKEST * norms.max(initial=0.0))
+    if len(silent):
+        return [int(silent[-1])]
     _, sizes, directions = np.linalg.svd(jacobian / norms, full_matrices=False)
-    found: dict[int, list[int]] = {}
-    for size, direction in zip(sizes, directions, strict=True):
-        if size < COLLINEAR * sizes[0]:
-            partners = [int(k) for k in np.flatnonzero(np.abs(direction) > 0.1)]
-            # The last named gives way: callers name the parameters they trust most first.
-            found[partners[-1]] = partners
-    return found
+    if sizes[-1] >= COLLINEAR * sizes[0]:
+        return None
+    return [int(k) for k in np.flatnonzero(np.abs(directions[-1]) > 0.1)]
 
 
-def _reason(names: list[str], index: int, partners: list[int]) -> str:
-    others = [names[k] for k in partners if k != index]
-    if not others:
-        return "the log does not excite it"
-    return f"the log shows it only together with {', '.join(others)}"
-
-
-def _half_widths(jacobian: FloatArray, residuals: FloatArray, groups: list[int]) -> FloatArray:
+def _covariance(jacobian: FloatArray, residuals: FloatArray, groups: list[int]) -> FloatArray:
+    """Cluster-robust covariance of the scaled parameters, shape (k, k); inf with too few groups."""
+    number, k = len(groups), jacobian.shape[1]
+    if number <= k + 1:
+        return np.full((k, k), math.inf)
     bread = np.linalg.inv(jacobian.T @ jacobian)
     meat = np.zeros_like(bread)
     start = 0
@@ -154,8 +176,4 @@ def _half_widths(jacobian: FloatArray, residuals: FloatArray, groups: list[int])
         score = jacobian[rows].T @ residuals[rows]
         meat += np.outer(score, score)
         start += count
-    number, k = len(groups), jacobian.shape[1]
-    if number <= k + 1:
-        return np.full(k, math.inf)
-    covariance = bread @ meat @ bread * number / (number - k)
-    return np.asarray(stats.t.ppf(0.975, number - k) * np.sqrt(np.diag(covariance)))
+    return np.asarray(bread @ meat @ bread * number / (number - k))

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import functools
-import re
 from pathlib import Path
 
 import cantools.database
@@ -32,8 +31,10 @@ def tables() -> dict[str, str]:
 def fill(page: str) -> str:
     """The page with fresh tables between `<!-- begin NAME -->` and `<!-- end NAME -->`."""
     for name, table in tables().items():
-        pattern = re.compile(rf"(<!-- begin {name} -->\n).*?(<!-- end {name} -->)", re.DOTALL)
-        page = pattern.sub(lambda found, text=table: f"{found[1]}{text}\n{found[2]}", page)
+        begin, end = f"<!-- begin {name} -->\n", f"<!-- end {name} -->"
+        head, _, rest = page.partition(begin)
+        _, _, tail = rest.partition(end)
+        page = f"{head}{begin}{table}\n{end}{tail}"
     return page
 
 

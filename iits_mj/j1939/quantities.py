@@ -10,6 +10,7 @@ from typing import Any
 
 from iits_mj.errors import BusError
 from iits_mj.messages import EgoState, TruckReport, XbrMode
+from iits_mj.parameters import TruckParameters
 
 _PLACES = ("front_left", "front_right", "rear_left", "rear_right", "trailer")
 PRESSURES = tuple(f"brake_pressure_{place}" for place in _PLACES)
@@ -30,8 +31,18 @@ class ReferenceTorques:
     """
 
     engine: float = 2700.0
-    engine_brake: float = 1450.0
+    engine_brake: float = 1453.0
     retarder: float = 3500.0
+
+    @classmethod
+    def of(cls, parameters: TruckParameters) -> ReferenceTorques:
+        """Those of a truck: the engine's reference, the rated torques of its two retarders."""
+        engine = parameters.engine
+        return cls(
+            engine.reference_torque,
+            engine.engine_brake_power / engine.engine_brake_speed,
+            parameters.retarder.torque_max,
+        )
 
 
 def flatten(
@@ -99,7 +110,8 @@ def _test(value: float | None, limit: float) -> float | None:
 
 
 def _percent(torque: float | None, reference: float) -> float | None:
-    return None if torque is None else -100.0 * torque / reference
+    """None, too, for a truck that has no such retarder."""
+    return None if torque is None or reference <= 0.0 else -100.0 * torque / reference
 
 
 def _execution(report: TruckReport) -> float | None:

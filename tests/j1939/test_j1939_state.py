@@ -3,8 +3,9 @@ import dataclasses
 import pytest
 
 from iits_mj.errors import BusError
-from iits_mj.j1939 import StateReceiver, decode, encode, state_to_frames
+from iits_mj.j1939 import ReferenceTorques, StateReceiver, decode, encode, state_to_frames
 from iits_mj.messages import EgoState, TruckReport, XbrMode
+from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
 
 STATE = EgoState(
@@ -47,10 +48,15 @@ REPORT = TruckReport(
     clutch_engagement=1.0,
     propeller_shaft_speed=120.0,
     engine_brake_torque=0.0,
+    engine_brake_torque_percent_intended=-80.0,
+    engine_brake_torque_percent_available=-90.0,
     retarder_torque=0.0,
+    retarder_torque_percent_intended=-10.0,
+    retarder_torque_percent_available=-55.0,
     reservoir_pressure_front=1000e3,
-    reservoir_pressure_drive=960e3,
+    reservoir_pressure_rear=960e3,
     reservoir_pressure_trailer=840e3,
+    compressor_active=1.0,
     abs_active=0.0,
     xbr_active=0.0,
     axle_loads=(60.7e3, 94.9e3),
@@ -81,7 +87,7 @@ REPORT_TOLERANCE = {
     "accelerator_pedal": 0.002,
     "propeller_shaft_speed": 0.01,
     "reservoir_pressure_front": 4e3,
-    "reservoir_pressure_drive": 4e3,
+    "reservoir_pressure_rear": 4e3,
     "reservoir_pressure_trailer": 4e3,
     "axle_loads": 2.5,
 }
@@ -105,7 +111,7 @@ def test_either_retarder_reports_its_own_torque_and_the_engines_counts_at_the_cr
     braking = dataclasses.replace(
         REPORT,
         engine_torque_percent=0.0,
-        engine_brake_torque=725.0,
+        engine_brake_torque=726.5,
         retarder_torque=1750.0,
     )
     frames = state_to_frames(STATE, braking)
@@ -117,7 +123,21 @@ def test_either_retarder_reports_its_own_torque_and_the_engines_counts_at_the_cr
     for frame in frames:
         receiver.receive(frame)
     assert receiver.report().retarder_torque == pytest.approx(1750.0)
-    assert receiver.state().engine_torque == pytest.approx(-0.06 * 2700.0 - 725.0)
+    assert receiver.state().engine_torque == pytest.approx(-0.06 * 2700.0 - 726.5)
+
+
+def test_default_percent_torques_are_those_of_the_shipped_truck():
+    shipped = ReferenceTorques.of(TruckParameters.load())
+    for field in dataclasses.fields(shipped):
+        default = getattr(ReferenceTorques(), field.name)
+        assert default == pytest.approx(getattr(shipped, field.name), rel=1e-3)
+
+
+def test_a_truck_without_retarder_reports_none():
+    frames = state_to_frames(STATE, REPORT, ReferenceTorques(retarder=0.0))
+    said = next(decode(f) for f in frames if decode(f).name == "ERC1" and f.source == 0x10)
+    with pytest.raises(BusError, match="not available"):
+        said.number("actual_retarder_torque_percent")
 
 
 def test_retarder_of_another_address_is_not_taken_for_ours():

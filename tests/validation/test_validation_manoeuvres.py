@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from iits_mj.validation import COMMANDS, ValidateConfig, braking, circle, frequency, low_speed
+from iits_mj.validation import COMMANDS, ValidateConfig, circle, frequency, low_speed
 from iits_mj.validation import step_steer as steer
-from iits_mj.validation.acceleration import part_throttle
 
 STEP = 0.002
 LADEN = 36_000.0
@@ -53,26 +52,6 @@ def test_understeer_on_the_circle_is_near_the_linear_models():
     assert np.all(np.diff(found.lateral) > 0.3)
     assert found.gradient > found.reference
     assert found.gradient == pytest.approx(found.saturating_gradient, rel=0.05)
-
-
-def test_forty_percent_pedal_reads_as_the_paper():
-    values = _values(part_throttle(STEP)[0])
-    assert values["first gear used"] == 2.0
-    assert values["gear at 40 s"] in (9.0, 10.0)
-    assert 40.0 < values["speed at 40 s"] < 50.0
-
-
-def test_xbr_brings_the_demanded_deceleration_and_pressure():
-    values = _values(braking.xbr(31_000.0, STEP)[0])
-    assert values["mean deceleration"] == pytest.approx(1.5, rel=0.03)
-    assert values["mean pressure"] == pytest.approx(150.0, rel=0.2)
-
-
-def test_full_stop_holds_without_lock_up():
-    values = _values(braking.full_stop(0.0, STEP)[0])
-    assert values["longest lock-up above 15 km/h"] <= 1.0
-    assert values["speed at the end"] < 0.1
-    assert 20.0 < values["distance"] < 50.0
 
 
 @pytest.mark.slow

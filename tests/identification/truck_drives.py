@@ -1,0 +1,102 @@
+"""Drives of a truck with hidden parameters, and the frames that its bus would carry."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from iits_mj.j1939 import command_to_frames, encode
+from iits_mj.j1939.mapping import reports
+from iits_mj.j1939.quantities import ReferenceTorques, flatten
+from iits_mj.messages import VehicleCommand, XbrMode
+from iits_mj.truck import Truck
+
+PERIOD = 0.02
+
+
+def drive(truck, command, duration):
+    """Rows (state, report, command) every 20 ms; the truck obeys `command(time, state)`."""
+    steps = round(PERIOD / truck.model.opt.timestep)
+    rows = []
+    for tick in range(round(duration / PERIOD)):
+        state = truck.observe()
+        given = command(tick * PERIOD, state)
+        truck.command(given)
+        rows.append((state, truck.report(), given))
+        truck.step(steps)
+    return rows
+
+
+# What a drive along a road, and one with steering, is identified from, and how often it is sent.
+LONGITUDINAL = {"EEC1": 0.02, "EEC3": 0.25, "ETC1": 0.02, "ETC2": 0.1, "EBC3": 0.1}
+LONGITUDINAL |= {"IITS_MOTION": 0.02, "IITS_TRAILER": 0.1, "IITS_ROUTE": 0.1}
+LATERAL = {"VDC2": 0.02, "IITS_TRAILER": 0.02, "IITS_MOTION": 0.02}
+
+
+def frames(rows, parameters, messages, *, noise=0.01, seed=0):
+    """Frames of a drive: speeds with white noise, all else as exact as the bus is.
+
+    Args:
+      rows: of `drive`.
+      parameters: give the reference torque.
+      messages: names of the truck's messages and their periods [s]; commands come every 20 ms.
+      noise: standard deviation of the speeds' noise, share of the speed.
+      seed: of the noise.
+    """
+    references = ReferenceTorques(engine=parameters.engine.reference_torque)
+    rng = np.random.default_rng(seed)
+    signals = {name: [row for row in reports() if row.message == name] for name in messages}
+    found = []
+    for tick, (state, report, command) in enumerate(rows):
+        found += command_to_frames(command, tick, state.time)
+        factor = 1.0 + noise * rng.standard_normal()
+        noisy = dataclasses.replace(state, speed=state.speed * factor)
+        values = flatten(noisy, report, references)
+        for name, period in messages.items():
+            if tick % round(period / PERIOD) == 0:
+                known = {
+                    r.signal: values[r.quantity] / r.scale
+                    for r in signals[name]
+                    if values[r.quantity] is not None
+                }
+                found.append(encode(name, known, time=state.time, saturate=True))
+    return found
+
+
+def hill_drive(seed=0):
+    """Pedal and brake in turn, in steps at odd times: accelerate, cruise, coast, brake."""
+    rng = np.random.default_rng(seed)
+    plan = []
+    start = 0.0
+    while start < 2000.0:
+        accelerate, ease, coast = rng.uniform(12, 25), rng.uniform(0, 8), rng.uniform(5, 20)
+        brake, rest = rng.uniform(2.5, 5), rng.uniform(2, 3)
+        demand, pedal = -rng.uniform(0.6, 1.8), rng.uniform(0.5, 0.8)
+        plan.append((start, accelerate, ease, coast, brake, demand, pedal))
+        start += accelerate + ease + coast + brake + rest
+    starts = np.array([phase[0] for phase in plan])
+
+    def command(time, state):
+        begin, accelerate, ease, coast, brake, demand, pedal = plan[
+            int(np.searchsorted(starts, time, side="right")) - 1
+        ]
+        since = time - begin
+        given = 0.0
+        if since < accelerate + ease:
+            given = 1.0 if since < accelerate else pedal
+        since -= accelerate + ease + coast
+        braking = 0.0 <= since < brake and state.speed > 5.0
+        return VehicleCommand(
+            accelerator_pedal=given if state.speed < 25.0 else 0.0,
+            xbr_demand=demand if braking else 0.0,
+            xbr_mode=XbrMode.MAXIMUM if braking else XbrMode.OFF,
+        )
+
+    return command
+
+
+def hidden_truck(payload, overlay, route, *, station=50.0, speed=10.0):
+    truck = Truck.load(payload, parameters=overlay, route=route, visuals=False, timestep=0.005)
+    truck.reset(station=station, speed=speed)
+    return truck
