@@ -29,11 +29,12 @@ struct GearboxState {
 struct GearboxInput {
   enum Mode { kDrive = 0, kNeutral = 1, kReverse = 2 };
   Mode mode;
-  double pedal, engine_brake;        // the latter by control or brake control, 0 to 1
+  double pedal, engine_brake;        // as the engine gets them, 0 to 1
   double shaft_speed, shaft_torque;  // propeller shaft [rad/s], [N m]
   double engine_speed;
   bool clutch_open;
-  double mass;  // of the vehicle, as the model has it now [kg]
+  double mass;                               // of the vehicle, as the model has it now [kg]
+  double driver_pedal, driver_engine_brake;  // as the driver holds them, 0 to 1
 };
 
 struct Gears {

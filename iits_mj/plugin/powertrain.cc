@@ -207,7 +207,9 @@ void Powertrain::Step(const Controls& controls, double shaft_speed, double h, St
                               core->shaft_torque,
                               engine->speed,
                               core->driveline.engagement <= 0,
-                              controls.mass};
+                              controls.mass,
+                              controls.levers.pedal,
+                              controls.levers.engine_brake};
   gearbox_.Update(engine_, input, h, gearbox);
   EngineRequest request = gearbox_.Request(engine_, input, *gearbox);
   request.limited = core->held_back > 0;

@@ -102,7 +102,7 @@ void ShiftStrategy::Observe(const Gears& gears, const GearboxInput& in, double h
   s->acceleration = difference / (acceleration_lag_ + h);
   double load = in.shaft_torque - gears.VehicleInertia(in.mass) * s->acceleration;
   s->load += (load - s->load) * h / (load_lag_ + h);
-  s->pedal += (in.pedal - s->pedal) * h / (pedal_lag_ + h);
+  s->pedal += (in.driver_pedal - s->pedal) * h / (pedal_lag_ + h);
   if (s->load < failed_load_ * s->failed_load) s->failed_gear = s->failed_load = 0;
 }
 
@@ -155,6 +155,10 @@ bool ShiftStrategy::ReversesTooSoon(const Situation& now, int next) const {
 double ShiftStrategy::SpeedWhenRecovered(const Situation& now, int next) const {
   const Engine& engine = now.engine;
   const double after = SpeedAfterChange(now);
+  if (now.in.pedal <= engine.pedal_up()) {
+    // Braked: the gear shall do for a while.
+    return after + recovery_horizon_ * std::min(0.0, now.state.acceleration);
+  }
   const double speed = now.gears.Ratio(next) * after;
   const double drag = engine.Drag(speed);
   const double transmission = ShaftTorque(now, next, 1);
@@ -212,6 +216,7 @@ bool ShiftStrategy::LosesSpeed(const Situation& now) const {
 
 bool ShiftStrategy::CallsForLower(const Situation& now) const {
   if (now.gear < 2) return false;
+  if (BrakeGear(now) != now.gear) return true;
   double low = LowSpeed(now.engine, now.in.pedal);
   if (now.gear <= start_gear_) {
     return now.in.pedal > floored_pedal_ && InputSpeed(now) < low && GivesItsTorque(now) &&
@@ -273,12 +278,15 @@ int ShiftStrategy::KickDown(const Situation& now) const {
   return next;
 }
 
-// The more engine brake is asked for, the faster the engine shall turn; friction brakes that slow
-// the truck down anyway need no help.
+// The more engine brake the driver asks for, the faster the engine shall turn; friction brakes that
+// slow the truck down anyway need no help.
 int ShiftStrategy::BrakeGear(const Situation& now) const {
-  if (now.gears.Speed(now.state.acceleration) < -braking_deceleration_) return now.gear;
-  double share = braking_speed_low_ +
-                 (braking_speed_high_ - braking_speed_low_) * std::min(1.0, now.in.engine_brake);
+  if (!Braking(now) || now.in.driver_engine_brake <= 0 ||
+      now.gears.Speed(now.state.acceleration) < -braking_deceleration_) {
+    return now.gear;
+  }
+  double share = braking_speed_low_ + (braking_speed_high_ - braking_speed_low_) *
+                                          std::min(1.0, now.in.driver_engine_brake);
   double limit = share * now.engine.brake_speed();
   double fastest = std::max(now.in.shaft_speed, SpeedAfterChange(now));
   int next = now.gear;
@@ -299,20 +307,18 @@ ShiftStrategy::Choice ShiftStrategy::Choose(const Situation& now, double h) cons
   }
   if (gear < now.gears.count() && TooFast(now)) return {gear + 1, false};
   if (s.gear_time < min_gear_time_) return {gear, false};
-  if (Braking(now)) {
-    int lower = BrakeGear(now);
-    if (lower != gear) return {lower, false};
-  }
   bool decides = !adaptive_ || std::floor(s.gear_time / adaptive_period_) !=
                                    std::floor((s.gear_time - h) / adaptive_period_);
-  if (now.in.pedal > now.engine.pedal_up() && decides) {
+  bool cut = now.in.pedal < now.in.driver_pedal;  // by the brakes: it will come back
+  if (now.in.pedal > now.engine.pedal_up() && decides && !cut) {
     int next = adaptive_ ? AdaptiveGear(now) : TableUpshift(now);
     if (next == gear && !adaptive_) next = KickDown(now);
     if (next != gear && !ReversesTooSoon(now, next)) return {next, false};
   }
   double delay = downshift_delay_ + (gear <= start_gear_ ? first_gear_delay_ : 0);
   if (s.low_time <= delay) return {gear, false};
-  int lower = Downshift(now);
+  int lower = BrakeGear(now);
+  if (lower == gear) lower = Downshift(now);
   return {lower, lower != gear && now.in.pedal > now.engine.pedal_up()};
 }
 

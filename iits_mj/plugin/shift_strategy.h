@@ -49,7 +49,7 @@ class ShiftStrategy {
     return now.in.engine_brake > 0 && now.in.pedal < now.engine.pedal_up();
   }
   bool KicksDown(const GearboxInput& in, const GearboxState& s) const {
-    return in.pedal >= kick_down_pedal_ && in.pedal - s.pedal > kick_down_rise_;
+    return in.pedal >= kick_down_pedal_ && in.driver_pedal - s.pedal > kick_down_rise_;
   }
   double LowSpeed(const Engine& engine, double pedal) const;
   static double VehicleInertia(const Situation& now) {
