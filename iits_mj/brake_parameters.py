@@ -12,22 +12,70 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class AirBrakeScalars:
-    """Scalar and per-axle figures of the air brakes (six axles, front to rear)."""
+    """Scalar and per-axle figures of the air brakes (six axles, front to rear); SI units.
+
+    Attributes:
+      dead_time: from supply valve to chamber, per axle; `trailer_line_delay` is added for the
+        trailer's, whose valve follows a control line.
+      build_up_time_constant, release_time_constant: of the chambers, per axle.
+      supply_rise_rate, supply_fall_rate, pressure_max: of the supply valves.
+      torque_per_pressure: a line through zero, per axle, for one wheel end; with a push-out
+        pressure the same torque is met at `anchor_pressure`.
+      chamber_volume: of one chamber, per axle.
+      distribution: "axle_loads": every axle has the friction that its load allows; "table": the
+        pressure tables give the shares.
+      release_rate: of the XBR demand, when it ends.
+      pedal_deceleration: what the fully pressed pedal asks for.
+      filter_time_constant, trim_gain, trim_max, trim_share, trim_speed_min,
+        hysteresis_time_constant: deceleration control.
+      hold_speed, hold_deceleration, hold_release_speed, hill_hold_time, hill_hold_min: holding.
+      reservoir_volume: of the front, drive and trailer circuit.
+      compressor_displacement: of free air, per angle of the crankshaft.
+      spring_begin_pressure, spring_full_pressure: reservoir pressure below which the spring brakes
+        begin to act, and are fully on.
+      mass_light, mass_heavy: of the two columns of the pressure table.
+    """
 
     dead_time: tuple[float, ...]
+    trailer_line_delay: float
     build_up_time_constant: tuple[float, ...]
     release_time_constant: tuple[float, ...]
     supply_rise_rate: float
     supply_fall_rate: float
     torque_per_pressure: tuple[float, ...]
+    anchor_pressure: float
     push_out_pressure: float
     hysteresis_pressure: float
     pressure_max: float
+    chamber_volume: tuple[float, ...]
     abs_release_slip: float
     abs_reapply_slip: float
     abs_speed_min: float
+    abs_time_constant: float
+    abs_yaw_rise_rate: float
     stiffness: float
     parking_torque: float
+    parking_time_constant: float
+    distribution: str
+    release_rate: float
+    pedal_deceleration: float
+    filter_time_constant: float
+    trim_gain: float
+    trim_max: float
+    trim_share: float
+    trim_speed_min: float
+    hysteresis_time_constant: float
+    hold_speed: float
+    hold_deceleration: float
+    hold_release_speed: float
+    hill_hold_time: float
+    hill_hold_min: float
+    reservoir_volume: tuple[float, ...]
+    compressor_displacement: float
+    governor_cut_in: float
+    governor_cut_out: float
+    spring_begin_pressure: float
+    spring_full_pressure: float
     mass_light: float
     mass_heavy: float
 

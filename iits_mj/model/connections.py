@@ -65,7 +65,7 @@ def add_extension(root: ET.Element, p: TruckParameters, payload: float) -> None:
         }
         _instance(air, f"aerodynamics_{unit}", config)
     _instance(plugin("powertrain"), "powertrain", powertrain.config(p))
-    _instance(plugin("air_brake"), "air_brake", air_brake.config(p, p.gross_mass(payload)))
+    _instance(plugin("air_brake"), "air_brake", air_brake.config(p))
 
 
 def equalized_share(p: TruckParameters, axle: Axle) -> float:

@@ -13,41 +13,75 @@ namespace {
 
 using State = AirBrake::State;
 
-constexpr int kXbrActive = offsetof(State, xbr_active) / sizeof(mjtNum);
-constexpr int kAbsActive = offsetof(State, abs_active) / sizeof(mjtNum);
+const char* const kCircuitNames[kCircuits] = {"front", "rear", "trailer"};
+const char* const kSides[2] = {"_left", "_right"};
+
+int Place(size_t offset) { return static_cast<int>(offset / sizeof(mjtNum)); }
 
 // Place of a chamber's pressure in the state.
 int Pressure(size_t wheel) {
-  size_t offset = offsetof(State, now) + offsetof(AirBrake::Pneumatics, wheel) +
-                  wheel * sizeof(WheelBrakeState) + offsetof(WheelBrakeState, pressure);
-  return static_cast<int>(offset / sizeof(mjtNum));
+  return Place(offsetof(State, now) + offsetof(AirBrake::Pneumatics, wheel) +
+               wheel * sizeof(WheelBrakeState) + offsetof(WheelBrakeState, pressure));
 }
+
+int ReservoirPressure(size_t circuit) {
+  return Place(offsetof(State, now) + offsetof(AirBrake::Pneumatics, reservoir) +
+               offsetof(ReservoirState, pressure) + circuit * sizeof(mjtNum));
+}
+
+// Of the step that is being taken, as the other forces that sensors show.
+int Torque(size_t wheel) {
+  return Place(offsetof(State, next_wind_up) + offsetof(AirBrake::WindUp, torque) +
+               wheel * sizeof(mjtNum));
+}
+
+struct Single {
+  const char* name;
+  size_t offset;
+};
+const Single kSingles[] = {
+    {"xbr_active", offsetof(State, xbr_active)},
+    {"abs_active", offsetof(State, abs_active)},
+    {"brake_work", offsetof(State, work)},
+    {"endurance_torque_demand", offsetof(State, endurance)},
+    {"compressor_active", offsetof(State, now) + offsetof(AirBrake::Pneumatics, reservoir) +
+                              offsetof(ReservoirState, pumping)},
+};
+static_assert(offsetof(EnduranceDemand, shaft_torque) == 0, "endurance_torque_demand shows it");
 
 }  // namespace
 
 // Appends places by the sensor's local name; false when there is no signal of that name.
 bool AirBrake::FindSignal(const std::string& name, std::vector<int>* places) const {
-  if (name == "xbr_active" || name == "abs_active") {
-    places->push_back(name == "xbr_active" ? kXbrActive : kAbsActive);
+  for (const Single& single : kSingles) {
+    if (name != single.name) continue;
+    places->push_back(Place(single.offset));
     return true;
   }
-  const char* const circuits[kCircuits] = {"front", "rear", "trailer"};
-  const char* const sides[2] = {"_left", "_right"};
+  for (int i = 0; i < kCircuits; ++i) {
+    if (name != std::string("reservoir_pressure_") + kCircuitNames[i]) continue;
+    places->push_back(ReservoirPressure(i));
+    return true;
+  }
   const std::string stem = "brake_pressure_";
   for (size_t i = wheels_.size(); i-- > 0;) {
-    std::string axle = stem + "axle" + std::to_string(i / 2 + 1) + sides[i % 2];
+    std::string axle = "axle" + std::to_string(i / 2 + 1) + kSides[i % 2];
     // The first axle of a circuit stands for it; counting down, it is the last to match.
-    std::string circuit = stem + circuits[wheels_[i].circuit] + sides[i % 2];
+    std::string circuit = stem + kCircuitNames[wheels_[i].circuit] + kSides[i % 2];
     bool first = true;
     for (size_t k = 0; k + 1 < i; ++k) first = first && wheels_[k].circuit != wheels_[i].circuit;
-    if (name == axle || (name == circuit && first)) {
+    if (name == stem + axle || (name == circuit && first)) {
       places->push_back(Pressure(i));
+      return true;
+    }
+    if (name == "brake_torque_" + axle) {
+      places->push_back(Torque(i));
       return true;
     }
   }
   if (name != stem + "trailer") return false;
   for (size_t i = 0; i < wheels_.size(); ++i) {
-    if (wheels_[i].circuit == kCircuits - 1) places->push_back(Pressure(i));
+    if (wheels_[i].circuit == kTrailer) places->push_back(Pressure(i));
   }
   return true;
 }
@@ -58,11 +92,14 @@ bool AirBrake::FindSensors(const mjModel* m, int instance) {
     std::string name = LocalName(mj_id2name(m, mjOBJ_SENSOR, i));
     const size_t begin = places_.size();
     if (!FindSignal(name, &places_)) {
+      std::string known;
+      for (const Single& single : kSingles) known += std::string(single.name) + ", ";
       mju_warning(
-          "plugin instance '%s': sensor '%s' is unknown; known are xbr_active, abs_active, "
+          "plugin instance '%s': sensor '%s' is unknown; known are %s"
+          "reservoir_pressure_{front,rear,trailer}, "
           "brake_pressure_{front,rear}_{left,right}, brake_pressure_trailer, "
-          "brake_pressure_axle{1..%zu}_{left,right}",
-          InstanceName(m, instance).c_str(), name.c_str(), wheels_.size() / 2);
+          "brake_{pressure,torque}_axle{1..%zu}_{left,right}",
+          InstanceName(m, instance).c_str(), name.c_str(), known.c_str(), wheels_.size() / 2);
       return false;
     }
     const size_t count = places_.size() - begin;

@@ -10,16 +10,7 @@
 namespace iits {
 namespace {
 
-// Judgement: figures of the deceleration control, which no source gives.
-constexpr double kFilterTime = 0.3;    // of the measured deceleration [s]
-constexpr double kTrimGain = 0.6;      // [1/s]
-constexpr double kTrimMax = 0.4;       // [m/s2], plus
-constexpr double kTrimShare = 0.3;     // of the demand
-constexpr double kTrimSpeedMin = 2.0;  // [m/s]
-constexpr double kSettled = 5e3;       // supply is this close to its set point [Pa]
-constexpr double kHoldSpeed = 0.3;     // below, the vehicle stands [m/s]
-constexpr double kHoldDemand = 1.6;    // deceleration whose pressure holds on a 15 % grade [m/s2]
-constexpr double kReleaseSpeed = 1.0;  // above, holding is over [m/s]
+constexpr double kPedalMin = 0.01;  // a pedal below is up
 
 }  // namespace
 
@@ -32,70 +23,168 @@ bool BrakeControl::Read(const mjModel* m, int instance) {
       {"supply_rise_rate", 1, 1e9, &rise_rate_},
       {"supply_fall_rate", 1, 1e9, &fall_rate_},
       {"pressure_max", 1, 1e8, &pressure_max_},
-      {"hill_hold_time", 0, 60, &hill_hold_time_},
+      {"release_rate", 0.01, 1e6, &release_rate_},
+      {"pedal_deceleration", 0, 100, &pedal_deceleration_},
+      {"rolling_resistance", 0, 1, &rolling_resistance_},
+      {"filter_time_constant", 0.001, 10, &filter_time_},
+      {"trim_gain", 0, 10, &trim_gain_},
+      {"trim_max", 0, 10, &trim_max_},
+      {"trim_share", 0, 1, &trim_share_},
+      {"trim_speed_min", 0, 100, &trim_speed_min_},
+      {"hysteresis_pressure", 0, 1e6, &hysteresis_},
+      {"hysteresis_time_constant", 0.001, 10, &hysteresis_time_},
+      {"hold_speed", 0, 10, &hold_speed_},
+      {"hold_deceleration", 0, 10, &hold_deceleration_},
+      {"hold_release_speed", 0, 10, &hold_release_speed_},
+      {"hill_hold_time", 0, 60, &hold_time_max_},
+      {"hill_hold_min", 0, 10, &hold_uphill_},
   };
   for (const auto& a : attributes) {
     *a.value = std::nan("");
     if (!ReadNumber(m, instance, a.name, a.low, a.high, a.value)) return false;
   }
-  const char* const names[kCircuits] = {"pressure_front", "pressure_drive", "pressure_trailer"};
-  for (int i = 0; i < kCircuits; ++i) {
-    if (!ReadCurve(m, instance, "demand", names[i], 0, 1e8, &pressure_[i])) return false;
-  }
-  return true;
+  return distribution_.Read(m, instance);
+}
+
+void BrakeControl::AddWheel(int circuit, double radius, double inertia,
+                            double torque_per_pressure) {
+  distribution_.AddWheel(circuit, torque_per_pressure / radius);
+  spin_mass_ += inertia / (radius * radius);
+  radius_sum_ += radius;
+  ++wheels_;
+}
+
+// Driver and XBR together, as J1939-71 says at SPN 2916. The XBR part ends gradually in motion.
+BrakeControl::Level BrakeControl::Arbitrate(const BrakeDemand& demand, double h,
+                                            BrakeControlState* s) const {
+  double asked = demand.xbr_mode == BrakeDemand::kOff ? 0 : demand.xbr;
+  const bool moving = std::abs(demand.speed) > hold_speed_;
+  s->xbr = moving ? std::max(asked, s->xbr - release_rate_ * h) : asked;
+  double driver = demand.pedal > kPedalMin ? demand.pedal * pedal_deceleration_ : 0;
+  bool addition = demand.xbr_mode == BrakeDemand::kAddition;
+  return {driver, addition ? driver + s->xbr : std::max(driver, s->xbr)};
 }
 
 // A vehicle braked to a standstill is held while the demand lasts; on an upgrade also afterwards,
-// until the driveline carries it or the hill-hold time is over.
-void BrakeControl::Hold(const BrakeDemand& demand, double h, BrakeControlState* s) const {
-  if (demand.active) {
-    if (std::abs(demand.speed) < kHoldSpeed) s->holding = 1;
+// until the driveline carries it, or drives it backwards, or the hill-hold time is over.
+void BrakeControl::Hold(const BrakeDemand& demand, bool active, double h,
+                        BrakeControlState* s) const {
+  if (active) {
+    if (std::abs(demand.speed) < hold_speed_) s->holding = 1;
     s->hold_time = 0;
   } else if (s->holding != 0) {
     s->hold_time += h;
-    bool carried = demand.uphill_torque < uphill_torque_min_;
-    if (carried || s->hold_time > hill_hold_time_) s->holding = 0;
+    double hill = demand.mass * hold_uphill_;  // what rolls the vehicle back [N]
+    bool carried = demand.uphill_torque < hill * radius_sum_ / std::max(wheels_, 1);
+    bool reversing = demand.shaft_force > hill;
+    if (carried || reversing || s->hold_time > hold_time_max_) s->holding = 0;
   }
-  if (std::abs(demand.speed) > kReleaseSpeed) s->holding = 0;
+  if (std::abs(demand.speed) > hold_release_speed_) s->holding = 0;
+}
+
+// Braking force of this deceleration on the level, less rolling resistance; wheels spin down, too.
+double BrakeControl::Force(const BrakeDemand& demand, double deceleration) const {
+  double rolling = rolling_resistance_ * demand.mass * demand.gravity;
+  return std::max(0.0, (demand.mass + spin_mass_) * deceleration - rolling);
+}
+
+// Braking force of the shaft to count on when friction has had time to respond: what it gives now,
+// at most what it will still be able to give then. Less at once when a gear change begins, and
+// ahead of a retarder that fades out.
+double BrakeControl::ShaftForce(const BrakeDemand& demand, double h, BrakeControlState* s) const {
+  double ahead = demand.shaft_force_max + (demand.shaft_force_max - s->shaft_max);
+  s->shaft_max += (demand.shaft_force_max - s->shaft_max) * h / (response_time_ + h);
+  return std::min(demand.shaft_force, std::max(0.0, ahead));
+}
+
+// Who gives the force. The shaft brakes in any case (engine drag); friction gives the rest.
+BrakeControl::Targets BrakeControl::Blend(const BrakeDemand& demand, const Level& level,
+                                          double shaft_force, const BrakeControlState& s) const {
+  Targets t = {};
+  t.effort.active = level.total > 0;
+  double wanted = t.effort.active ? std::max(0.0, level.total + s.trim) : 0;
+  double friction = 0, force = 0;
+  bool endurance_only = demand.ebi_mode == BrakeDemand::kEnduranceOnly && s.xbr > 0;
+  if (t.effort.active) {
+    force = Force(demand, wanted);
+    friction = std::max(0.0, force - shaft_force);
+    if (endurance_only) friction = std::min(friction, Force(demand, level.driver));
+    t.idle = friction <= 0;
+    // Endurance brakes act on one axle group and know no slip: off while ABS works.
+    if (demand.ebi_mode != BrakeDemand::kFrictionOnly && !demand.abs_active) {
+      t.effort.shaft_force = force;
+      t.limited = endurance_only && level.driver == 0 && force > demand.shaft_force_max;
+    }
+  }
+  double held = s.holding != 0 ? Force(demand, hold_deceleration_) : 0;
+  bool prepared = t.effort.active && !(endurance_only && level.driver == 0);
+  if (!prepared && held == 0) return t;
+  distribution_.Pressures(std::max(friction, held), shaft_force, wanted, demand.mass, t.pressure);
+  for (int i = 0; i < kCircuits; ++i) {
+    double available = std::min(pressure_max_, demand.reservoir[i]);
+    t.limited = t.limited || t.pressure[i] > available;
+    t.pressure[i] = std::min(t.pressure[i], available);
+  }
+  return t;
 }
 
 // Integral of the deceleration's error against a reference that is as slow as the brakes. It stops
-// when the error says nothing about the brakes: standing, ABS at work, supply still on its way.
-void BrakeControl::Trim(const BrakeDemand& demand, double deceleration, double supplied, double h,
+// when the error says nothing about the brakes: standing, ABS at work, brakes at their limits.
+void BrakeControl::Trim(const BrakeDemand& demand, double wanted, double deceleration,
+                        const Targets& targets, double supplied, double h,
                         BrakeControlState* s) const {
-  double wanted = demand.active ? demand.deceleration : 0;
   s->reference[0] += (supplied * wanted - s->reference[0]) * h / (response_time_ + h);
-  s->reference[1] += (s->reference[0] - s->reference[1]) * h / (kFilterTime + h);
-  if (!demand.active) {
-    s->trim = 0;
-    return;
+  s->reference[1] += (s->reference[0] - s->reference[1]) * h / (filter_time_ + h);
+  double limit = trim_max_ + trim_share_ * wanted;
+  double change = 0;
+  if (demand.abs_active) {  // what friction does not allow is not owed afterwards
+    for (double& reference : s->reference) reference = std::min(reference, deceleration);
+  } else if (demand.speed > trim_speed_min_ && !targets.limited) {
+    change = h * trim_gain_ * (s->reference[1] - deceleration);
+    if (targets.idle) change = std::max(change, 0.0);
   }
-  if (demand.speed < kTrimSpeedMin || demand.abs_active || supplied < kSettled) return;
-  double limit = kTrimMax + kTrimShare * wanted;
-  s->trim += h * kTrimGain * (s->reference[1] - deceleration);
-  s->trim = std::clamp(s->trim, -std::min(limit, wanted), limit);
+  // With the demand the bounds close: nothing is left of the trim when braking ends.
+  s->trim = std::clamp(s->trim + change, -std::min(limit, wanted), std::min(limit, wanted));
 }
 
-void BrakeControl::Update(const BrakeDemand& demand, double h, BrakeControlState* s) const {
+// Moves a supply valve to the pressure that shall act in the brakes. On the way down these hold
+// back by their hysteresis: the supply goes lower, until a model of them shows what is wanted.
+void BrakeControl::Supply(int circuit, double wanted, double h, BrakeControlState* s) const {
+  double* supply = &s->supply[circuit];
+  double* effective = &s->effective[circuit];
+  double* lowering = &s->lowering[circuit];
+  if (wanted > 0 && hysteresis_ > 0) {
+    double error = (*effective - wanted) / hysteresis_;
+    *lowering = std::clamp(*lowering + error * h / hysteresis_time_, 0.0, 1.0);
+  } else {
+    *lowering = 0;
+  }
+  double target = std::max(0.0, wanted - *lowering * hysteresis_);
+  *supply = std::clamp(target, *supply - h * fall_rate_, *supply + h * rise_rate_);
+  *effective = std::clamp(*effective, *supply, *supply + hysteresis_);
+}
+
+BrakeEffort BrakeControl::Update(const BrakeDemand& demand, double h, BrakeControlState* s) const {
   if (s->initialized == 0) {
     s->initialized = 1;
     s->speed = demand.speed;
+    s->shaft_max = demand.shaft_force_max;
   }
   double difference = demand.speed - s->speed;
-  s->speed += difference * h / (kFilterTime + h);
-  double deceleration = -difference / (kFilterTime + h);
-  Hold(demand, h, s);
+  s->speed += difference * h / (filter_time_ + h);
+  double deceleration = -difference / (filter_time_ + h);
 
-  double wanted = 0;
-  if (demand.active) wanted = std::max(0.0, demand.deceleration + s->trim);
-  if (s->holding != 0) wanted = std::max(wanted, kHoldDemand);
+  const Level level = Arbitrate(demand, h, s);
+  Hold(demand, level.total > 0, h, s);
+  const Targets targets = Blend(demand, level, ShaftForce(demand, h, s), *s);
   double supplied = 1;  // least share of a circuit's set point that its supply has reached
   for (int i = 0; i < kCircuits; ++i) {
-    double target = wanted > 0 ? std::min(pressure_[i](wanted), pressure_max_) : 0;
-    s->supply[i] = std::clamp(target, s->supply[i] - h * fall_rate_, s->supply[i] + h * rise_rate_);
-    if (target > 0) supplied = std::min(supplied, s->supply[i] / target);
+    const double target = targets.pressure[i];
+    Supply(i, target, h, s);
+    if (target > 0) supplied = std::min(supplied, s->effective[i] / target);
   }
-  Trim(demand, deceleration, supplied, h, s);
+  Trim(demand, level.total, deceleration, targets, supplied, h, s);
+  return targets.effort;
 }
 
 }  // namespace iits

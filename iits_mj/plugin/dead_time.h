@@ -4,7 +4,7 @@
 
 namespace iits {
 
-inline constexpr int kCircuits = 3;  // front, drive, trailer
+enum Circuit { kFront = 0, kDrive, kTrailer, kCircuits };
 
 // Lives in the plugin's state. A reset (all zero) is a line without pressure. Samples are kept at
 // least `spacing` apart, so that the ring covers (kSlots - 1) * spacing whatever the step is;

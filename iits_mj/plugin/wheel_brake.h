@@ -4,8 +4,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+
+#include "plugin/dead_time.h"
 
 namespace iits {
+
+inline constexpr double kAtmosphere = 101325;  // [Pa]
 
 // Share of the way that a first-order lag goes in one step: 1 - exp(-h / tau), by its Pade form.
 inline double LagShare(double h, double tau) {
@@ -15,10 +20,9 @@ inline double LagShare(double h, double tau) {
 
 // What a wheel end remembers between steps, besides the wind-up.
 struct WheelBrakeState {
-  double pressure;   // in the chamber [Pa]
-  double effective;  // the pressure that the friction of the mechanism lets through [Pa]
-  double abs_phase;  // WheelBrake::AbsPhase
-  double abs_limit;  // pressure allowed while ABS lets it rise again [Pa]
+  double pressure;    // in the chamber [Pa]
+  double effective;   // the pressure that the friction of the mechanism lets through [Pa]
+  double abs_active;  // 1: ABS keeps the pressure below the supply's
 };
 
 // What follows from the time step, computed once since the step hardly ever changes.
@@ -29,14 +33,12 @@ struct WheelBrakeRates {
 };
 
 struct WheelBrake {
-  enum AbsPhase { kNormal = 0, kRelease, kReapply };
-
   // Attributes, see README_air_brake.md.
   double dead_time, build_up_time_constant, release_time_constant;
-  double torque_per_pressure, parking_torque, wheel_radius;
+  double torque_per_pressure, parking_torque, wheel_radius, chamber_volume;
   int circuit;
   double push_out_pressure, hysteresis_pressure;
-  double abs_release_slip, abs_reapply_slip, abs_speed_min;
+  double abs_release_slip, abs_reapply_slip, abs_speed_min, abs_time_constant, abs_yaw_rise_rate;
   double stiffness;
   // From the model.
   int hub, dof;    // non-spinning body; degree of freedom of the wheel
@@ -48,6 +50,12 @@ struct WheelBrake {
     return std::max(service, parking * parking_torque);
   }
 
+  // Air in the chamber [Pa m3]: up to the push-out pressure it grows to its volume.
+  double Air(const WheelBrakeState& s) const {
+    double stroke = std::min(1.0, s.pressure / push_out_pressure);
+    return chamber_volume * (s.pressure + stroke * kAtmosphere);
+  }
+
   WheelBrakeRates Rates(double h) const {
     // Explicit in the wheel's speed: stiffness and damping stay inside the stable range of the
     // step.
@@ -56,7 +64,7 @@ struct WheelBrake {
     return {h,
             LagShare(h, build_up_time_constant),
             LagShare(h, release_time_constant),
-            LagShare(h, kAbsTimeConstant),
+            LagShare(h, abs_time_constant),
             k,
             c,
             1 / (k * h + c)};
@@ -73,42 +81,45 @@ struct WheelBrake {
     return torque;
   }
 
-  // Chamber pressure follows the supply line, unless ABS lets it go.
-  void Update(const WheelBrakeRates& rates, double supply, double hub_speed, double wheel_speed,
-              WheelBrakeState* s) const {
-    UpdateAbs(supply, hub_speed, wheel_speed, rates.step, s);
-    double target = supply, share = supply > s->pressure ? rates.build_up : rates.release;
-    if (s->abs_phase != kNormal) {
-      target = s->abs_phase == kRelease ? 0 : std::min(supply, s->abs_limit);
-      share = rates.abs;
-    }
-    s->pressure += share * (target - s->pressure);
-    // The effective pressure drags behind when the brake is let off.
-    s->effective = std::clamp(s->effective, s->pressure, s->pressure + hysteresis_pressure);
+  // Share of its time for which the ABS modulator fills (positive) or empties (negative) the
+  // chamber; a pulse-width modulated valve acts as this mean, which is continuous in time and so
+  // does not depend on the step. Fills all the time below the slip for reapplication, empties all
+  // the time above that for release, and holds half-way.
+  double Duty(const WheelBrakeState& s, double hub_speed, double wheel_speed) const {
+    if (hub_speed < abs_speed_min || s.pressure <= push_out_pressure) return 1;
+    double slip = 1 - wheel_speed * wheel_radius / hub_speed;
+    double middle = 0.5 * (abs_release_slip + abs_reapply_slip);
+    return std::clamp((middle - slip) / (middle - abs_reapply_slip), -1.0, 1.0);
   }
 
- private:
-  static constexpr double kAbsTimeConstant =
-      0.08;                                      // of the modulator at the chamber [s], judgement
-  static constexpr double kAbsRiseRate = 200e3;  // after a release [Pa/s], judgement
-  static constexpr double kAbsReapplyShare = 0.85;  // of the pressure at which the wheel locked
+  // Greatest rise of the pressure in one step [Pa]: on the steered axle slow while ABS works at the
+  // `other` wheel with less pressure, so that on a road with two surfaces the yaw moment gives the
+  // driver time (modified individual control).
+  double RiseMax(const WheelBrakeRates& rates, const WheelBrakeState& s,
+                 const WheelBrakeState& other) const {
+    bool limited = circuit == kFront && other.abs_active != 0 &&
+                   s.pressure > other.pressure + push_out_pressure;
+    return limited ? rates.step * abs_yaw_rise_rate : std::numeric_limits<double>::infinity();
+  }
 
-  void UpdateAbs(double supply, double hub_speed, double wheel_speed, double h,
-                 WheelBrakeState* s) const {
-    if (hub_speed < abs_speed_min) {
-      s->abs_phase = kNormal;
-      return;
+  // Chamber pressure follows the supply line, by at most `rise_max`, unless ABS lets it go.
+  void Update(const WheelBrakeRates& rates, double supply, double rise_max, double duty,
+              WheelBrakeState* s) const {
+    if (duty < 0) {
+      s->abs_active = 1;
+    } else if (duty == 1 && s->pressure > supply - push_out_pressure) {
+      s->abs_active = 0;
     }
-    double slip = 1 - wheel_speed * wheel_radius / hub_speed;
-    if (s->abs_phase != kRelease && slip > abs_release_slip && s->pressure > push_out_pressure) {
-      s->abs_phase = kRelease;
-      s->abs_limit = kAbsReapplyShare * s->pressure;
-    } else if (s->abs_phase == kRelease && slip < abs_reapply_slip) {
-      s->abs_phase = kReapply;
-    } else if (s->abs_phase == kReapply) {
-      s->abs_limit += h * kAbsRiseRate;
-      if (s->abs_limit > supply) s->abs_phase = kNormal;
+    if (duty < 0) {
+      s->pressure += duty * rates.abs * s->pressure;
+    } else {
+      double share = supply > s->pressure ? duty * rates.build_up : rates.release;
+      s->pressure += std::min(rise_max, share * (supply - s->pressure));
     }
+    // What is left of a release is no pressure.
+    if (supply == 0 && s->pressure < 1e-3 * push_out_pressure) s->pressure = 0;
+    // The effective pressure drags behind when the brake is let off.
+    s->effective = std::clamp(s->effective, s->pressure, s->pressure + hysteresis_pressure);
   }
 };
 

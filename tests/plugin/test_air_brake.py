@@ -6,7 +6,6 @@ import pytest
 from vehicle_sled import KMH, PARAMETERS, Sled, sled_xml
 
 import iits_mj
-from iits_mj.model.air_brake import overrun_force, pressure_table, torque_slope
 from iits_mj.units import GRAVITY
 
 FULL_PHYSICS = mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -30,24 +29,44 @@ def test_demand_of_1_5_at_50_t_needs_about_150_kpa():
     sled = Sled(50_000.0, speed=60 * KMH).run(5.0, xbr_demand=-1.5, **XBR)
     circuits = ("front_left", "rear_left", "trailer")
     pressure = np.array([sled[f"brake_pressure_{name}"] for name in circuits])
-    assert pressure @ [1, 2, 3] / 6 == pytest.approx(140e3, rel=0.15)
-    assert 140e3 < pressure[2] < 185e3
+    assert 120e3 < pressure @ [1, 2, 3] / 6 < 165e3
+    assert np.all((pressure > 105e3) & (pressure < 165e3))
 
 
 def test_build_up_has_its_dead_time_then_its_time_constant():
     sled = Sled(50_000.0, speed=60 * KMH, timestep=0.001).run(0.5)
-    names = ("brake_pressure_front_left", "brake_pressure_rear_left")
+    names = ("brake_pressure_front_left", "brake_pressure_rear_left", TRAILER)
     rows = sled.record(3.0, *names, xbr_demand=-1.0, **XBR)
+    dead_time = np.array(BRAKE.dead_time)[[0, 1, 3]] + [0.0, 0.0, BRAKE.trailer_line_delay]
     # Pressure shows two steps after the cause: the supply moves, then the chamber.
-    first = [np.argmax(rows[:, i] > 0) for i in range(2)]
-    assert first[0] * 1e-3 == pytest.approx(BRAKE.dead_time[0], abs=0.004)
-    assert first[1] * 1e-3 == pytest.approx(BRAKE.dead_time[1], abs=0.004)
-    level = rows[-1, 1]
-    to_63_percent = np.argmax(rows[:, 1] > 0.632 * level) * 1e-3
-    # The supply's ramp of 500 kPa/s comes on top of dead time and time constant.
-    ramp = level / BRAKE.supply_rise_rate
-    expected = BRAKE.dead_time[1] + BRAKE.build_up_time_constant[1] + 0.5 * ramp
-    assert to_63_percent == pytest.approx(expected, abs=0.06)
+    first = np.argmax(rows > 0, axis=0) * 1e-3
+    np.testing.assert_allclose(first, dead_time, atol=0.004)
+    level = rows[400:600].mean(axis=0)
+    to_63_percent = np.argmax(rows > 0.632 * level, axis=0) * 1e-3
+    build_up = np.array(BRAKE.build_up_time_constant)[[0, 1, 3]]
+    np.testing.assert_allclose(to_63_percent, dead_time + build_up, atol=0.07)
+
+
+@pytest.mark.parametrize("demand", [-1.5, -10.0])
+def test_75_percent_of_the_pressure_within_0_6_s_at_every_axle(demand):
+    """UN R13 annex 6: at the least favourable brake chamber."""
+    sled = Sled(50_000.0, speed=90 * KMH).run(0.5)
+    names = [f"brake_pressure_axle{axle}_left" for axle in range(1, 7)]
+    rows = sled.record(2.0, *names, xbr_demand=demand, **XBR)
+    reached = np.argmax(rows >= 0.75 * rows[-1], axis=0) * 0.002
+    assert reached.max() <= 0.6
+    assert reached.min() > 0.2
+
+
+def test_brakes_of_a_tractor_let_go_within_0_55_s():
+    """FMVSS 121 S5.3.4: from 655 to 34 kPa."""
+    sled = Sled(50_000.0, speed=90 * KMH).run(2.0, brake_pedal=1.0)
+    names = ("brake_pressure_front_left", "brake_pressure_rear_left")
+    rows = sled.record(2.0, *names, brake_pedal=0.0)
+    for column in rows.T:
+        high, low = np.argmax(column < 655e3), np.argmax(column < 34e3)
+        assert column[0] > 655e3
+        assert 0.1 < (low - high) * 0.002 < 0.55
 
 
 @pytest.mark.parametrize("controls", [{"xbr_demand": -3.0, "xbr_mode": 0.0}, {"xbr_mode": 2.0}])
@@ -57,16 +76,15 @@ def test_no_mode_or_no_demand_means_no_pressure(controls):
     assert np.all(rows == 0)
 
 
-def test_addition_and_maximum_act_alike_without_a_driver():
-    speeds = [
-        Sled(speed=60 * KMH).run(4.0, xbr_demand=-2.0, xbr_mode=mode)["speed"] for mode in (1, 2)
-    ]
-    assert speeds[0] == speeds[1] < 55 * KMH
-
-
 def test_not_a_number_on_the_controls_does_not_brake():
     sled = Sled(speed=60 * KMH)
-    sled.command(xbr_demand=np.nan, xbr_mode=np.nan, parking_brake=np.nan)
+    sled.command(
+        xbr_demand=np.nan,
+        xbr_mode=np.nan,
+        parking_brake=np.nan,
+        brake_pedal=np.nan,
+        xbr_ebi_mode=np.nan,
+    )
     mujoco.mj_forward(sled.model, sled.data)
     assert np.isfinite(sled.data.qacc).all()
     assert sled["xbr_active"] == 0
@@ -115,8 +133,9 @@ def test_holding_a_standing_truck_winds_nothing_up():
 def test_release_is_gradual():
     sled = Sled(55_000.0, speed=20.0).run(4.0, xbr_demand=-2.0, **XBR)
     rows = sled.record(3.0, TRAILER, xbr_demand=0.0)[:, 0]
-    assert rows[50] > 0.8 * rows[0]
-    assert np.all(np.diff(rows[50:]) <= 0)
+    dead = round((BRAKE.dead_time[3] + BRAKE.trailer_line_delay) / 0.002) + 5
+    assert rows[dead] > 0.9 * rows[0]
+    assert np.all(np.diff(rows[dead:]) <= 0)
     assert rows[-1] < 0.01 * rows[0]
 
 
@@ -143,30 +162,6 @@ def test_truck_stops_from_80_km_h_in_a_full_brake_application():
     sled.run(8.0, xbr_demand=-7.0, **XBR)
     assert sled["speed"] == pytest.approx(0, abs=1e-3)
     assert sled["position"] - start < 70.0
-
-
-def test_pressure_table_gives_the_force_that_the_demand_takes():
-    mass = 50_000.0
-    demand, pressure = pressure_table(PARAMETERS, mass)
-    row = int(np.argmin(np.abs(demand - 2.0)))
-    radius = np.array([PARAMETERS.tires[a.tire].rolling_radius for a in PARAMETERS.axles])
-    circuit = [0, 1, 1, 2, 2, 2]
-    torque = 2 * torque_slope(PARAMETERS) * (pressure[row, circuit] - BRAKE.push_out_pressure)
-    force = np.sum(torque / radius) + overrun_force(PARAMETERS)
-    force += mass * GRAVITY * PARAMETERS.tire_common.rolling_resistance
-    spin = sum(
-        2 * a.wheel_inertia_spin / r**2 for a, r in zip(PARAMETERS.axles, radius, strict=True)
-    )
-    assert force / (mass + spin) == pytest.approx(demand[row], rel=1e-6)
-
-
-def test_pressure_table_rises_with_demand_and_with_mass():
-    _, light = pressure_table(PARAMETERS, 19_000.0)
-    _, heavy = pressure_table(PARAMETERS, 55_000.0)
-    for table in (light, heavy):
-        assert np.all(np.diff(table, axis=0) >= 0)
-        assert table.max() <= BRAKE.pressure_max
-    assert np.all(heavy[5:] >= light[5:])
 
 
 def test_result_does_not_depend_on_the_time_step():
@@ -216,7 +211,10 @@ def test_braking_is_bit_identical_from_a_restored_state():
         ("circuit", "0 1 1 2 2 3"),
         ("abs_release_slip", "2"),
         ("demand", "1 0.5 2"),
-        ("pressure_trailer", "1"),
+        ("share_light", "1"),
+        ("mass_heavy", "1000"),
+        ("governor_cut_in", "1.1e6"),
+        ("abs_reapply_slip", "0.3"),
         ("stiffness", "inf"),
         ("supply_rise_rate", ""),
     ],

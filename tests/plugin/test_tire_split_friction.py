@@ -18,7 +18,7 @@ def braking():
     truck.reset(station=60.0, speed=20.0)
     truck.command(xbr_demand=-8.0, xbr_mode=2.0)
     forces = []
-    for _ in range(220):  # until the truck has left the split
+    for _ in range(170):  # nobody steers: later a wheel leaves its half of the road
         truck.step(5)
         forces.append(
             [
@@ -52,9 +52,10 @@ def test_no_tire_takes_more_than_its_own_surface_gives(braking):
 
 def test_wheels_on_ice_use_all_there_is_and_those_on_asphalt_brake_harder(braking):
     truck, forces = braking
-    late = forces[160:]
+    late = forces[110:]
     assert np.median(used(truck, late, 0, ICE).max(axis=0)) > 0.9
-    left, right = (-late[:, :, side, 0].sum(axis=1).mean() for side in (0, 1))
+    # ABS treats the trailer's wheels one by one, those of the drive axles alike.
+    left, right = (-late[:, 3:, side, 0].sum(axis=1).mean() for side in (0, 1))
     assert right > 1.8 * left > 0.0
 
 

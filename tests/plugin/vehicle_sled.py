@@ -26,7 +26,7 @@ def sled_xml(mass, *, timestep=0.002, grade=0.0, grip=None, rolling=True, change
     p = PARAMETERS
     configs = {
         "powertrain": powertrain.config(p),
-        "air_brake": air_brake.config(p, mass),
+        "air_brake": air_brake.config(p),
     }
     for (plugin, name), value in (changes or {}).items():
         configs[plugin][name] = value
@@ -70,6 +70,8 @@ def sled_xml(mass, *, timestep=0.002, grade=0.0, grip=None, rolling=True, change
             ("parking_brake", "air_brake"),
             ("engine_brake", "powertrain"),
             ("transmission_mode", "powertrain"),
+            ("brake_pedal", "air_brake"),
+            ("xbr_ebi_mode", "air_brake"),
             ("retarder", "powertrain"),
         )
     )

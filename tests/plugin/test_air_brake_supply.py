@@ -1,0 +1,123 @@
+"""Compressed air: reservoirs fall with use, the compressor fills them, springs act without air."""
+
+import numpy as np
+import pytest
+from vehicle_sled import KMH, PARAMETERS, Sled
+
+BRAKE = PARAMETERS.air_brake
+RESERVOIRS = tuple(f"reservoir_pressure_{circuit}" for circuit in ("front", "rear", "trailer"))
+ATMOSPHERE = 101_325.0
+DRY = {("air_brake", "compressor_displacement"): "0"}
+
+
+def pump(sled, times):
+    """Full applications and releases of the pedal; reservoir pressures at the end."""
+    for _ in range(times):
+        sled.run(1.5, brake_pedal=1.0).run(1.5, brake_pedal=0.0)
+    return np.array([sled[name] for name in RESERVOIRS])
+
+
+def test_reservoirs_start_full():
+    sled = Sled().run(0.01)
+    assert [sled[name] for name in RESERVOIRS] == [BRAKE.governor_cut_out] * 3
+
+
+def test_one_application_takes_the_air_of_its_chambers():
+    sled = Sled(55_000.0, changes=DRY).run(0.01)
+    sled.run(1.5, brake_pedal=1.0)
+    wheels = np.array([2, 4, 6]) * np.array(BRAKE.chamber_volume)[[0, 1, 3]]
+    filled = [
+        sled[f"brake_pressure_{name}"] + ATMOSPHERE
+        for name in ("front_left", "rear_left", "trailer")
+    ]
+    expected = BRAKE.governor_cut_out - wheels * filled / np.array(BRAKE.reservoir_volume)
+    np.testing.assert_allclose([sled[name] for name in RESERVOIRS], expected, rtol=1e-6)
+
+
+def test_eight_full_applications_leave_enough_for_secondary_braking():
+    """UN R13 annex 7: reservoirs alone; the ninth has half the pressure of the first, or more."""
+    sled = Sled(55_000.0, changes=DRY).run(1.5, brake_pedal=1.0)
+    names = ("front_left", "rear_left", "trailer")
+    first = np.array([sled[f"brake_pressure_{name}"] for name in names])
+    sled.run(1.5, brake_pedal=0.0)
+    left = pump(sled, 7)
+    assert np.all(left < 0.85 * BRAKE.governor_cut_out)
+    sled.run(1.5, brake_pedal=1.0)
+    ninth = np.array([sled[f"brake_pressure_{name}"] for name in names])
+    assert np.all(ninth > 0.5 * first)
+
+
+def test_pressure_in_the_chambers_is_never_above_that_of_the_reservoir():
+    sled = Sled(55_000.0, changes=DRY | {("air_brake", "reservoir_volume"): "0.01 0.02 0.02"})
+    names = ("brake_pressure_front_left", RESERVOIRS[0])
+    for _ in range(4):
+        rows = sled.record(1.5, *names, brake_pedal=1.0)
+        assert np.all(rows[:, 0] <= rows[:, 1] + 1e3)
+        sled.run(1.5, brake_pedal=0.0)
+
+
+def test_compressor_cuts_in_and_out_and_fills_as_fast_as_it_delivers():
+    sled = Sled(55_000.0)
+    assert sled.run(1.0)["compressor_active"] == 0
+    while sled["compressor_active"] == 0:
+        before = [sled[name] for name in RESERVOIRS]
+        sled.run(0.5, brake_pedal=1.0).run(0.5, brake_pedal=0.0)
+    assert min(before + [sled[name] for name in RESERVOIRS]) < BRAKE.governor_cut_in
+    sled.run(2.0)  # chambers are empty
+    rows = sled.record(1.0, "engine_speed", *RESERVOIRS)
+    stored = (rows[-1, 1:] - rows[0, 1:]) @ np.array(BRAKE.reservoir_volume)
+    delivered = ATMOSPHERE * BRAKE.compressor_displacement * rows[1:, 0].sum() * 0.002
+    assert stored == pytest.approx(delivered, rel=0.01)
+    sled.run(120.0)
+    assert sled["compressor_active"] == 0
+    assert [sled[name] for name in RESERVOIRS] == pytest.approx([BRAKE.governor_cut_out] * 3)
+
+
+def test_compressor_is_large_enough_for_fmvss_121():
+    """S5.1.1: from 586 to 689 kPa within 25 s at the engine's greatest speed."""
+    air = (689e3 - 586e3) * sum(BRAKE.reservoir_volume)
+    flow = ATMOSPHERE * BRAKE.compressor_displacement * PARAMETERS.engine.governed_speed
+    assert air / flow < 25.0
+
+
+def test_abs_cycling_uses_air():
+    used = []
+    for grip in (0.15, 0.9):
+        sled = Sled(30_000.0, speed=70 * KMH, grip=grip, changes=DRY)
+        sled.run(4.0, brake_pedal=0.3)
+        chambers = sled["brake_pressure_rear_left"] + ATMOSPHERE
+        taken = (BRAKE.governor_cut_out - sled[RESERVOIRS[1]]) * BRAKE.reservoir_volume[1]
+        used.append(taken / (chambers * 4 * BRAKE.chamber_volume[1]))
+    cycling, steady = used
+    assert steady == pytest.approx(1.0, rel=0.1)
+    assert cycling > 1.2
+
+
+def test_spring_brakes_come_on_when_the_air_is_gone():
+    small = DRY | {("air_brake", "reservoir_volume"): "0.01 0.02 0.02"}
+    sled = Sled(30_000.0, speed=60 * KMH, changes=small)
+    sled.run(1.0)
+    while sled[RESERVOIRS[2]] > BRAKE.spring_full_pressure:
+        sled.run(0.3, brake_pedal=1.0).run(0.3, brake_pedal=0.0)
+        assert sled.data.time < 60.0
+    sled.run(10.0)
+    assert sled["speed"] == pytest.approx(0, abs=1e-3)
+    torques = [sled[f"brake_torque_axle{axle}_left"] for axle in range(1, 7)]
+    assert torques[0] == 0
+    for _ in range(3):  # driver and XBR cannot move it
+        assert sled.run(1.0, accelerator_pedal=0.5)["speed"] < 0.01
+
+
+def test_full_reservoirs_hold_the_springs_off():
+    sled = Sled(30_000.0, speed=60 * KMH).run(0.5)
+    names = [f"brake_torque_axle{axle}_right" for axle in range(1, 7)]
+    assert np.all(sled.record(2.0, *names) == 0)
+
+
+def test_letting_off_the_parking_brake_takes_air():
+    sled = Sled(30_000.0, changes=DRY).run(3.0, parking_brake=1.0)
+    before = [sled[name] for name in RESERVOIRS]
+    sled.run(3.0, parking_brake=0.0)
+    fall = np.array(before) - [sled[name] for name in RESERVOIRS]
+    assert fall[0] == 0
+    assert np.all(fall[1:] > 50e3)
