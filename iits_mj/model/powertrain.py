@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 from iits_mj.parameters import FloatArray, TruckParameters
 from iits_mj.powertrain_parameters import Clutch, EngineScalars, Retarder
 
-# Local names of the sensors that the plugin knows, in the order of the model.
+# Local names of the sensors of the truck, in the order of the model. The plugin knows a few more,
+# see its manual; every sensor costs MuJoCo about 0.02 us a step.
 SIGNALS = (
     "gear",
     "shift_in_process",
@@ -25,17 +26,14 @@ SIGNALS = (
     "propeller_shaft_speed",
     "accelerator_pedal_position",
     "engine_brake_torque",
-    "engine_brake_torque_percent",
     "engine_brake_torque_percent_intended",
     "engine_brake_torque_percent_available",
     "retarder_torque",
-    "retarder_torque_percent",
     "retarder_torque_percent_intended",
     "retarder_torque_percent_available",
     "retarder_heat",
     "engine_work",
     "driveline_loss",
-    "clutch_loss",
     "retarder_work",
     "driveline_energy",
 )
