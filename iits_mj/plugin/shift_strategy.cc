@@ -222,9 +222,9 @@ bool ShiftStrategy::CallsForLower(const Situation& now) const {
     return now.in.pedal > floored_pedal_ && InputSpeed(now) < low && GivesItsTorque(now) &&
            now.gears.Speed(now.state.acceleration) < stuck_acceleration_;
   }
-  // Too slow and not recovering, or braked so hard that it soon will be.
+  // Too slow, and not recovering.
   double soon = SpeedSoon(now);
-  if (std::max(InputSpeed(now), soon) < low || soon < LowSpeed(now.engine, 0)) return true;
+  if (std::max(InputSpeed(now), soon) < low) return true;
   if (!adaptive_ && now.gears.Speed(now.in.shaft_speed) <
                         downshift_(now.gear, now.in.pedal) - downshift_margin_) {
     return true;
