@@ -52,6 +52,8 @@ class LongitudinalConfig:
       demand_max: [m/s2].
       stop_speed: below it a plan to stop holds the brakes [m/s].
       go_speed: planned speed that ends holding [m/s].
+      level: grade below which a start needs no holding before.
+      roll_back: speed backwards that ends a start; the truck is held again [m/s].
       hold_demand: XBR demand at standstill [m/s2].
     """
 
@@ -73,6 +75,8 @@ class LongitudinalConfig:
     demand_max: float = 8.0
     stop_speed: float = 0.25
     go_speed: float = 0.15
+    level: float = 0.01
+    roll_back: float = 0.1
     hold_demand: float = 1.0
 
 
@@ -160,10 +164,8 @@ class LongitudinalController:
         """Brakes at standstill, and the start without rolling back."""
         config, inverse = self.config, self.inverse
         self._integral = 0.0
-        if soon <= config.go_speed:
-            self._enter(Phase.HOLD)
-        elif self.phase is not Phase.LAUNCH:
-            self._enter(Phase.LAUNCH)
+        start = soon > config.go_speed and self._may_start(ego, grade)
+        self._enter(Phase.LAUNCH if start else Phase.HOLD)
         self._engine_brake = self._retarder = 0.0
         if self.phase is Phase.HOLD:
             self._pedal, self._demand = 0.0, config.hold_demand
@@ -177,6 +179,13 @@ class LongitudinalController:
         target = max(inverse.pedal(torque, max(ego.engine_speed, 70.0)), 0.12)
         self._pedal = min(target, self._pedal + config.pedal_rise * config.step)
         return self._output()
+
+    def _may_start(self, ego: EgoState, grade: float) -> bool:
+        """On an upgrade only out of a hold, so that hill hold is there; not while rolling back."""
+        if self.phase is Phase.LAUNCH:
+            return ego.speed > -self.config.roll_back
+        held = self.phase is Phase.HOLD and self._since >= self.config.dwell
+        return held or grade < self.config.level
 
     def _choose(
         self, torque: float, drag: float, deficit: float, wanted: float, engaged: bool

@@ -111,3 +111,15 @@ def test_standing_truck_is_held_by_friction_and_launched_without_a_demand():
     # An XBR demand would cut the engine: hill hold keeps the truck until the driveline does.
     assert all(command.xbr_mode is XbrMode.OFF for command in launched)
     assert launched[-1].pedal > 0.1
+
+
+def test_a_truck_found_standing_is_held_before_it_starts_and_again_when_it_rolls_back():
+    controller = LongitudinalController(PARAMETERS)
+    standing = dataclasses.replace(LADEN, speed=0.0, gear=2, engine_speed=62.8, engine_torque=0.0)
+    start = run(controller, standing, plan(0.5, 0.5), 0.10, 2.0)
+    holding = [command.xbr_mode is XbrMode.MAXIMUM for command in start]
+    assert holding[0]
+    assert not holding[-1]
+    assert sum(holding) == pytest.approx(controller.config.dwell / 0.02, abs=2)
+    rolling = dataclasses.replace(standing, speed=-0.2)
+    assert run(controller, rolling, plan(0.5, 0.5), 0.10, 0.02)[-1].xbr_mode is XbrMode.MAXIMUM
