@@ -47,7 +47,7 @@ bool AirBrake::ReadWheels(const mjModel* m, int instance) {
   };
   static const Attribute kCommon[] = {
       {"push_out_pressure", 1, 1e6, &WheelBrake::push_out_pressure},
-      {"hysteresis_pressure", 0, 1e6, &WheelBrake::hysteresis_pressure},
+      {"hysteresis_pressure", 1, 1e6, &WheelBrake::hysteresis_pressure},
       {"abs_release_slip", 0.01, 1, &WheelBrake::abs_release_slip},
       {"abs_reapply_slip", 0, 1, &WheelBrake::abs_reapply_slip},
       {"abs_speed_min", 0.1, 100, &WheelBrake::abs_speed_min},

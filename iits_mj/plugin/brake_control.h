@@ -13,10 +13,11 @@ namespace iits {
 // What the controller remembers between steps.
 struct BrakeControlState {
   double initialized;
-  double supply[kCircuits];     // pressure at the outlet of the supply valve [Pa]
-  double effective[kCircuits];  // what the brakes' hysteresis makes of it [Pa]
-  double lowering[kCircuits];   // share of the hysteresis that the supply is lowered by
-  double speed;                 // of the vehicle, low-passed [m/s]
+  double supply[kCircuits];  // pressure at the outlet of the supply valve [Pa]
+  // A model of the brakes behind it: pressure in the chambers, what their hysteresis makes of that
+  // [Pa], and the share of the hysteresis by which the supply is lowered to make up for it.
+  double chamber[kCircuits], effective[kCircuits], lowering[kCircuits];
+  double speed;         // of the vehicle, low-passed [m/s]
   double reference[2];  // demand as the brakes can follow it, then as the filter shows it [m/s2]
   double xbr;           // XBR demand that is followed: it falls gradually [m/s2]
   double trim;          // added to the demand by the deceleration control [m/s2]
@@ -82,7 +83,7 @@ class BrakeControl {
   double rise_rate_, fall_rate_, pressure_max_, release_rate_;
   double pedal_deceleration_, rolling_resistance_;
   double filter_time_, trim_gain_, trim_max_, trim_share_, trim_speed_min_;
-  double hysteresis_, hysteresis_time_;
+  double push_out_, hysteresis_, hysteresis_time_;
   double hold_speed_, hold_deceleration_, hold_release_speed_, hold_time_max_, hold_uphill_;
   double response_time_ = 0, spin_mass_ = 0, radius_sum_ = 0;
   int wheels_ = 0;
