@@ -90,13 +90,17 @@ double BrakeControl::Force(const BrakeDemand& demand, double deceleration) const
   return std::max(0.0, (demand.mass + spin_mass_) * deceleration - rolling);
 }
 
-// Braking force of the shaft to count on when friction has had time to respond: what it gives now,
-// at most what it will still be able to give then. Less at once when a gear change begins, and
-// ahead of a retarder that fades out.
+// Braking force of the shaft to count on when friction has had time to respond: what it gives and
+// what it could give, both carried on as they have changed. So friction is there when a gear change
+// begins, ahead of a retarder that fades out, and gone when one has filled.
 double BrakeControl::ShaftForce(const BrakeDemand& demand, double h, BrakeControlState* s) const {
-  double ahead = demand.shaft_force_max + (demand.shaft_force_max - s->shaft_max);
-  s->shaft_max += (demand.shaft_force_max - s->shaft_max) * h / (response_time_ + h);
-  return std::min(demand.shaft_force, std::max(0.0, ahead));
+  auto ahead = [this, h](double now, double* past) {
+    double change = now - *past;
+    *past += change * h / (response_time_ + h);
+    return now + change;
+  };
+  double force = ahead(demand.shaft_force, &s->shaft);
+  return std::min(force, std::max(0.0, ahead(demand.shaft_force_max, &s->shaft_max)));
 }
 
 // Who gives the force. The shaft brakes in any case (engine drag); friction gives the rest.
@@ -174,6 +178,7 @@ BrakeEffort BrakeControl::Update(const BrakeDemand& demand, double h, BrakeContr
   if (s->initialized == 0) {
     s->initialized = 1;
     s->speed = demand.speed;
+    s->shaft = demand.shaft_force;
     s->shaft_max = demand.shaft_force_max;
   }
   double difference = demand.speed - s->speed;

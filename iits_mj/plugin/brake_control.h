@@ -21,9 +21,10 @@ struct BrakeControlState {
   double reference[2];  // demand as the brakes can follow it, then as the filter shows it [m/s2]
   double xbr;           // XBR demand that is followed: it falls gradually [m/s2]
   double trim;          // added to the demand by the deceleration control [m/s2]
-  double shaft_max;     // what the propeller shaft can brake with, low-passed [N]
-  double holding;       // 1: the brakes hold the standing vehicle
-  double hold_time;     // since the demand ended, while holding [s]
+  double shaft, shaft_max;  // force of the propeller shaft now, and what the propeller shaft could
+                            // do; low-passed [N]
+  double holding;           // 1: the brakes hold the standing vehicle
+  double hold_time;         // since the demand ended, while holding [s]
 };
 
 struct BrakeDemand {
