@@ -88,6 +88,10 @@ void AirBrake::Passive(const mjModel* m, mjData* d, int instance) const {
   for (size_t i = 0; i < wheels_.size(); ++i) {
     const WheelBrake& wheel = wheels_[i];
     double capacity = wheel.Torque(s->now.wheel[i], s->now.parking[wheel.circuit]);
+    if (capacity == 0) {
+      s->next_wind_up.angle[i] = s->next_wind_up.torque[i] = 0;
+      continue;
+    }
     double speed = d->qvel[wheel.dof];
     double torque = WheelBrake::Grip(Rates(i, h), capacity, speed, &s->next_wind_up.angle[i]);
     s->next_wind_up.torque[i] = torque;
@@ -98,10 +102,18 @@ void AirBrake::Passive(const mjModel* m, mjData* d, int instance) const {
   s->next_wind_up_is_fresh = 1;
 }
 
+// No pressure in valves, lines and chambers: most of the time.
+bool AirBrake::Quiet(const Pneumatics& p) const {
+  double pressure = 0;
+  for (size_t i = 0; i < wheels_.size(); ++i) pressure += p.wheel[i].effective;
+  return pressure == 0 && p.line.clock - p.line.last_used > dead_time_max_;
+}
+
 // From the supply valves to the chambers.
 void AirBrake::Brake(const mjModel* m, const mjData* d, double h, const Pneumatics& now,
                      Pneumatics* next) const {
   next->line.Push(next->control.supply, h, sample_spacing_);
+  if (Quiet(*next)) return;
   double supplies[kWheelsMax];
   for (size_t i = 0; i < lines_.size(); ++i) {
     const Line& line = lines_[i];
@@ -198,7 +210,7 @@ void RegisterAirBrake() {
   plugin.attributes = kAttributes;
   plugin.needstage = mjSTAGE_ACC;
   plugin.nstate = +[](const mjModel*, int) { return AirBrake::kStateSize; };
-  plugin.nsensordata = +[](const mjModel*, int, int) { return 1; };
+  plugin.nsensordata = AirBrake::SensorSize;
   plugin.init = +[](const mjModel* m, mjData* d, int instance) {
     AirBrake* air_brake = AirBrake::Create(m, instance);
     d->plugin_data[instance] = reinterpret_cast<uintptr_t>(air_brake);

@@ -51,6 +51,8 @@ class AirBrake {
 
   static AirBrake* Create(const mjModel* m, int instance);  // null after a warning
 
+  static int SensorSize(const mjModel* m, int instance, int sensor);
+
   void Passive(const mjModel* m, mjData* d, int instance) const;
   void Actuator(const mjModel* m, mjData* d, int instance) const;
   void Sensors(const mjModel* m, mjData* d, int instance) const;
@@ -85,6 +87,7 @@ class AirBrake {
   BrakeDemand ReadDemand(const mjModel* m, const mjData* d, const State& s) const;
   void Brake(const mjModel* m, const mjData* d, double h, const Pneumatics& now,
              Pneumatics* next) const;
+  bool Quiet(const Pneumatics& p) const;
   void Park(double wanted, double h, Pneumatics* next) const;
 
   BrakeControl control_;
@@ -93,6 +96,7 @@ class AirBrake {
   std::vector<WheelBrakeRates> rates_;  // of each wheel, for the model's time step
   std::vector<Line> lines_;
   std::vector<int> line_of_wheel_;
+  double dead_time_max_ = 0;              // [s]
   double sample_spacing_ = 0;             // of the dead-time line [s]
   double parking_time_constant_ = 0;      // [s]
   double spring_volume_[kCircuits] = {};  // of the spring brakes' chambers [m3]
