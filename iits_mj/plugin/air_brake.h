@@ -27,10 +27,9 @@ class AirBrake {
 
   struct Pneumatics {
     BrakeControlState control;
-    DeadTimeLine line;
     ReservoirState reservoir;
-    WheelBrakeState wheel[kWheelsMax];
-    double parking[kCircuits];  // share of the spring brakes that is applied
+    double parking[kCircuits];          // share of the spring brakes that is applied
+    WheelBrakeState wheel[kWheelsMax];  // last: only those that there are get copied
   };
   struct WindUp {
     double angle[kWheelsMax];   // of the brakes' elastic parts [rad]
@@ -41,6 +40,7 @@ class AirBrake {
     EnduranceDemand endurance;  // first: the powertrain reads it
     EnduranceDemand next_endurance;
     Pneumatics now, next;
+    DeadTimeLine line;
     WindUp wind_up, next_wind_up;
     double next_is_fresh, next_wind_up_is_fresh;  // computed since the last `advance`
     double xbr_active, abs_active;
@@ -85,9 +85,9 @@ class AirBrake {
     return h == rates_[wheel].step ? rates_[wheel] : wheels_[wheel].Rates(h);
   }
   BrakeDemand ReadDemand(const mjModel* m, const mjData* d, const State& s) const;
-  void Brake(const mjModel* m, const mjData* d, double h, const Pneumatics& now,
-             Pneumatics* next) const;
-  bool Quiet(const Pneumatics& p) const;
+  void Copy(const Pneumatics& from, Pneumatics* to) const;
+  void Brake(const mjModel* m, const mjData* d, State* s) const;
+  bool Quiet(const State& s, double h) const;
   void Park(double wanted, double h, Pneumatics* next) const;
 
   BrakeControl control_;

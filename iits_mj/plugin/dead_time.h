@@ -29,10 +29,11 @@ struct DeadTimeLine {
     for (int i = 0; i < kCircuits; ++i) value[slot][i] = supply[i];
   }
 
-  // Supply pressure of the circuit `delay` seconds ago; `current` is that of now.
-  double Look(int circuit, double delay, double current) const {
-    double wanted = clock - delay;
-    double later_stamp = clock, later_value = current;
+  // Supply pressure of the circuit `delay` seconds before the end of a step of h that is not pushed
+  // yet; `current` is the pressure at its end.
+  double Look(int circuit, double delay, double h, double current) const {
+    double wanted = clock + h - delay;
+    double later_stamp = clock + h, later_value = current;
     int slot = static_cast<int>(newest);
     for (int i = 0; i < kSlots; ++i) {
       if (stamp[slot] <= wanted) {
