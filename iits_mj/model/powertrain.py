@@ -48,6 +48,8 @@ _GEARBOX_SCALARS = (
     "reverse_ratio",
     "shift_cut_time",
     "synchronization_time",
+    "synchronization_time_max",
+    "synchronized_difference",
     "clutch_engagement_time",
     "clutch_close_time",
     "clutch_torque_max",
@@ -72,6 +74,7 @@ def config(parameters: TruckParameters) -> dict[str, str]:
         section = getattr(parameters, prefix)
         attributes |= {f"{prefix}_{name}": _text(getattr(section, name)) for name in _names(kind)}
     attributes |= {name: _text(getattr(gearbox, name)) for name in _GEARBOX_SCALARS}
+    attributes |= {name: _text(value) for name, value in vars(gearbox.shifting).items()}
     speed, torque = full_load(parameters)
     attributes |= {
         "full_load_speed": _text(speed),
@@ -84,6 +87,7 @@ def config(parameters: TruckParameters) -> dict[str, str]:
         "fuel_map_consumption": _text(engine.fuel_map.values),
         "ratios": _text(gearbox.ratios),
         "gear_inertias": _text(gearbox.inertias),
+        "shift_strategy": gearbox.shift_strategy,
         "wheel_radius": _text(parameters.tires[driven.tire].rolling_radius),
     }
     for name, table in (("upshift", gearbox.upshift), ("downshift", gearbox.downshift)):
