@@ -1,4 +1,4 @@
-"""From wanted force at the wheels to accelerator pedal and engine brake: the inverse powertrain."""
+"""From wanted force at the wheels to accelerator, engine brake and retarder: inverse powertrain."""
 
 from __future__ import annotations
 
@@ -6,12 +6,9 @@ import math
 
 import numpy as np
 
+from controllers.retardation import EnduranceForces
 from iits_mj.parameters import TruckParameters
 from iits_mj.units import GRAVITY
-
-# Share of the engine brake's power at 1500 rpm, of that at 2300 rpm: 0.55 (see mjcf/truck.toml).
-_BRAKE_EXPONENT = math.log(0.55) / math.log(1500.0 / 2300.0)
-_OVERRUN_PEDAL = 0.05
 
 
 class DrivelineInverse:
@@ -64,13 +61,46 @@ class DrivelineInverse:
         return float(np.interp(engine_speed, engine.drag_speed, engine.drag_torque))
 
     def engine_brake_torque(self, engine_speed: float) -> float:
-        """Greatest torque of the engine brake [N m], beyond the drag."""
+        """Greatest torque of the engine brake [N m], beyond the drag: a power law, none at idle."""
         engine = self.parameters.engine
-        if engine_speed < 1.3 * engine.idle_speed:
+        above = engine_speed - engine.engine_brake_speed_min
+        if above <= 0.0:
             return 0.0
-        relative = engine_speed / engine.engine_brake_speed
         rated = engine.engine_brake_power / engine.engine_brake_speed
-        return rated * relative ** (_BRAKE_EXPONENT - 1.0)
+        relative = engine_speed / engine.engine_brake_speed
+        torque = rated * relative ** (engine.engine_brake_exponent - 1.0)
+        return min(above / engine.engine_brake_fade, 1.0) * torque
+
+    def retarder_torque(self, shaft_speed: float) -> float:
+        """Greatest torque of the cold retarder at the propeller shaft [N m]; hot it gives less."""
+        retarder = self.parameters.retarder
+        if shaft_speed <= 0.0:
+            return 0.0
+        rise = min(shaft_speed / retarder.full_torque_speed, 1.0)
+        return min(retarder.torque_max * rise**2, retarder.power_max / shaft_speed)
+
+    def endurance(
+        self, speed: float, engine_speed: float, gear: int, engaged: bool
+    ) -> EnduranceForces:
+        """What drag, engine brake and retarder can do at the wheels; losses help to brake.
+
+        Args:
+          speed: of the truck [m/s].
+          engine_speed: [rad/s].
+          gear: that is in.
+          engaged: whether the engine is coupled; in a gear change it is not.
+        """
+        gearbox = self.parameters.gearbox
+        shaft = gearbox.final_drive / self.radius
+        retarder = self.retarder_torque(speed * shaft) * shaft / gearbox.driveline_efficiency
+        if not engaged:
+            return EnduranceForces(0.0, 0.0, retarder)
+        factor = self.ratio(gear) / self.radius / self.efficiency
+        return EnduranceForces(
+            factor * self.drag_torque(engine_speed),
+            factor * self.engine_brake_torque(engine_speed),
+            retarder,
+        )
 
     def pedal(self, torque: float, engine_speed: float) -> float:
         """Accelerator pedal, 0 to 1, that gives a torque at the crankshaft [N m]."""
@@ -81,7 +111,7 @@ class DrivelineInverse:
         torques = (1.0 - share) * table.values[row] + share * table.values[row + 1]
         # Over the first travel of the pedal the overrun turns into traction.
         drag = self.drag_torque(engine_speed)
-        fade = np.minimum(1.0, table.columns / _OVERRUN_PEDAL)
+        fade = np.minimum(1.0, table.columns / self.parameters.engine.pedal_fade)
         torques = np.maximum.accumulate(fade * (torques + drag) - drag)
         torques = torques + 1e-6 * np.arange(len(torques))
         return float(np.interp(torque, torques, table.columns))

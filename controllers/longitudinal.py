@@ -1,8 +1,10 @@
-"""Speed tracking: accelerator pedal, engine brake and XBR from the planned speed.
+"""Speed tracking: accelerator pedal, engine brake, retarder and XBR from the planned speed.
 
 Feed-forward of acceleration, grade, rolling and air through the inverse powertrain, a slow
-integral beside. Pedal, engine brake and service brake take over from each other with hysteresis
-and dwell times, so that they never chatter. At standstill the brakes hold.
+integral beside. Accelerator, endurance brakes and friction take over from each other with
+hysteresis and dwell times, so that they never chatter. A descent is held by engine brake, then
+retarder, each asked by its own TSC1; what they lack is an XBR demand that may use both. At
+standstill the brakes hold.
 """
 
 from __future__ import annotations
@@ -13,12 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.driveline_inverse import DrivelineInverse
-from iits_mj.messages import EgoState, Trajectory, XbrMode
+from controllers.retardation import Retardation, share_out, xbr_deceleration
+from iits_mj.messages import EgoState, Trajectory, XbrEbiMode, XbrMode
 from iits_mj.parameters import TruckParameters
+from iits_mj.units import GRAVITY
 
 
 class Phase(enum.Enum):
-    """Who acts on the speed."""
+    """Who acts on the speed: engine; engine brake and retarder; friction, too; at standstill."""
 
     DRIVE = "drive"
     OVERRUN = "overrun"
@@ -37,18 +41,20 @@ class LongitudinalConfig:
       step: of the controller [s].
       overrun_enter: torque below the engine's drag that ends driving [N m].
       overrun_leave: torque above the engine's drag that begins driving again [N m].
-      brake_enter: deceleration beyond the engine brake that calls the service brake [m/s2].
+      brake_enter: deceleration beyond engine brake and retarder that calls friction [m/s2].
       brake_leave: the same, below which it is released [m/s2].
       dwell: least time in a phase [s].
-      urgent: demanded deceleration that ends dwelling and brakes at once [m/s2].
+      urgent: demanded deceleration that ends dwelling and brakes at once; brake control then
+        has engine brake and retarder to itself, and leaves them while ABS works [m/s2].
       pedal_rise, pedal_fall: rates of the pedal [1/s].
-      engine_brake_rate: of its request [1/s].
+      endurance_rate: of the requests to engine brake and retarder [1/s].
       demand_rate: of the XBR demand when it grows, outside emergencies [m/s3].
       demand_max: [m/s2].
       stop_speed: below it a plan to stop holds the brakes [m/s].
       go_speed: planned speed that ends holding [m/s].
+      level: grade below which a start needs no holding before.
+      roll_back: speed backwards that ends a start; the truck is held again [m/s].
       hold_demand: XBR demand at standstill [m/s2].
-      launch_time: after which the brake is given free whatever the torque [s].
     """
 
     speed_gain: float = 0.5
@@ -64,23 +70,26 @@ class LongitudinalConfig:
     urgent: float = 1.0
     pedal_rise: float = 1.0
     pedal_fall: float = 2.0
-    engine_brake_rate: float = 2.0
+    endurance_rate: float = 2.0
     demand_rate: float = 3.0
     demand_max: float = 8.0
     stop_speed: float = 0.25
     go_speed: float = 0.15
+    level: float = 0.01
+    roll_back: float = 0.1
     hold_demand: float = 1.0
-    launch_time: float = 4.0
 
 
 @dataclass(frozen=True, slots=True)
 class SpeedCommand:
-    """Pedal 0..1, XBR demand [m/s2] (<= 0), XBR mode, engine brake 0..1."""
+    """Pedal 0..1, XBR demand [m/s2] (<= 0) and its modes, engine brake and retarder 0..1."""
 
     pedal: float
     xbr_demand: float
     xbr_mode: XbrMode
+    xbr_ebi_mode: XbrEbiMode
     engine_brake: float
+    retarder: float
 
 
 class LongitudinalController:
@@ -101,6 +110,7 @@ class LongitudinalController:
         self._integral = 0.0
         self._pedal = 0.0
         self._engine_brake = 0.0
+        self._retarder = 0.0
         self._demand = 0.0
         self._gear = 1
 
@@ -130,14 +140,14 @@ class LongitudinalController:
         force += inverse.resistance(ego.mass, ego.speed, grade)
         torque = inverse.engine_torque(force, gear)
         drag = inverse.drag_torque(ego.engine_speed)
-        strongest = inverse.engine_brake_torque(ego.engine_speed)
-        if ego.shift_in_process or ego.gear < 1:
-            strongest = 0.0
-        # What the engine brake cannot do, as deceleration of the whole truck.
-        short = max(-torque - drag - strongest, 0.0) / inverse.efficiency
-        deficit = short * inverse.ratio(gear) / inverse.radius / ego.mass
-        self._choose(torque, drag, deficit, wanted)
-        self._act(ego, torque, drag, strongest, deficit, wanted)
+        engaged = not ego.shift_in_process and ego.gear >= 1
+        endurance = inverse.endurance(ego.speed, ego.engine_speed, gear, engaged)
+        shared = share_out(-force, endurance)
+        deficit = shared.short / ego.mass
+        self._choose(torque, drag, deficit, wanted, engaged)
+        self._pull(ego, torque)
+        self._retard(shared, wanted, engaged)
+        self._brake(ego, force, wanted)
         self._learn(ego, error)
         return self._output()
 
@@ -154,30 +164,38 @@ class LongitudinalController:
         """Brakes at standstill, and the start without rolling back."""
         config, inverse = self.config, self.inverse
         self._integral = 0.0
-        if soon <= config.go_speed:
-            self._enter(Phase.HOLD)
-        elif self.phase is not Phase.LAUNCH:
-            self._enter(Phase.LAUNCH)
+        start = soon > config.go_speed and self._may_start(ego, grade)
+        self._enter(Phase.LAUNCH if start else Phase.HOLD)
+        self._engine_brake = self._retarder = 0.0
         if self.phase is Phase.HOLD:
-            self._pedal, self._engine_brake, self._demand = 0.0, 0.0, config.hold_demand
+            self._pedal, self._demand = 0.0, config.hold_demand
             return self._output()
+        # Hill hold of brake control keeps the truck until the driveline carries it; an XBR demand
+        # would cut the engine.
+        self._demand = 0.0
         gear = max(self._gear, 1)
         resistance = inverse.resistance(ego.mass, 0.1, grade)
         torque = inverse.engine_torque(0.35 * ego.mass + resistance, gear)
         target = max(inverse.pedal(torque, max(ego.engine_speed, 70.0)), 0.12)
         self._pedal = min(target, self._pedal + config.pedal_rise * config.step)
-        holding = inverse.engine_torque(max(resistance, 0.0), gear)
-        ready = ego.engine_torque >= 0.8 * holding or self._since > config.launch_time
-        self._demand = 0.0 if ready else config.hold_demand
         return self._output()
 
-    def _choose(self, torque: float, drag: float, deficit: float, wanted: float) -> None:
-        """Next phase, with hysteresis and dwell time."""
+    def _may_start(self, ego: EgoState, grade: float) -> bool:
+        """On an upgrade only out of a hold, so that hill hold is there; not while rolling back."""
+        if self.phase is Phase.LAUNCH:
+            return ego.speed > -self.config.roll_back
+        held = self.phase is Phase.HOLD and self._since >= self.config.dwell
+        return held or grade < self.config.level
+
+    def _choose(
+        self, torque: float, drag: float, deficit: float, wanted: float, engaged: bool
+    ) -> None:
+        """Next phase, with hysteresis and dwell time; a gear change is waited for."""
         config = self.config
         if self.phase in (Phase.HOLD, Phase.LAUNCH):
             self._enter(Phase.DRIVE)
         urgent = wanted < -config.urgent
-        if self._since < config.dwell and not urgent:
+        if (self._since < config.dwell or not engaged) and not urgent:
             return
         if self.phase is Phase.DRIVE:
             if deficit > config.brake_enter:
@@ -192,38 +210,41 @@ class LongitudinalController:
         elif deficit < config.brake_leave:
             self._enter(Phase.DRIVE if torque > -drag + config.overrun_leave else Phase.OVERRUN)
 
-    def _act(
-        self,
-        ego: EgoState,
-        torque: float,
-        drag: float,
-        strongest: float,
-        deficit: float,
-        wanted: float,
-    ) -> None:
+    def _pull(self, ego: EgoState, torque: float) -> None:
+        """The accelerator, at its rates; up in every phase but driving."""
         config, step = self.config, self.config.step
-        pedal = request = demand = 0.0
-        if self.phase is Phase.DRIVE:
-            pedal = self.inverse.pedal(torque, ego.engine_speed)
-            if ego.shift_in_process:
-                pedal = self._pedal
-        else:
-            request = min(max((-torque - drag) / max(strongest, 1.0), 0.0), 1.0)
-            if strongest <= 0.0:
-                request = self._engine_brake
-        if self.phase is Phase.BRAKE:
-            demand = min(max(deficit, 1e-3), config.demand_max)
-        self._pedal = min(
-            max(pedal, self._pedal - config.pedal_fall * step),
-            self._pedal + config.pedal_rise * step,
-        )
         if self.phase is not Phase.DRIVE:
             self._pedal = 0.0
-        reach = config.engine_brake_rate * step
-        self._engine_brake = min(
-            max(request, self._engine_brake - reach), self._engine_brake + reach
-        )
-        rise = (10.0 if wanted < -2.5 else config.demand_rate) * step
+            return
+        pedal = self._pedal
+        if not ego.shift_in_process:
+            pedal = self.inverse.pedal(torque, ego.engine_speed)
+        lowest = self._pedal - config.pedal_fall * step
+        self._pedal = min(max(pedal, lowest), self._pedal + config.pedal_rise * step)
+
+    def _retard(self, shared: Retardation, wanted: float, engaged: bool) -> None:
+        """Engine brake and retarder; in a gear change the engine brake's request stands."""
+        engine_brake, retarder = shared.engine_brake, shared.retarder
+        if not engaged:
+            engine_brake = self._engine_brake
+        if self.phase is Phase.DRIVE or wanted < -self.config.urgent:
+            engine_brake = retarder = 0.0
+        reach = self.config.endurance_rate * self.config.step
+        self._engine_brake += min(max(engine_brake - self._engine_brake, -reach), reach)
+        self._retarder += min(max(retarder - self._retarder, -reach), reach)
+
+    def _brake(self, ego: EgoState, force: float, wanted: float) -> None:
+        """The XBR demand for a force at the wheels, `force` negative when it brakes [N]."""
+        config, brake = self.config, self.parameters.air_brake
+        demand = 0.0
+        if self.phase is Phase.BRAKE:
+            # Brake control counts rolling resistance in, and slows the wheels as well.
+            weight = ego.mass * GRAVITY
+            level = self.inverse.rolling * weight - force
+            level /= ego.mass + self.inverse.wheel_mass
+            demand = xbr_deceleration(-wanted, level, brake.trim_max, brake.trim_share)
+            demand = min(max(demand, 1e-3), config.demand_max)
+        rise = (10.0 if wanted < -2.5 else config.demand_rate) * config.step
         self._demand = min(demand, self._demand + rise)
 
     def _learn(self, ego: EgoState, error: float) -> None:
@@ -232,7 +253,8 @@ class LongitudinalController:
         stuck = (self._pedal >= 1.0 and error > 0.0) or (
             self._demand >= config.demand_max and error < 0.0
         )
-        coasting = self.phase is Phase.OVERRUN and self._engine_brake <= 0.0 and error < 0.0
+        idle = self._engine_brake <= 0.0 and self._retarder <= 0.0
+        coasting = self.phase is Phase.OVERRUN and idle and error < 0.0
         if stuck or coasting or ego.shift_in_process or ego.speed < 1.0:
             return
         grown = self._integral + config.integral_gain * error * config.step
@@ -248,5 +270,11 @@ class LongitudinalController:
             pedal=min(max(self._pedal, 0.0), 1.0),
             xbr_demand=-self._demand if active else 0.0,
             xbr_mode=XbrMode.MAXIMUM if active else XbrMode.OFF,
+            xbr_ebi_mode=(
+                XbrEbiMode.INTEGRATION
+                if active and self.phase is Phase.BRAKE
+                else XbrEbiMode.FRICTION_ONLY
+            ),
             engine_brake=min(max(self._engine_brake, 0.0), 1.0),
+            retarder=min(max(self._retarder, 0.0), 1.0),
         )

@@ -71,6 +71,8 @@ class Tracker:
             xbr_mode=speed.xbr_mode,
             steering_wheel_angle=self.lateral.steer(ego, trajectory),
             engine_brake=speed.engine_brake,
+            retarder=speed.retarder,
+            xbr_ebi_mode=speed.xbr_ebi_mode,
         )
 
     def grade(self, ego: EgoState) -> float:

@@ -7,9 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.errors import InputError
 from iits_mj.parameter_files import Table2D
 
 FloatArray = NDArray[np.float64]
+
+SHIFT_STRATEGIES = ("tables", "adaptive")
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,8 @@ class GearboxScalars:
     reverse_ratio: float
     shift_cut_time: float
     synchronization_time: float
+    synchronization_time_max: float
+    synchronized_difference: float
     clutch_engagement_time: float
     clutch_close_time: float
     clutch_torque_max: float
@@ -117,6 +122,54 @@ class GearboxScalars:
     downshift_delay: float
     downshift_margin: float
     min_gear_time: float
+    shift_strategy: str
+
+    def __post_init__(self) -> None:
+        if self.shift_strategy not in SHIFT_STRATEGIES:
+            raise InputError(
+                f"parameter gearbox.shift_strategy = {self.shift_strategy!r}: use one of "
+                f"{', '.join(SHIFT_STRATEGIES)}"
+            )
+
+
+@dataclass(frozen=True)
+class Shifting:
+    """When the gearbox controller shifts, beside the tables. Meaning and unit: mjcf/truck.toml."""
+
+    acceleration_lag: float
+    load_lag: float
+    pedal_lag: float
+    reversal_time: float
+    lowest_speed: float
+    lowest_speed_pedal: float
+    rolling_speed: float
+    recovery_horizon: float
+    upshift_speed_margin: float
+    downshift_speed_margin: float
+    downshift_speed_max: float
+    power_speed: float
+    overspeed: float
+    overspeed_braking: float
+    torque_reserve: float
+    failed_reserve: float
+    failed_load: float
+    built_up_torque: float
+    stuck_acceleration: float
+    first_gear_delay: float
+    engage_speed_max: float
+    floored_pedal: float
+    kick_down_pedal: float
+    kick_down_rise: float
+    kick_down_speed: float
+    skip_up_max: int
+    skip_down_max: int
+    braking_speed_low: float
+    braking_speed_high: float
+    braking_deceleration: float
+    adaptive_period: float
+    adaptive_reserve: float
+    adaptive_gain: float
+    adaptive_speed_max: float
 
 
 @dataclass(frozen=True)
@@ -128,9 +181,11 @@ class Gearbox(GearboxScalars):
       inertias: at the gearbox input, per gear [kg m2], shape (12,).
       upshift: vehicle speed [m/s] over from-gear 1..11 (rows) and pedal (columns).
       downshift: vehicle speed [m/s] over from-gear 2..12 (rows) and pedal (columns).
+      shifting: what the controller needs beside the tables.
     """
 
     ratios: FloatArray
     inertias: FloatArray
     upshift: Table2D
     downshift: Table2D
+    shifting: Shifting

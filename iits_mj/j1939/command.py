@@ -5,6 +5,7 @@ The retarders take minus the share of the torque that they can give at the momen
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import fields
 
@@ -13,7 +14,7 @@ from iits_mj.j1939.addresses import DRIVELINE_RETARDER, ENGINE_RETARDER
 from iits_mj.j1939.checksum import tsc1_checksum, with_byte8, xbr_checksum
 from iits_mj.j1939.database import Status, encode
 from iits_mj.j1939.frame import Frame
-from iits_mj.j1939.mapping import commands
+from iits_mj.j1939.mapping import Mapping, commands
 from iits_mj.messages import VehicleCommand
 
 # SPN 2920's operational range is +/-10 m/s2; this truck takes decelerations only.
@@ -91,9 +92,15 @@ def _signals(
     """The command's part in a message (to one address), in the units of the signals."""
     return {
         row.signal: float(getattr(command, row.quantity)) / row.scale
-        for row in commands()
-        if row.message == message and address in (None, row.address)
+        for row in _rows(message, address)
     }
+
+
+@functools.cache
+def _rows(message: str, address: int | None) -> tuple[Mapping, ...]:
+    return tuple(
+        row for row in commands() if row.message == message and address in (None, row.address)
+    )
 
 
 def _within(name: str, value: float, low: float, high: float) -> None:

@@ -29,7 +29,7 @@ struct BrakeControlState {
 
 struct BrakeDemand {
   enum XbrMode { kOff = 0, kAddition, kMaximum };                    // SPN 2916
-  enum EbiMode { kFrictionOnly = 0, kEnduranceOnly, kIntegration };  // SPN 2915
+  enum EbiMode { kFrictionOnly = 0, kEnduranceOnly, kIntegration };  // SPN 2914
   double xbr;    // demanded deceleration, >= 0, 0 when XBR is off [m/s2]
   double pedal;  // of the driver, 0 to 1
   XbrMode xbr_mode;

@@ -11,7 +11,9 @@ namespace iits {
 
 // From `iits.air_brake`, all zero: nothing asked.
 struct EnduranceDemand {
-  double shaft_torque;  // retarding torque wanted at the propeller shaft, >= 0 [N m]
+  // Retarding torque wanted at the propeller shaft [N m]. Negative: ABS works on the driven wheels,
+  // engine brake and retarder shall let go, also of what the driver's levers ask.
+  double shaft_torque;
   double cut_traction;  // 1: the engine shall not pull against the brakes
 };
 

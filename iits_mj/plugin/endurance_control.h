@@ -42,7 +42,7 @@ struct EnduranceControl {
     const double cut = std::clamp(demand.cut_traction, 0.0, 1.0);
     *held_back = std::max(cut, *held_back - h / return_time);
     EnduranceCommand command = {levers.pedal * (1 - *held_back), 0, 0};
-    if (command.pedal >= pedal_up) return command;
+    if (command.pedal >= pedal_up || demand.shaft_torque < 0) return command;
     command.engine_brake = levers.engine_brake;
     command.retarder_torque = levers.retarder * retarder_max;
     if (!(demand.shaft_torque > 0)) return command;

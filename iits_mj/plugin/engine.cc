@@ -79,6 +79,22 @@ bool Engine::Read(const mjModel* m, int instance) {
                  &fuel_map_);
 }
 
+double Engine::RecoveryImpulse(double before, double pause, double demand, double level,
+                               double drag) const {
+  if (level <= 0) return 0;
+  // Indicated torques from here on.
+  const double wanted = std::max(demand, level) + drag, reached = level + drag;
+  const double left = std::max(before + drag - pause * fall_rate_low_, rise_threshold_);
+  const double ramp = std::min(reached, left) / rise_rate_low_;
+  const double quick = ramp * (reached - 0.5 * std::min(reached, left));
+  if (reached <= left) return quick;
+  // The demand rises in proportion to its gap, later at its constant rate.
+  const double gap = wanted - left, last = std::max(rise_rate_ * spool_time_, wanted - reached);
+  double time = gap > last ? spool_time_ * std::log(gap / last) : 0;
+  time += std::max(0.0, std::min(gap, last) - (wanted - reached)) / rise_rate_;
+  return quick + (reached - left) * (0.5 * time + boost_lag_);
+}
+
 double Engine::Limit(double speed, double drag) const {
   double governor = Clip((governed_speed_ - speed) / (governor_droop_ * governed_speed_), 0, 1);
   return governor * (full_load_(speed) + drag) - drag;

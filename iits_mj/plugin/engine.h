@@ -57,10 +57,11 @@ class Engine {
   double rated_brake_torque() const { return brake_power_ / brake_speed_; }
   double pedal_up() const { return pedal_up_; }
 
-  // Time in which brake torque can rise to this level after a gear change [s].
-  double RecoveryTime(double torque) const {
-    return std::max(0.0, (torque + drag_.y.front() - rise_threshold_) / rise_rate_) + boost_lag_;
-  }
+  // Angular impulse [N m s] that is missing until brake torque has risen from zero to `level`,
+  // after a pause of the combustion in which the turbocharger has lost charge. `before` is the
+  // torque before the pause, `demand` the pedal's after it. The sum of the ramps in UpdateBoost.
+  double RecoveryImpulse(double before, double pause, double demand, double level,
+                         double drag) const;
 
   EnginePoint At(double speed) const;
   // Friction and pumping torque, >= 0.
@@ -68,7 +69,10 @@ class Engine {
   // Greatest brake torque, with the top governor's droop.
   double TorqueLimit(double speed) const { return Limit(speed, drag_(speed)); }
   // Brake torque that this pedal asks for, -drag with the pedal up.
-  double PedalTorque(double speed, double pedal) const { return PedalTorque(At(speed), pedal); }
+  double PedalTorque(double speed, double pedal) const {
+    const double drag = drag_(speed);
+    return PedalTorque({speed, drag, Limit(speed, drag), 0}, pedal);
+  }
   double PedalTorque(const EnginePoint& at, double pedal) const;
   // Torque at the crankshaft: combustion less friction and engine brake.
   double BrakeTorque(const EnginePoint& at, const EngineState& s) const {

@@ -31,10 +31,20 @@ const char* const kAttributes[] = {
     "retarder_power_continuous", "retarder_heat_time", "retarder_derate_heat", "retarder_fill_time",
     "retarder_empty_time", "pedal_return_time",
     // gearbox
-    "ratios", "gear_inertias", "reverse_ratio", "final_drive", "efficiency", "start_gear",
-    "shift_cut_time", "synchronization_time", "clutch_close_time", "downshift_delay",
-    "downshift_margin", "min_gear_time", "wheel_radius", "upshift_gear", "upshift_pedal",
-    "upshift_speed", "downshift_gear", "downshift_pedal", "downshift_speed",
+    "ratios", "gear_inertias", "reverse_ratio", "final_drive", "efficiency", "wheel_radius",
+    "shift_cut_time", "synchronization_time", "synchronization_time_max", "synchronized_difference",
+    "clutch_close_time",
+    // shift strategy
+    "shift_strategy", "start_gear", "downshift_delay", "downshift_margin", "min_gear_time",
+    "reversal_time", "upshift_gear", "upshift_pedal", "upshift_speed", "downshift_gear",
+    "downshift_pedal", "downshift_speed", "acceleration_lag", "load_lag", "pedal_lag",
+    "lowest_speed", "lowest_speed_pedal", "rolling_speed", "recovery_horizon",
+    "upshift_speed_margin", "downshift_speed_margin", "downshift_speed_max", "power_speed",
+    "overspeed", "overspeed_braking", "torque_reserve", "failed_reserve", "failed_load",
+    "built_up_torque", "stuck_acceleration", "first_gear_delay", "engage_speed_max",
+    "floored_pedal", "kick_down_pedal", "kick_down_rise", "kick_down_speed", "skip_up_max",
+    "skip_down_max", "braking_speed_low", "braking_speed_high", "braking_deceleration",
+    "adaptive_period", "adaptive_reserve", "adaptive_gain", "adaptive_speed_max",
     // clutch and driveline
     "clutch_engagement_time", "clutch_opening_time", "clutch_torque_max", "clutch_launch_range",
     "clutch_alike_range", "clutch_release_share", "clutch_release_share_coast",
@@ -50,7 +60,7 @@ Powertrain* Powertrain::Create(const mjModel* m, int instance) {
   double* return_time = &p->endurance_.return_time;
   *return_time = std::nan("");
   const Engine& engine = p->engine_;
-  if (!p->engine_.Read(m, instance) || !p->gearbox_.Read(m, instance, p->VehicleMass(m)) ||
+  if (!p->engine_.Read(m, instance) || !p->gearbox_.Read(m, instance) ||
       !p->retarder_.Read(m, instance) ||
       !ReadNumber(m, instance, "pedal_return_time", 0.001, 60, return_time) ||
       !p->driveline_.Read(m, instance, p->gearbox_.final_drive(), engine.idle_speed(),
@@ -99,7 +109,8 @@ void Powertrain::FindWheels(const mjModel* m) {
   }
 }
 
-// Mass of the kinematic tree that the first driven wheel belongs to.
+// Mass of the kinematic tree that the first driven wheel belongs to. Read in every step: a model's
+// masses may be changed, and rollouts share one plugin object between models.
 double Powertrain::VehicleMass(const mjModel* m) const {
   int wrap = m->tendon_adr[m->actuator_trnid[2 * pedal_]];
   if (m->wrap_type[wrap] != mjWRAP_JOINT) return 0;
@@ -116,7 +127,8 @@ Powertrain::Controls Powertrain::ReadControls(const mjModel* m, const mjData* d)
   int mode = static_cast<int>(std::lround(control(mode_, 2)));
   return {{control(pedal_, 1), control(engine_brake_, 1), control(retarder_lever_, 1)},
           static_cast<GearboxInput::Mode>(mode),
-          ReadPartner<EnduranceDemand>(m, d, air_brake_)};
+          ReadPartner<EnduranceDemand>(m, d, air_brake_),
+          VehicleMass(m)};
 }
 
 // From the wheels as they are now; `actuator_velocity` is of before the step when `advance` runs.
@@ -154,7 +166,7 @@ void Powertrain::Initialize(double shaft_speed, Core* core) const {
   core->engine.speed = rolling ? std::min(input_speed, engine_.brake_speed()) : idle;
   core->engine.torque = engine_.Drag(core->engine.speed);
   core->gearbox.gear = core->gearbox.target = gear;
-  core->gearbox.gear_time = 1e3;
+  core->gearbox.gear_time = 0;
   core->gearbox.shaft_speed = shaft_speed;
   driveline_.SetGear(Gear(core->gearbox), &core->driveline);
   core->driveline.engagement = rolling ? 1 : 0;
@@ -188,9 +200,16 @@ void Powertrain::Step(const Controls& controls, double shaft_speed, double h, St
       endurance_.Update(controls.levers, controls.demand, before, at.drag, at.brake_max,
                         retarder_max, h, &core->held_back);
 
-  const GearboxInput input = {
-      controls.mode,      command.pedal, command.engine_brake,           shaft_speed,
-      core->shaft_torque, engine->speed, core->driveline.engagement <= 0};
+  const GearboxInput input = {controls.mode,
+                              command.pedal,
+                              command.engine_brake,
+                              shaft_speed,
+                              core->shaft_torque,
+                              engine->speed,
+                              core->driveline.engagement <= 0,
+                              controls.mass,
+                              controls.levers.pedal,
+                              controls.levers.engine_brake};
   gearbox_.Update(engine_, input, h, gearbox);
   EngineRequest request = gearbox_.Request(engine_, input, *gearbox);
   request.limited = core->held_back > 0;

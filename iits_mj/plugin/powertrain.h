@@ -70,6 +70,7 @@ class Powertrain {
     EnduranceLevers levers;
     GearboxInput::Mode mode;
     EnduranceDemand demand;
+    double mass;  // of the vehicle [kg]
   };
 
   Powertrain() = default;

@@ -55,7 +55,7 @@ class Reservoirs {
   // towing vehicle live on the better of its circuits, those of the trailer on its own.
   double Springs(int circuit, const ReservoirState& s) const {
     double pressure = circuit == kTrailer ? s.pressure[circuit]
-                                               : *std::max_element(s.pressure, s.pressure + kTrailer);
+                                          : *std::max_element(s.pressure, s.pressure + kTrailer);
     double share = (spring_begin_ - pressure) / (spring_begin_ - spring_full_);
     return std::clamp(share, 0.0, 1.0);
   }

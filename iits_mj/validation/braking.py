@@ -24,8 +24,8 @@ START, RELEASE, END = 1.0, 8.0, 13.0
 # After it the deceleration has built up [s].
 _BUILD_UP = 2.0
 _ANCHOR_MASS = 50.0
-# Mean jerk over half a second that passes as comfortable: ISO 15622 allows 2.5 m/s3 at speed.
-_JERK, _JERK_WINDOW = 2.5, 0.5
+# Jerk that ISO 15622 allows at low speed, over a time in which brakes let go at once exceed it.
+_JERK, _JERK_WINDOW = 5.0, 0.2
 # Time for the deceleration to be gone after the release [s].
 _GONE = 1.5
 

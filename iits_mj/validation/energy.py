@@ -1,6 +1,6 @@
 """Where the energy goes: every loss of the truck, summed up at each step of the physics.
 
-The engine's side comes from the powertrain's own counters. Everything else is computed here from
+The engine's side and the brakes have counters in the plugin. Everything else is computed here from
 motion and tire forces, by what each part does, so that a mistake in the plugin's forces shows as
 energy from nowhere. A force acts from one step to the next with the velocities of the step's start;
 what that leaves out falls with the step and is counted in the audit's error.
@@ -37,7 +37,8 @@ class Losses:
 
     Attributes:
       air, rolling, slip: of the tires over the road; tire_damping: of their rubber.
-      suspension: dampers and friction; brakes: of the wheel ends.
+      suspension: dampers and friction.
+      brakes: of the wheel ends, by what is left of the moment on each wheel.
       shaft: work that the propeller shaft has done on the wheels; it is no loss.
     """
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from iits_mj.messages import TransmissionMode, VehicleCommand, XbrMode
+from iits_mj.messages import TransmissionMode, VehicleCommand
 from iits_mj.results import Check, Panel
 from iits_mj.truck import Truck
 from iits_mj.units import KMH
@@ -27,9 +27,7 @@ _DECELERATION = 5.0
 
 
 # Everything that the service brake has, driveline open.
-FULL = VehicleCommand(
-    xbr_demand=-10.0, xbr_mode=XbrMode.MAXIMUM, transmission_mode=TransmissionMode.NEUTRAL
-)
+FULL = VehicleCommand(brake_pedal=1.0, transmission_mode=TransmissionMode.NEUTRAL)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,9 @@ _MOVING = 0.5
 # A crankshaft below it drives nothing to speak of [N m].
 _NO_TORQUE = 60.0
 # The dip lasts while less than this share of the pull before it is there.
-_LEFT = 0.4
+_LEFT = 0.2
+# So long before a change the pull is still whole [s].
+_BEFORE = 0.2
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,7 @@ class Shift:
     Attributes:
       start: [s]; gear: the new one; duration: while the driveline is open [s].
       idle: for how long the crankshaft has less than 60 N m [s].
-      dip: for how long the acceleration is near its lowest, less than two fifths of the way to
+      dip: for how long the acceleration is near that of coasting, less than a fifth of the way to
         what it was before [s].
     """
 
@@ -69,12 +71,12 @@ def hunting(record: Run, within: float = 5.0) -> int:
 
 def _dip(record: Run, start: int, end: int, step: float) -> float:
     """Time for which the acceleration is missing [s]; nan when it began before the drive."""
-    smooth = np.convolve(record.acceleration, np.full(3, 1.0 / 3.0), mode="same")
-    before = start - round(0.2 / step)
-    if before < 5 or end >= len(smooth) - 5:
+    rate, before = record.acceleration, start - round(_BEFORE / step)
+    if before < 0:
         return float("nan")
-    lowest = float(np.min(smooth[start:end]))
-    return _span(smooth < lowest + _LEFT * (smooth[before] - lowest), start, end) * step
+    # The driveline swings when it lets go: its quarter quantile is what the truck coasts with.
+    coasting = float(np.quantile(rate[start:end], 0.25))
+    return _span(rate < coasting + _LEFT * (rate[before] - coasting), start, end) * step
 
 
 def _span(low: NDArray[np.bool_], start: int, end: int) -> int:

@@ -18,12 +18,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.brake_parameters import AirBrake
 from iits_mj.parameters import TruckParameters
 from iits_mj.results import Check, Line, Panel
 from iits_mj.units import KMH
 from iits_mj.validation import braking, published_run
 from iits_mj.validation.acceleration import coast_along, full_pedal_run, part_throttle_run
+from iits_mj.validation.brake_response import dead_times
 from iits_mj.validation.force_balance import ForceBalance
 from iits_mj.validation.longitudinal_run import Run
 from iits_mj.validation.metrics import fit
@@ -68,7 +68,7 @@ def compare(drives: Drives) -> tuple[list[Check], list[Panel]]:
     laden = ForceBalance(parameters, parameters.payload.mass_max)
     published = published_run.compute(published_run.balance(), 0.4, 40.0)
     braked = between(drives.braking, braking.START, braking.RELEASE)
-    obeyed = braked_speed(braked, parameters.air_brake)
+    obeyed = braked_speed(braked, parameters)
     rows = [
         ("40 % pedal, 19 t, published run", drives.pedal_without_air, published.speed),
         ("full pedal, 55 t, flat, force balance", drives.flat, coast_along(drives.flat, laden)),
@@ -131,12 +131,12 @@ def between(record: Run, start: float, end: float) -> Run:
     return Run(**columns, extra={name: values[keep] for name, values in record.extra.items()})
 
 
-def braked_speed(record: Run, brakes: AirBrake) -> FloatArray:
+def braked_speed(record: Run, parameters: TruckParameters) -> FloatArray:
     """Speed [m/s] (n,) when the demand, there from the first sample on, is obeyed.
 
     It comes through dead time and lag of the slowest axle, as the truck's parameters have them.
     """
-    since = np.maximum(record.time - record.time[0] - max(brakes.dead_time), 0.0)
-    lag = max(brakes.build_up_time_constant)
+    since = np.maximum(record.time - record.time[0] - max(dead_times(parameters)), 0.0)
+    lag = max(parameters.air_brake.build_up_time_constant)
     lost = braking.DEMAND * (since - lag * (1.0 - np.exp(-since / lag)))
     return np.asarray(record.speed[0] - lost)

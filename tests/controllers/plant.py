@@ -2,7 +2,7 @@
 
 Lateral: the single-track tractor-semitrailer with stiffnesses scaled away from the controller's,
 steering play and lag, and a cross-slope. Longitudinal: pedal map, torque ramp, gear by speed,
-engine brake, brakes with lag.
+engine brake, retarder, brakes with lag that follow XBR as brake control does.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ import numpy as np
 
 from controllers.driveline_inverse import DrivelineInverse
 from controllers.lateral_model import LateralModel
-from iits_mj.messages import EgoState, VehicleCommand
+from controllers.retardation import share_out
+from iits_mj.messages import EgoState, VehicleCommand, XbrEbiMode
 from iits_mj.parameters import TruckParameters
 from iits_mj.units import GRAVITY
 
@@ -42,6 +43,7 @@ class PlanarTruck:
         self.w = self.r = self.r_t = self.articulation = 0.0
         self.speed, self.acceleration = speed, 0.0
         self.wheel = self.output = self.torque = self.brake = self.time = 0.0
+        self.retarder = self.trim = self.friction = 0.0
         self.station, self.offset = station, offset
 
     def step(self, command: VehicleCommand) -> None:
@@ -81,25 +83,46 @@ class PlanarTruck:
     def _drive(self, command: VehicleCommand) -> None:
         table, inverse = self.parameters.engine.pedal_map, self.inverse
         engine_speed, row = self.engine_speed, self._pedal_row
+        available = inverse.endurance(self.speed, engine_speed, self.gear, engaged=True)
+        level = self.brake + self.trim
+        wanted_force = self.mass * (level - GRAVITY * inverse.rolling)
+        engine_brake, retarder = command.engine_brake, command.retarder
+        if command.xbr_ebi_mode is XbrEbiMode.INTEGRATION and command.xbr_demand < 0.0:
+            asked = share_out(wanted_force, available)
+            engine_brake = max(engine_brake, asked.engine_brake)
+            retarder = max(retarder, asked.retarder)
         drag = inverse.drag_torque(engine_speed)
         wanted = float(np.interp(command.accelerator_pedal, table.columns, row))
-        if command.accelerator_pedal < 0.02 and self.speed > 1.0:
-            wanted = -drag - command.engine_brake * inverse.engine_brake_torque(engine_speed)
+        up = command.accelerator_pedal < 0.02
+        if up and self.speed > 1.0:
+            wanted = -drag - engine_brake * inverse.engine_brake_torque(engine_speed)
         self.torque += min(max(wanted - self.torque, -2000.0 * STEP), 600.0 * STEP)
+        filled = retarder * available.retarder if up else 0.0
+        self.retarder += (filled - self.retarder) * STEP / 0.3
         ratio = inverse.ratio(self.gear) / inverse.radius
-        drive = self.torque * ratio * (inverse.efficiency if self.torque > 0 else 1.0)
-        self.brake += (-command.xbr_demand - self.brake) * STEP / 0.5
+        drive = self.torque * ratio
+        drive *= inverse.efficiency if drive > 0.0 else 1.0 / inverse.efficiency
+        drive -= self.retarder
+        self._follow(-command.xbr_demand)
+        self.friction = max(wanted_force + min(drive, 0.0), 0.0) if level > 1e-3 else 0.0
         force = drive - self._resistance
-        holding = self.mass * self.brake
-        if self.speed <= 0.0 and abs(force) < holding:
+        if self.speed <= 0.0 and abs(force) < self.friction:
             force = 0.0
         else:
-            force -= math.copysign(holding, self.speed if self.speed != 0.0 else force)
+            force -= math.copysign(self.friction, self.speed if self.speed != 0.0 else force)
         before = self.speed
         self.acceleration = force / self.mass
         self.speed += self.acceleration * STEP
         if before > 0.0 > self.speed and self.brake > 0.2:
             self.speed = 0.0
+
+    def _follow(self, demand: float) -> None:
+        """Brake control: the demand with a lag, corrected by the measured deceleration."""
+        brake = self.parameters.air_brake
+        self.brake += (demand - self.brake) * STEP / 0.3
+        error = self.brake + self.acceleration if self.speed > brake.trim_speed_min else 0.0
+        bound = min(brake.trim_max + brake.trim_share * demand, demand)
+        self.trim = min(max(self.trim + brake.trim_gain * error * STEP, -bound), bound)
 
     def _turn(self) -> None:
         a = self._lateral

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from iits_mj.j1939 import Frame, Status, decode
+from iits_mj.j1939 import CommandReceiver, Frame, Status, decode
 
 DATA = Path(__file__).resolve().parents[2] / "../shared/data/j1939"
 KENWORTH = DATA / "KWTruck.txt"
@@ -34,10 +34,14 @@ def _logger():
             yield Frame(can_id & 0x1FFFFFFF, content[at + 16 : at + 16 + length], float(second))
 
 
+def _decoded(frame):
+    return decode(frame) if len(frame.data) == 8 else None
+
+
 def _numbers(frames, name, signal):
     found = []
     for frame in frames:
-        decoded = decode(frame) if len(frame.data) == 8 else None
+        decoded = _decoded(frame)
         if decoded is not None and decoded.name == name:
             value = decoded.values[signal]
             if not isinstance(value, Status):
@@ -59,6 +63,28 @@ def test_pedal_of_a_real_truck_moves_from_0_to_part_throttle():
     pedal = _numbers(_kenworth(), "EEC2", "accelerator_pedal_position_percent")
     assert min(pedal) == 0.0
     assert max(pedal) == pytest.approx(40.8)
+
+
+@pytest.mark.skipif(not KENWORTH.is_file(), reason="the recorded frames are not here")
+def test_exhaust_brake_of_a_real_truck_reports_no_torque_and_itself_in_control():
+    found = [d for d in map(_decoded, _kenworth()) if d is not None and d.name == "ERC1"]
+    assert len(found) > 500
+    assert {d.source for d in found} == {0x29}
+    for decoded in found:
+        assert decoded.number("actual_retarder_torque_percent") == 0.0
+        assert decoded.number("retarder_control_source_address") == 0x29
+
+
+@pytest.mark.skipif(not KENWORTH.is_file(), reason="the recorded frames are not here")
+def test_a_real_bus_commands_nothing_but_the_pedal():
+    # Its gearbox talks torque control to the engine, which is none of our retarders.
+    receiver = CommandReceiver()
+    frames = list(_kenworth())
+    assert any(frame.pgn == 0 and frame.destination == 0 for frame in frames)
+    for frame in frames:
+        receiver.receive(frame)
+    assert set(receiver.accepted) == {"EEC2"}
+    assert receiver.command(frames[-1].time).retarder == 0.0
 
 
 @pytest.mark.skipif(not LOGGER.is_file(), reason="the recorded frames are not here")

@@ -4,6 +4,7 @@ import pytest
 
 from iits_mj.errors import BusError
 from iits_mj.j1939 import ReferenceTorques, StateReceiver, decode, encode, state_to_frames
+from iits_mj.j1939.mapping import reports
 from iits_mj.messages import EgoState, TruckReport, XbrMode
 from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
@@ -138,6 +139,16 @@ def test_a_truck_without_retarder_reports_none():
     said = next(decode(f) for f in frames if decode(f).name == "ERC1" and f.source == 0x10)
     with pytest.raises(BusError, match="not available"):
         said.number("actual_retarder_torque_percent")
+
+
+def test_every_row_of_the_table_names_a_sensor_or_control_of_the_model():
+    model = Truck.load(visuals=False).model
+    names = {model.sensor(i).name for i in range(model.nsensor)}
+    names |= {model.actuator(i).name for i in range(model.nactuator)}
+    for row in reports():
+        stem = row.element.removesuffix("*")
+        found = [n for n in names if n == stem or (stem != row.element and n.startswith(stem))]
+        assert found, row.element
 
 
 def test_retarder_of_another_address_is_not_taken_for_ours():

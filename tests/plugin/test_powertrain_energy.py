@@ -70,6 +70,29 @@ def test_engine_work_is_found_again_at_the_shaft_as_loss_or_stored(timestep):
     assert abs(missing) < 1e-9 * work
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_energy_closes_and_stays_finite_under_any_commands(seed):
+    random = np.random.default_rng(seed)
+    audit = Audit(Sled(30_000.0, speed=8.0 - 4.0 * seed, timestep=0.005))
+    for _ in range(60):
+        braking = random.random() < 0.4
+        audit.run(
+            1.0,
+            accelerator_pedal=0.0 if braking else random.random(),
+            engine_brake=random.random() if braking else 0.0,
+            retarder=random.random() if braking else 0.0,
+            xbr_demand=-2.0 * random.random() if braking else 0.0,
+            xbr_mode=2,
+            transmission_mode=random.choice([0, 1, 2], p=[0.8, 0.1, 0.1]),
+        )
+    sled = audit.sled
+    assert np.isfinite(sled.data.plugin_state).all()
+    assert sled.data.warning.number.sum() == 0
+    turned = np.abs([audit.shaft_work, *audit.sums()]).sum()
+    assert turned > 1e5
+    assert abs(audit.balance()[1]) < 1e-9 * turned
+
+
 def test_driveline_loss_is_that_of_the_gears_while_the_clutch_is_closed():
     audit = Audit(Sled(10_000_000.0, speed=60 * KMH))
     audit.run(4.0, accelerator_pedal=0.6)
@@ -89,7 +112,7 @@ def test_driveline_never_gives_energy_in_a_gear(controls):
 def test_launch_on_the_level_loses_in_the_clutch_about_what_the_vehicle_gains():
     # A clutch that slips under constant torque heats by as much as it drives, less when the
     # engine's own speed falls toward the gearbox's.
-    sled = Sled(55_000.0, rolling=False)
+    sled = Sled(55_000.0, rolling=False, sensors=[("clutch_loss", "powertrain")])
     sled.record(0.01, "speed", accelerator_pedal=0.4)
     while sled["clutch_engagement"] < 1:
         sled.run(0.01)

@@ -32,7 +32,9 @@ def endurance(sled):
 
 def at_shaft_speed(speed, **options):
     """A heavy sled whose propeller shaft turns at this speed [rad/s]."""
-    return Sled(HEAVY, speed=speed * RADIUS / GEARBOX.final_drive, rolling=False, **options)
+    sensors = [(f"{name}_torque_percent", "powertrain") for name in ("retarder", "engine_brake")]
+    vehicle = speed * RADIUS / GEARBOX.final_drive
+    return Sled(HEAVY, speed=vehicle, rolling=False, sensors=sensors, **options)
 
 
 def test_retarder_reaches_its_rated_torque_and_brakes_the_wheels_by_it():
@@ -162,6 +164,17 @@ def test_demand_is_held_through_the_downshifts_of_a_slow_stop():
     assert np.ptp(rows[:, 1]) > 0
     assert -rows[:, 0].max() > 0.85 * 2500
     assert -rows[:, 0].min() < 1.15 * 2500
+
+
+def test_engine_brake_and_retarder_let_go_when_abs_works_on_the_driven_wheels():
+    sled = at_shaft_speed(110.0).run(3.0, retarder=1.0, engine_brake=1.0)
+    held = sled["retarder_torque"]
+    assert held > 3000
+    demanding(sled, 4 * RETARDER.empty_time, -1.0)
+    assert sled["retarder_torque"] < 0.03 * held
+    assert sled["engine_brake_torque"] < 30
+    demanding(sled, 3.0, 0.0)
+    assert sled["retarder_torque"] == pytest.approx(held, rel=0.01)
 
 
 def test_demand_waits_while_the_driver_accelerates():

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from drives import drive
 
-from iits_mj.brake_parameters import AirBrake
 from iits_mj.parameters import TruckParameters
 from iits_mj.validation import brake_measures as measures
 from iits_mj.validation import speed_accuracy
 from iits_mj.validation.acceleration import coast_along, engaged_gear
+from iits_mj.validation.brake_response import dead_times
 from iits_mj.validation.force_balance import ForceBalance
 from iits_mj.validation.shifts import hunting, shifts
 
@@ -96,12 +96,13 @@ def test_point_mass_without_engine_coasts_down_by_its_resistances():
 
 
 def test_obeyed_demand_is_late_by_dead_time_and_lag():
-    brakes: AirBrake = TruckParameters.load().air_brake
+    parameters = TruckParameters.load()
     run = drive(7.0)
-    speed = speed_accuracy.braked_speed(run, brakes)
-    late = max(brakes.dead_time) + max(brakes.build_up_time_constant)
+    speed = speed_accuracy.braked_speed(run, parameters)
+    dead = max(dead_times(parameters))
+    late = dead + max(parameters.air_brake.build_up_time_constant)
     assert speed[-1] == pytest.approx(20.0 - 1.5 * (7.0 - late), abs=0.01)
-    assert np.all(speed[run.time <= max(brakes.dead_time)] == 20.0)
+    assert np.all(speed[run.time <= dead] == 20.0)
 
 
 def test_part_of_a_run_keeps_every_column():

@@ -7,7 +7,7 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.truck import Truck
 from iits_mj.units import KMH
-from iits_mj.validation import braking, full_stop, hill_climb, steady_fuel
+from iits_mj.validation import brake_response, braking, full_stop, hill_climb, steady_fuel
 from iits_mj.validation.acceleration import part_throttle, part_throttle_run
 from iits_mj.validation.longitudinal_run import run
 from iits_mj.validation.speed_keeper import SpeedKeeper
@@ -42,6 +42,12 @@ def test_full_stop_holds_without_lock_up():
     assert values["longest lock-up above 15 km/h"] <= 1.0
     assert values["speed at the end"] < 0.1
     assert 20.0 < values["distance"] < 50.0
+
+
+def test_brakes_respond_as_the_rule_and_their_lines_say():
+    checks, (panel,) = brake_response.compare(0.0, STEP)
+    assert [check.name for check in checks if not check.ok] == []
+    assert len(panel.lines) == 6
 
 
 @pytest.mark.parametrize(("grade", "managed"), [(0.15, True), (0.42, False)])

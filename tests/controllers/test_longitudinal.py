@@ -1,0 +1,125 @@
+"""The speed controller's choices, call by call: who brakes, in which order, how fast."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from controllers.longitudinal import LongitudinalController, Phase
+from iits_mj.messages import EgoState, Trajectory, XbrEbiMode, XbrMode
+from iits_mj.parameters import TruckParameters
+
+PARAMETERS = TruckParameters.load()
+LADEN = EgoState(mass=55_000.0, speed=16.67, gear=9, engine_speed=183.0, engine_torque=-150.0)
+
+
+def plan(speed, acceleration=0.0):
+    """A plan that begins with this speed and acceleration, over 5 s."""
+    time = np.linspace(0.0, 5.0, 51)
+    zero = np.zeros_like(time)
+    return Trajectory(
+        time=time,
+        station=zero,
+        offset=zero,
+        x=zero,
+        y=zero,
+        z=zero,
+        yaw=zero,
+        curvature=zero,
+        speed=np.maximum(speed + acceleration * time, 0.0),
+        acceleration=np.full_like(time, acceleration),
+    )
+
+
+def run(controller, ego, trajectory, grade, duration):
+    """Commands of a truck that stays as it is."""
+    return [controller.command(ego, trajectory, grade) for _ in range(round(duration * 50))]
+
+
+def test_a_gentle_descent_is_held_by_the_engine_brake_alone():
+    controller = LongitudinalController(PARAMETERS)
+    last = run(controller, LADEN, plan(16.67), -0.03, 3.0)[-1]
+    assert controller.phase is Phase.OVERRUN
+    assert 0.1 < last.engine_brake < 1.0
+    assert (last.retarder, last.pedal, last.xbr_mode) == (0.0, 0.0, XbrMode.OFF)
+
+
+def test_the_retarder_gives_what_the_engine_brake_lacks_and_friction_rests():
+    controller = LongitudinalController(PARAMETERS)
+    last = run(controller, LADEN, plan(16.67), -0.06, 3.0)[-1]
+    assert controller.phase is Phase.OVERRUN
+    assert last.engine_brake == 1.0
+    assert 0.2 < last.retarder < 0.9
+    assert last.xbr_mode is XbrMode.OFF
+
+
+def test_friction_joins_through_xbr_where_engine_brake_and_retarder_are_at_their_ends():
+    controller = LongitudinalController(PARAMETERS)
+    last = run(controller, LADEN, plan(16.67), -0.10, 3.0)[-1]
+    assert controller.phase is Phase.BRAKE
+    assert (last.engine_brake, last.retarder) == (1.0, 1.0)
+    assert (last.xbr_mode, last.xbr_ebi_mode) == (XbrMode.MAXIMUM, XbrEbiMode.INTEGRATION)
+    assert last.xbr_demand < -0.3
+
+
+def test_in_a_gear_change_the_retarder_steps_in_and_the_engine_brakes_request_stands():
+    controller = LongitudinalController(PARAMETERS)
+    before = run(controller, LADEN, plan(16.67), -0.04, 3.0)[-1]
+    changing = dataclasses.replace(LADEN, shift_in_process=True)
+    during = run(controller, changing, plan(16.67), -0.04, 0.5)[-1]
+    assert during.engine_brake == before.engine_brake > 0.5
+    assert during.retarder > before.retarder + 0.3
+    assert during.xbr_mode is XbrMode.OFF
+
+
+def test_hard_braking_is_left_to_brake_control_which_knows_about_slip():
+    controller = LongitudinalController(PARAMETERS)
+    run(controller, LADEN, plan(16.67), -0.06, 3.0)
+    last = run(controller, LADEN, plan(16.67, -4.0), -0.06, 1.0)[-1]
+    assert (last.engine_brake, last.retarder) == (0.0, 0.0)
+    assert last.xbr_ebi_mode is XbrEbiMode.INTEGRATION
+    # Plan and feedback: the standing truck of this test falls behind its plan.
+    assert last.xbr_demand == pytest.approx(-4.0, abs=0.2)
+
+
+def test_hard_braking_does_not_wait_for_a_gear_change():
+    controller = LongitudinalController(PARAMETERS)
+    changing = dataclasses.replace(LADEN, shift_in_process=True)
+    run(controller, changing, plan(16.67, -4.0), 0.0, 0.1)
+    assert controller.phase is Phase.BRAKE
+
+
+def test_requests_grow_and_fall_at_their_rate():
+    controller = LongitudinalController(PARAMETERS)
+    steep = run(controller, LADEN, plan(16.67), -0.06, 2.0)
+    climb = run(controller, LADEN, plan(16.67), 0.03, 2.0)
+    requests = np.array([(c.engine_brake, c.retarder) for c in (*steep, *climb)])
+    reach = controller.config.endurance_rate * controller.config.step
+    assert np.abs(np.diff(requests, axis=0)).max() <= reach + 1e-12
+    assert requests[-1].max() == 0.0
+    assert climb[-1].pedal > 0.2
+
+
+def test_standing_truck_is_held_by_friction_and_launched_without_a_demand():
+    controller = LongitudinalController(PARAMETERS)
+    standing = dataclasses.replace(LADEN, speed=0.0, gear=2, engine_speed=62.8, engine_torque=0.0)
+    held = run(controller, standing, plan(0.0), 0.05, 1.0)[-1]
+    assert controller.phase is Phase.HOLD
+    assert (held.xbr_mode, held.xbr_ebi_mode) == (XbrMode.MAXIMUM, XbrEbiMode.FRICTION_ONLY)
+    launched = run(controller, standing, plan(0.5, 0.5), 0.05, 1.0)
+    assert controller.phase is Phase.LAUNCH
+    # An XBR demand would cut the engine: hill hold keeps the truck until the driveline does.
+    assert all(command.xbr_mode is XbrMode.OFF for command in launched)
+    assert launched[-1].pedal > 0.1
+
+
+def test_a_truck_found_standing_is_held_before_it_starts_and_again_when_it_rolls_back():
+    controller = LongitudinalController(PARAMETERS)
+    standing = dataclasses.replace(LADEN, speed=0.0, gear=2, engine_speed=62.8, engine_torque=0.0)
+    start = run(controller, standing, plan(0.5, 0.5), 0.10, 2.0)
+    holding = [command.xbr_mode is XbrMode.MAXIMUM for command in start]
+    assert holding[0]
+    assert not holding[-1]
+    assert sum(holding) == pytest.approx(controller.config.dwell / 0.02, abs=2)
+    rolling = dataclasses.replace(standing, speed=-0.2)
+    assert run(controller, rolling, plan(0.5, 0.5), 0.10, 0.02)[-1].xbr_mode is XbrMode.MAXIMUM
