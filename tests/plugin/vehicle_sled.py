@@ -135,5 +135,5 @@ class Sled:
         return self.data.sensor(name).data[0]
 
     def wheels(self, name):
-        """A sensor with a number for each wheel end, axle by axle, left before right, shape (12,)."""
+        """A sensor of all wheel ends, axle by axle, left before right, shape (12,)."""
         return self.data.sensor(name).data.copy()
