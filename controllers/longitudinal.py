@@ -106,7 +106,7 @@ class LongitudinalController:
     def reset(self) -> None:
         """Forgets phase and integral."""
         self.phase = Phase.DRIVE
-        self._since = 0.0
+        self._since = self.config.dwell
         self._integral = 0.0
         self._pedal = 0.0
         self._engine_brake = 0.0

@@ -117,6 +117,8 @@ def build(kind: Any, node: Any, where: str) -> Any:
     if origin is dict:
         item = typing.get_args(kind)[1]
         return {key: build(item, child, f"{where}.{key}") for key, child in node.items()}
+    if origin is np.ndarray:
+        return _array(node, where)
     if kind is str or origin is types.UnionType:
         return node
     if kind in (int, float):
@@ -148,6 +150,17 @@ def _number(kind: type, node: Any, where: str) -> int | float:
     if kind is int and node != int(node):
         raise InputError(f"parameter {where} = {node!r}: a whole number is wanted")
     return kind(node)
+
+
+def _array(node: Any, where: str) -> FloatArray:
+    """A table's numbers, which an overlay may give as lists."""
+    try:
+        values = np.asarray(node, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"parameter {where} = {node!r}: a table of numbers is wanted") from None
+    if not values.size or not np.isfinite(values).all():
+        raise InputError(f"parameter {where}: a table of finite numbers is wanted")
+    return values
 
 
 def _read_csv(path: Path) -> tuple[list[str], FloatArray]:

@@ -12,11 +12,16 @@ from iits_mj.errors import InputError
 from iits_mj.identification.grade import read_grade
 from iits_mj.identification.identify import Identification, identify
 from iits_mj.identification.log import Log
-from iits_mj.identification.overlay import write_toml
+from iits_mj.identification.longitudinal import payload_of
+from iits_mj.identification.overlay import overlay, write_toml
+from iits_mj.identification.replay import replay
 from iits_mj.identification.sources import read
 from iits_mj.options import option
 from iits_mj.parameters import TruckParameters
 from iits_mj.results import Check, Line, Panel, Results
+
+# What the truck must reach with identified values: 100 (1 - mean |v - v_rec| / mean v_rec) [%].
+_ACCURACY = 97.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +51,9 @@ class IdentifyConfig:
         low=5e3,
         high=1.2e5,
     )
+    replay: bool = option(
+        False, help="drive the truck once more with the log's commands, before and after"
+    )
     output: Path | None = option(
         None, help="where to write the identified overlay", metavar="FILE.toml"
     )
@@ -58,13 +66,17 @@ def run(config: IdentifyConfig) -> Results:
     """Identifies, writes the overlay when asked, and reports one check a parameter.
 
     Raises:
-      InputError: the log or the overlay cannot be used.
+      InputError: the log or the overlay cannot be used, or the log shows nothing at all.
     """
     parameters = TruckParameters.load(overlay=config.parameters)
-    found = identify(load_log(config, parameters), parameters, mass=config.mass)
+    log = load_log(config, parameters)
+    found = identify(log, parameters, mass=config.mass)
+    report = results(found)
     if config.output is not None:
         write_toml(found, config.output)
-    return results(found)
+    if config.replay:
+        add_replay(report, log, found)
+    return report
 
 
 def load_log(config: IdentifyConfig, parameters: TruckParameters) -> Log:
@@ -91,20 +103,38 @@ def results(found: Identification) -> Results:
         raise InputError("the log shows no parameter: " + found.estimates[0].reason)
     motion = found.motion
     if len(motion.time):
-        error = motion.after - motion.recorded
-        spread = np.linalg.norm(motion.recorded - motion.recorded.mean())
-        fit = 100.0 * (1.0 - np.linalg.norm(error) / spread) if spread > 0.0 else float("nan")
-        report.checks.append(Check("fit of the model's speed", float(fit), "%", None, ">= 90"))
-        report.figures["identification"] = [
-            Panel(
-                "Speed in the windows of the log",
-                "time [s]",
-                "speed [m/s]",
-                (
-                    Line("recorded", motion.time, motion.recorded, "reference"),
-                    Line("before", motion.time, motion.before),
-                    Line("after", motion.time, motion.after, "simulation"),
-                ),
-            )
-        ]
+        for name, speed in (("before", motion.before), ("after", motion.after)):
+            error = float(np.sqrt(np.mean((speed - motion.recorded) ** 2)))
+            report.checks.append(Check(f"point mass {name}: speed error", error, "m/s", None))
+        lines = (
+            Line("recorded", motion.time, motion.recorded, "reference"),
+            Line("before", motion.time, motion.before),
+            Line("after", motion.time, motion.after, "simulation"),
+        )
+        panel = Panel("Point mass in the windows of the log", "time [s]", "speed [m/s]", lines)
+        report.figures["identification"] = [panel]
     return report
+
+
+def add_replay(report: Results, log: Log, found: Identification) -> None:
+    """Drives the truck with prior and identified values, adds its speed accuracy and a plot.
+
+    Before, the truck has the mass that was given, or half its payload.
+    """
+    given = None if any(e.name == "mass" for e in found.estimates) else found.mass
+    p = found.parameters
+    before = replay(log, p, payload_of(p, given))
+    after = replay(log, overlay(found), None if found.mass else payload_of(p, None))
+    must = {"before": "", "after": f">= {_ACCURACY:g}"}
+    for name, drive in (("before", before), ("after", after)):
+        report.checks += [
+            Check(f"truck {name}: speed accuracy", drive.accuracy(), "%", None, must[name]),
+            Check(f"truck {name}: NRMSE fit of the speed", drive.fit(), "%"),
+        ]
+    lines = (
+        Line("recorded", after.time, after.smoothed(), "reference"),
+        Line("before", before.time, before.simulated),
+        Line("after", after.time, after.simulated, "simulation"),
+    )
+    title = "The truck with the recorded commands, from start to end"
+    report.figures["replay"] = [Panel(title, "time [s]", "speed [m/s]", lines)]

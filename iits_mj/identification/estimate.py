@@ -63,7 +63,9 @@ class Free:
     high: float
 
 
-def fit(free: Sequence[Free], residual: Residual) -> tuple[list[Estimate], FloatArray]:
+def fit(
+    free: Sequence[Free], residual: Residual, *, step: float | None = None
+) -> tuple[list[Estimate], FloatArray]:
     """Fits parameters together and judges each.
 
     The covariance is the cluster-robust sandwich over the residual's groups (windows of the log),
@@ -74,6 +76,7 @@ def fit(free: Sequence[Free], residual: Residual) -> tuple[list[Estimate], Float
     Args:
       free: the parameters, k of them.
       residual: parameter values (k,) to groups of residuals, all in one unit.
+      step: relative step of the difference quotients, for a residual that is not smooth to the bit.
 
     Returns:
       The estimates, and the values of the best fit (k,), trusted or not.
@@ -93,7 +96,10 @@ def fit(free: Sequence[Free], residual: Residual) -> tuple[list[Estimate], Float
         low = np.array([free[i].low for i in active]) / size[active]
         high = np.array([free[i].high for i in active]) / size[active]
         start = np.clip(values[active] / size[active], low, high)
-        solution = least_squares(stacked, start, bounds=(low, high), x_scale="jac", loss="soft_l1")
+        rough = {} if step is None else {"diff_step": step, "ftol": 1e-6, "xtol": 1e-6}
+        solution = least_squares(
+            stacked, start, bounds=(low, high), x_scale="jac", loss="soft_l1", **rough
+        )
         hidden = _hidden(solution.jac)
         if hidden is None:
             values[active] = solution.x * size[active]
@@ -136,6 +142,9 @@ def _weak(
     for k, place in enumerate(places):
         share = widths[place] / max(abs(values[place]), 1e-12)
         if share <= WIDEST:
+            continue
+        if not np.isfinite(share):
+            reasons[place] = "the log has too few stretches that can be compared"
             continue
         reason = f"the log is too weak: +/-{100.0 * share:.0f} % of the value"
         if np.isfinite(covariance).all():

@@ -7,13 +7,17 @@ from dataclasses import dataclass
 
 from iits_mj.errors import InputError
 from iits_mj.identification.brake_response import identify_brake_response
+from iits_mj.identification.engine import identify_engine
 from iits_mj.identification.estimate import Estimate
+from iits_mj.identification.lateral import identify_cornering
 from iits_mj.identification.log import Log
 from iits_mj.identification.motion import Motion, identify_motion
+from iits_mj.identification.shifts import identify_shifts
+from iits_mj.identification.steering import identify_ratio
 from iits_mj.parameters import TruckParameters
 
 # Groups of parameters, each with its own fit; the mass that motion shows serves all others.
-GROUPS = ("motion", "brakes")
+GROUPS = ("motion", "engine", "shifts", "brakes", "steering")
 
 
 @dataclass(frozen=True)
@@ -22,12 +26,14 @@ class Identification:
 
     Attributes:
       estimates: one for each parameter of the groups asked for.
-      motion: speeds of the point mass before and after, and the mass.
+      motion: speeds of the point mass before and after.
+      mass: gross mass, identified or given [kg]; None when it is not known.
       parameters: the truck's parameters before the fit.
     """
 
     estimates: tuple[Estimate, ...]
     motion: Motion
+    mass: float | None
     parameters: TruckParameters
 
     def __getitem__(self, name: str) -> Estimate:
@@ -64,9 +70,22 @@ def identify(
     if unknown:
         raise InputError(f"cannot identify {unknown[0]!r}; there are {list(GROUPS)}")
     motion = identify_motion(log, parameters, mass)
+    shown = any(e.name == "mass" and e.identifiable for e in motion.estimates)
+    known = motion.mass if shown or mass is not None else None
     fits: dict[str, Callable[[], Sequence[Estimate]]] = {
         "motion": lambda: motion.estimates,
+        "engine": lambda: identify_engine(log, parameters),
+        "shifts": lambda: identify_shifts(log, parameters),
         "brakes": lambda: identify_brake_response(log, parameters),
+        "steering": lambda: _steering(log, parameters, known),
     }
     estimates = [estimate for name in GROUPS if name in groups for estimate in fits[name]()]
-    return Identification(tuple(estimates), motion, parameters)
+    return Identification(tuple(estimates), motion, known, parameters)
+
+
+def _steering(log: Log, parameters: TruckParameters, mass: float | None) -> list[Estimate]:
+    """Ratio, by the two angles where the log has both, and cornering coefficients."""
+    ratio = identify_ratio(log, parameters)
+    value = ratio.value if ratio is not None and ratio.identifiable else None
+    cornering = identify_cornering(log, parameters, mass, value)
+    return cornering if ratio is None else [ratio, *cornering]

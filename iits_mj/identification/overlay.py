@@ -18,23 +18,38 @@ _PAYLOAD_MIN = 1.0
 _RESPONSES = {
     "dead_time": "dead_time",
     "build_up_time_constant": "build_up_time",
-    "release_time_constant": "release_time",
 }
 
 
 def overlay(found: Identification) -> dict[str, Any]:
     """The identified values and nothing else, as a tree of the truck's parameters.
 
-    An identified mass becomes the greatest payload, which a truck loaded by default has.
+    The mass, identified or given, becomes the greatest payload, which a truck loaded by default
+    has.
     """
     values, p = found.found(), found.parameters
     tree: dict[str, Any] = {}
-    if "mass" in values:
-        tree["payload"] = _payload(p, values["mass"])
+    if found.mass is not None:
+        tree["payload"] = _payload(p, found.mass)
     if "rolling_resistance" in values:
         tree["tire_common"] = {"rolling_resistance": values["rolling_resistance"]}
     if "drag_area" in values:
         tree["aerodynamics"] = {"drag_area": values["drag_area"]}
+    engine = _engine(p, values)
+    if engine:
+        tree["engine"] = engine
+    gearbox = {name: values[name] for name in _GEARBOX if name in values}
+    if gearbox:
+        tree["gearbox"] = gearbox
+    if "steering_ratio" in values:
+        tree["steering"] = {"ratio": values["steering_ratio"]}
+    tires = {
+        kind: {"cornering_coefficient": values[name]}
+        for kind in p.tires
+        if (name := f"cornering_coefficient_{kind}") in values
+    }
+    if tires:
+        tree["tires"] = tires
     air = _air_brake(p, values)
     if air:
         tree["air_brake"] = air
@@ -53,6 +68,27 @@ def _payload(p: TruckParameters, mass: float) -> dict[str, float]:
     return {"mass_max": load, **inertias}
 
 
+def _engine(p: TruckParameters, values: dict[str, float]) -> dict[str, Any]:
+    """The engine's tables, scaled; what the crankshaft gives may differ from what it reports."""
+    engine = p.engine
+    tree: dict[str, Any] = {name: values[name] for name in _ENGINE if name in values}
+    scale = values.get("torque_map_scale", 1.0) * values.get("engine_torque_scale", 1.0)
+    if scale != 1.0:
+        pedal_map = engine.pedal_map
+        tree["full_load_torque"] = list(scale * engine.full_load_torque)
+        tree["pedal_map"] = {
+            "rows": list(pedal_map.rows),
+            "columns": list(pedal_map.columns),
+            "values": [list(row) for row in scale * pedal_map.values],
+        }
+    drag = values.get("engine_drag_scale", 1.0)
+    if drag != 1.0:
+        tree["drag_torque"] = [drag * torque for torque in engine.drag_torque]
+    return tree
+
+
+_ENGINE = ("boost_lag", "torque_rise_rate")
+_GEARBOX = ("shift_cut_time", "synchronization_time")
 _INERTIAS = ("inertia_x", "inertia_y", "inertia_z")
 
 
@@ -67,8 +103,12 @@ def _air_brake(p: TruckParameters, values: dict[str, float]) -> dict[str, list[f
     for key, suffix in _RESPONSES.items():
         names = [f"{name}_{suffix}" for name in circuit]
         if any(name in values for name in names):
-            pairs = zip(names, getattr(brake, key), strict=True)
-            air[key] = [values.get(name, before) for name, before in pairs]
+            line = [brake.trailer_line_delay if c == "trailer" else 0.0 for c in circuit]
+            own = line if key == "dead_time" else [0.0] * len(line)
+            air[key] = [
+                max(values.get(name, before + late) - late, 0.0)
+                for name, before, late in zip(names, getattr(brake, key), own, strict=True)
+            ]
     return air
 
 

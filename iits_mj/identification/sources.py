@@ -12,7 +12,7 @@ from iits_mj.j1939 import read_log
 from iits_mj.parameters import TruckParameters
 
 
-def read(path: str | Path, parameters: TruckParameters, names: dict[str, str]) -> Log:
+def read(path: str | Path, parameters: TruckParameters, names: dict[str, str] | None = None) -> Log:
     """A log by its file's suffix: `.csv` is a table, all else a CAN log (candump .log, .asc, .blf).
 
     Args:

@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike
 from iits_mj.model.brake_distribution import circuits, distribution
 from iits_mj.parameters import FloatArray, TruckParameters
 
-# Local names of the sensors that the plugin knows, in the order of the model.
+# Local names of the truck's sensors, in the order of the model. The plural ones have a number for
+# each wheel end, axle by axle, left before right.
 SIGNALS = (
     "brake_pressure_front_left",
     "brake_pressure_front_right",
@@ -17,8 +18,8 @@ SIGNALS = (
     "brake_pressure_trailer",
     "xbr_active",
     "abs_active",
-    *(f"brake_pressure_axle{axle}_{side}" for axle in range(1, 7) for side in ("left", "right")),
-    *(f"brake_torque_axle{axle}_{side}" for axle in range(1, 7) for side in ("left", "right")),
+    "brake_pressures",
+    "brake_torques",
     *(f"reservoir_pressure_{circuit}" for circuit in ("front", "rear", "trailer")),
     "compressor_active",
     "brake_work",

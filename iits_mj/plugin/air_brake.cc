@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
+#include <cstring>
 
 #include "plugin/registration.h"
 #include "plugin/spatial.h"
@@ -66,10 +68,12 @@ BrakeDemand AirBrake::ReadDemand(const mjModel* m, const mjData* d, const State&
   // Of the model as it is now, which may have been varied since it was made.
   demand.mass = m->body_subtreemass[m->body_rootid[wheels_[0].hub]];
   demand.gravity = mju_norm3(m->opt.gravity);
-  demand.abs_active = false;
+  demand.abs_active = demand.abs_on_drive = false;
   demand.uphill_torque = 0;
   for (size_t i = 0; i < wheels_.size(); ++i) {
-    demand.abs_active = demand.abs_active || s.now.wheel[i].abs_active != 0;
+    const bool abs = s.now.wheel[i].abs_active != 0;
+    demand.abs_active = demand.abs_active || abs;
+    demand.abs_on_drive = demand.abs_on_drive || (abs && wheels_[i].circuit == kDrive);
     demand.uphill_torque -= s.wind_up.torque[i];
   }
   EnduranceState shaft = ReadPartner<EnduranceState>(m, d, powertrain_);
@@ -83,13 +87,18 @@ BrakeDemand AirBrake::ReadDemand(const mjModel* m, const mjData* d, const State&
 void AirBrake::Passive(const mjModel* m, mjData* d, int instance) const {
   State* s = reinterpret_cast<State*>(d->plugin_state + m->plugin_stateadr[instance]);
   const double h = m->opt.timestep;
-  s->next_wind_up = s->wind_up;
   double power = 0;
   for (size_t i = 0; i < wheels_.size(); ++i) {
     const WheelBrake& wheel = wheels_[i];
     double capacity = wheel.Torque(s->now.wheel[i], s->now.parking[wheel.circuit]);
+    if (capacity == 0) {
+      s->next_wind_up.angle[i] = s->next_wind_up.torque[i] = 0;
+      continue;
+    }
     double speed = d->qvel[wheel.dof];
-    double torque = WheelBrake::Grip(Rates(i, h), capacity, speed, &s->next_wind_up.angle[i]);
+    double angle = s->wind_up.angle[i];
+    double torque = WheelBrake::Grip(Rates(i, h), capacity, speed, &angle);
+    s->next_wind_up.angle[i] = angle;
     s->next_wind_up.torque[i] = torque;
     d->qfrc_passive[wheel.dof] -= torque;
     power += torque * speed;
@@ -98,14 +107,30 @@ void AirBrake::Passive(const mjModel* m, mjData* d, int instance) const {
   s->next_wind_up_is_fresh = 1;
 }
 
+// No pressure in valves, lines and chambers: most of the time.
+bool AirBrake::Quiet(const State& s, double h) const {
+  double pressure = 0;
+  for (double supply : s.next.control.supply) pressure += supply;
+  for (size_t i = 0; i < wheels_.size(); ++i) pressure += s.now.wheel[i].effective;
+  return pressure == 0 && s.line.clock + h - s.line.last_used > dead_time_max_;
+}
+
+void AirBrake::Copy(const Pneumatics& from, Pneumatics* to) const {
+  const size_t size = offsetof(Pneumatics, wheel) + wheels_.size() * sizeof(WheelBrakeState);
+  std::memcpy(to, &from, size);
+}
+
 // From the supply valves to the chambers.
-void AirBrake::Brake(const mjModel* m, const mjData* d, double h, const Pneumatics& now,
-                     Pneumatics* next) const {
-  next->line.Push(next->control.supply, h, sample_spacing_);
+void AirBrake::Brake(const mjModel* m, const mjData* d, State* s) const {
+  const double h = m->opt.timestep;
+  const Pneumatics& now = s->now;
+  Pneumatics* next = &s->next;
+  if (Quiet(*s, h)) return;
   double supplies[kWheelsMax];
   for (size_t i = 0; i < lines_.size(); ++i) {
     const Line& line = lines_[i];
-    supplies[i] = next->line.Look(line.circuit, line.dead_time, next->control.supply[line.circuit]);
+    const double current = next->control.supply[line.circuit];
+    supplies[i] = s->line.Look(line.circuit, line.dead_time, h, current);
   }
   double duty[kWheelsMax];
   for (size_t i = 0; i < wheels_.size(); ++i) {
@@ -151,15 +176,16 @@ void AirBrake::Actuator(const mjModel* m, mjData* d, int instance) const {
   State* s = reinterpret_cast<State*>(d->plugin_state + m->plugin_stateadr[instance]);
   const double h = m->opt.timestep;
   Pneumatics* next = &s->next;
-  *next = s->now;
+  Copy(s->now, next);
   if (next->control.initialized == 0) reservoirs_.Fill(&next->reservoir);
   const BrakeDemand demand = ReadDemand(m, d, *s);
   const BrakeEffort effort = control_.Update(demand, h, &next->control);
-  Brake(m, d, h, s->now, next);
+  Brake(m, d, s);
   Park(Control(m, d, parking_, 0, 1), h, next);
   const double engine_speed = ReadPartner<EnduranceState>(m, d, powertrain_).engine_speed;
   reservoirs_.Pump(engine_speed, h, &next->reservoir);
   s->next_endurance.shaft_torque = shaft_ratio_ > 0 ? effort.shaft_force / shaft_ratio_ : 0;
+  if (demand.abs_on_drive) s->next_endurance.shaft_torque = EnduranceDemand::kLetGo;
   s->next_endurance.cut_traction = effort.active;
   s->next_is_fresh = 1;
   s->xbr_active = demand.xbr > 0 && demand.xbr_mode != BrakeDemand::kOff;
@@ -173,15 +199,17 @@ void AirBrake::Actuator(const mjModel* m, mjData* d, int instance) const {
 void AirBrake::Advance(const mjModel* m, mjData* d, int instance) const {
   State* s = reinterpret_cast<State*>(d->plugin_state + m->plugin_stateadr[instance]);
   if (s->next_is_fresh != 0) {
-    s->now = s->next;
+    Copy(s->next, &s->now);
+    s->line.Push(s->now.control.supply, m->opt.timestep, sample_spacing_);
     s->endurance = s->next_endurance;
   }
   if (s->next_wind_up_is_fresh != 0) {
-    s->wind_up = s->next_wind_up;
     // Torque times the mean of the wheel's speed before and after the step: what it took from the
     // kinetic energy. The velocities are the new ones by now.
     double power = 0;
     for (size_t i = 0; i < wheels_.size(); ++i) {
+      s->wind_up.angle[i] = s->next_wind_up.angle[i];
+      s->wind_up.torque[i] = s->next_wind_up.torque[i];
       power += s->wind_up.torque[i] * d->qvel[wheels_[i].dof];
     }
     s->work += s->next_work + 0.5 * m->opt.timestep * power;
@@ -198,7 +226,7 @@ void RegisterAirBrake() {
   plugin.attributes = kAttributes;
   plugin.needstage = mjSTAGE_ACC;
   plugin.nstate = +[](const mjModel*, int) { return AirBrake::kStateSize; };
-  plugin.nsensordata = +[](const mjModel*, int, int) { return 1; };
+  plugin.nsensordata = AirBrake::SensorSize;
   plugin.init = +[](const mjModel* m, mjData* d, int instance) {
     AirBrake* air_brake = AirBrake::Create(m, instance);
     d->plugin_data[instance] = reinterpret_cast<uintptr_t>(air_brake);

@@ -27,10 +27,9 @@ class AirBrake {
 
   struct Pneumatics {
     BrakeControlState control;
-    DeadTimeLine line;
     ReservoirState reservoir;
-    WheelBrakeState wheel[kWheelsMax];
-    double parking[kCircuits];  // share of the spring brakes that is applied
+    double parking[kCircuits];          // share of the spring brakes that is applied
+    WheelBrakeState wheel[kWheelsMax];  // last: only those that there are get copied
   };
   struct WindUp {
     double angle[kWheelsMax];   // of the brakes' elastic parts [rad]
@@ -41,6 +40,7 @@ class AirBrake {
     EnduranceDemand endurance;  // first: the powertrain reads it
     EnduranceDemand next_endurance;
     Pneumatics now, next;
+    DeadTimeLine line;
     WindUp wind_up, next_wind_up;
     double next_is_fresh, next_wind_up_is_fresh;  // computed since the last `advance`
     double xbr_active, abs_active;
@@ -50,6 +50,8 @@ class AirBrake {
   static constexpr int kStateSize = sizeof(State) / sizeof(mjtNum);
 
   static AirBrake* Create(const mjModel* m, int instance);  // null after a warning
+
+  static int SensorSize(const mjModel* m, int instance, int sensor);
 
   void Passive(const mjModel* m, mjData* d, int instance) const;
   void Actuator(const mjModel* m, mjData* d, int instance) const;
@@ -83,8 +85,9 @@ class AirBrake {
     return h == rates_[wheel].step ? rates_[wheel] : wheels_[wheel].Rates(h);
   }
   BrakeDemand ReadDemand(const mjModel* m, const mjData* d, const State& s) const;
-  void Brake(const mjModel* m, const mjData* d, double h, const Pneumatics& now,
-             Pneumatics* next) const;
+  void Copy(const Pneumatics& from, Pneumatics* to) const;
+  void Brake(const mjModel* m, const mjData* d, State* s) const;
+  bool Quiet(const State& s, double h) const;
   void Park(double wanted, double h, Pneumatics* next) const;
 
   BrakeControl control_;
@@ -93,6 +96,7 @@ class AirBrake {
   std::vector<WheelBrakeRates> rates_;  // of each wheel, for the model's time step
   std::vector<Line> lines_;
   std::vector<int> line_of_wheel_;
+  double dead_time_max_ = 0;              // [s]
   double sample_spacing_ = 0;             // of the dead-time line [s]
   double parking_time_constant_ = 0;      // [s]
   double spring_volume_[kCircuits] = {};  // of the spring brakes' chambers [m3]

@@ -7,6 +7,7 @@
 
 #include "plugin/air_brake.h"
 #include "plugin/config.h"
+#include "plugin/registration.h"
 
 namespace iits {
 namespace {
@@ -14,6 +15,8 @@ namespace {
 using State = AirBrake::State;
 
 const char* const kCircuitNames[kCircuits] = {"front", "rear", "trailer"};
+const char* const kPressures = "brake_pressures";
+const char* const kTorques = "brake_torques";
 const char* const kSides[2] = {"_left", "_right"};
 
 int Place(size_t offset) { return static_cast<int>(offset / sizeof(mjtNum)); }
@@ -74,10 +77,6 @@ bool AirBrake::FindSignal(const std::string& name, std::vector<int>* places) con
       places->push_back(Pressure(i));
       return true;
     }
-    if (name == "brake_torque_" + axle) {
-      places->push_back(Torque(i));
-      return true;
-    }
   }
   if (name != stem + "trailer") return false;
   for (size_t i = 0; i < wheels_.size(); ++i) {
@@ -86,10 +85,25 @@ bool AirBrake::FindSignal(const std::string& name, std::vector<int>* places) con
   return true;
 }
 
+// One number, or one of every wheel: each sensor costs MuJoCo time, whatever it shows.
+int AirBrake::SensorSize(const mjModel* m, int instance, int sensor) {
+  std::string name = LocalName(mj_id2name(m, mjOBJ_SENSOR, sensor));
+  bool every = name == kPressures || name == kTorques;
+  return every ? static_cast<int>(BodiesOfInstance(m, instance).size()) : 1;
+}
+
 bool AirBrake::FindSensors(const mjModel* m, int instance) {
   for (int i = 0; i < m->nsensor; ++i) {
     if (m->sensor_plugin[i] != instance) continue;
     std::string name = LocalName(mj_id2name(m, mjOBJ_SENSOR, i));
+    if (name == kPressures || name == kTorques) {
+      for (int k = 0; k < static_cast<int>(wheels_.size()); ++k) {
+        const int begin = static_cast<int>(places_.size());
+        places_.push_back(name == kPressures ? Pressure(k) : Torque(k));
+        sensors_.push_back({m->sensor_adr[i] + k, begin, begin + 1, 1});
+      }
+      continue;
+    }
     const size_t begin = places_.size();
     if (!FindSignal(name, &places_)) {
       std::string known;
@@ -98,8 +112,9 @@ bool AirBrake::FindSensors(const mjModel* m, int instance) {
           "plugin instance '%s': sensor '%s' is unknown; known are %s"
           "reservoir_pressure_{front,rear,trailer}, "
           "brake_pressure_{front,rear}_{left,right}, brake_pressure_trailer, "
-          "brake_{pressure,torque}_axle{1..%zu}_{left,right}",
-          InstanceName(m, instance).c_str(), name.c_str(), known.c_str(), wheels_.size() / 2);
+          "brake_pressure_axle{1..%zu}_{left,right}, %s, %s",
+          InstanceName(m, instance).c_str(), name.c_str(), known.c_str(), wheels_.size() / 2,
+          kPressures, kTorques);
       return false;
     }
     const size_t count = places_.size() - begin;

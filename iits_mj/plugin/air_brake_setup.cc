@@ -47,7 +47,7 @@ bool AirBrake::ReadWheels(const mjModel* m, int instance) {
   };
   static const Attribute kCommon[] = {
       {"push_out_pressure", 1, 1e6, &WheelBrake::push_out_pressure},
-      {"hysteresis_pressure", 0, 1e6, &WheelBrake::hysteresis_pressure},
+      {"hysteresis_pressure", 1, 1e6, &WheelBrake::hysteresis_pressure},
       {"abs_release_slip", 0.01, 1, &WheelBrake::abs_release_slip},
       {"abs_reapply_slip", 0, 1, &WheelBrake::abs_reapply_slip},
       {"abs_speed_min", 0.1, 100, &WheelBrake::abs_speed_min},
@@ -122,9 +122,9 @@ bool AirBrake::FindJoints(const mjModel* m, int instance) {
 }
 
 void AirBrake::ArrangeLines(const mjModel* m) {
-  double dead_time = 0, response = 0;
+  double response = 0;
   for (const WheelBrake& wheel : wheels_) {
-    dead_time = std::max(dead_time, wheel.dead_time);
+    dead_time_max_ = std::max(dead_time_max_, wheel.dead_time);
     response += (wheel.dead_time + wheel.build_up_time_constant) / wheels_.size();
     auto same = [&wheel](const Line& l) {
       return l.circuit == wheel.circuit && l.dead_time == wheel.dead_time;
@@ -134,7 +134,7 @@ void AirBrake::ArrangeLines(const mjModel* m) {
     if (place == lines_.end()) lines_.push_back({wheel.circuit, wheel.dead_time});
     rates_.push_back(wheel.Rates(m->opt.timestep));
   }
-  sample_spacing_ = dead_time / (DeadTimeLine::kSlots - 2);
+  sample_spacing_ = dead_time_max_ / (DeadTimeLine::kSlots - 2);
   control_.set_response_time(response);
 }
 

@@ -11,6 +11,7 @@ namespace iits {
 namespace {
 
 constexpr double kPedalMin = 0.01;  // a pedal below is up
+constexpr double kNear = 0.1;       // as share of the hysteresis: no matter of direction
 
 }  // namespace
 
@@ -31,7 +32,8 @@ bool BrakeControl::Read(const mjModel* m, int instance) {
       {"trim_max", 0, 10, &trim_max_},
       {"trim_share", 0, 1, &trim_share_},
       {"trim_speed_min", 0, 100, &trim_speed_min_},
-      {"hysteresis_pressure", 0, 1e6, &hysteresis_},
+      {"push_out_pressure", 1, 1e6, &push_out_},
+      {"hysteresis_pressure", 1, 1e6, &hysteresis_},
       {"hysteresis_time_constant", 0.001, 10, &hysteresis_time_},
       {"hold_speed", 0, 10, &hold_speed_},
       {"hold_deceleration", 0, 10, &hold_deceleration_},
@@ -88,13 +90,17 @@ double BrakeControl::Force(const BrakeDemand& demand, double deceleration) const
   return std::max(0.0, (demand.mass + spin_mass_) * deceleration - rolling);
 }
 
-// Braking force of the shaft to count on when friction has had time to respond: what it gives now,
-// at most what it will still be able to give then. Less at once when a gear change begins, and
-// ahead of a retarder that fades out.
+// Braking force of the shaft to count on when friction has had time to respond: what it gives and
+// what it could give, both carried on as they have changed. So friction is there when a gear change
+// begins, ahead of a retarder that fades out, and gone when one has filled.
 double BrakeControl::ShaftForce(const BrakeDemand& demand, double h, BrakeControlState* s) const {
-  double ahead = demand.shaft_force_max + (demand.shaft_force_max - s->shaft_max);
-  s->shaft_max += (demand.shaft_force_max - s->shaft_max) * h / (response_time_ + h);
-  return std::min(demand.shaft_force, std::max(0.0, ahead));
+  auto ahead = [this, h](double now, double* past) {
+    double change = now - *past;
+    *past += change * h / (response_time_ + h);
+    return now + change;
+  };
+  double force = ahead(demand.shaft_force, &s->shaft);
+  return std::min(force, std::max(0.0, ahead(demand.shaft_force_max, &s->shaft_max)));
 }
 
 // Who gives the force. The shaft brakes in any case (engine drag); friction gives the rest.
@@ -148,26 +154,31 @@ void BrakeControl::Trim(const BrakeDemand& demand, double wanted, double deceler
 }
 
 // Moves a supply valve to the pressure that shall act in the brakes. On the way down these hold
-// back by their hysteresis: the supply goes lower, until a model of them shows what is wanted.
+// back by their hysteresis: the supply goes lower, until a model of them shows what is wanted. Once
+// they are let off it waits at the push-out pressure, from where they act without delay.
 void BrakeControl::Supply(int circuit, double wanted, double h, BrakeControlState* s) const {
   double* supply = &s->supply[circuit];
+  double* chamber = &s->chamber[circuit];
   double* effective = &s->effective[circuit];
   double* lowering = &s->lowering[circuit];
-  if (wanted > 0 && hysteresis_ > 0) {
-    double error = (*effective - wanted) / hysteresis_;
-    *lowering = std::clamp(*lowering + error * h / hysteresis_time_, 0.0, 1.0);
-  } else {
-    *lowering = 0;
+  const double error = *effective - wanted;
+  const bool off = wanted <= push_out_ && error < kNear * hysteresis_;
+  if (error > 0 && !off) {
+    *lowering = std::min(1.0, *lowering + error / hysteresis_ * h / hysteresis_time_);
+  } else if (error < -kNear * hysteresis_ || off) {
+    *lowering = 0;  // on the way up the brakes follow at once
   }
   double target = std::max(0.0, wanted - *lowering * hysteresis_);
   *supply = std::clamp(target, *supply - h * fall_rate_, *supply + h * rise_rate_);
-  *effective = std::clamp(*effective, *supply, *supply + hysteresis_);
+  *chamber += (*supply - *chamber) * h / (response_time_ + h);
+  *effective = std::clamp(*effective, *chamber, *chamber + hysteresis_);
 }
 
 BrakeEffort BrakeControl::Update(const BrakeDemand& demand, double h, BrakeControlState* s) const {
   if (s->initialized == 0) {
     s->initialized = 1;
     s->speed = demand.speed;
+    s->shaft = demand.shaft_force;
     s->shaft_max = demand.shaft_force_max;
   }
   double difference = demand.speed - s->speed;
@@ -181,7 +192,9 @@ BrakeEffort BrakeControl::Update(const BrakeDemand& demand, double h, BrakeContr
   for (int i = 0; i < kCircuits; ++i) {
     const double target = targets.pressure[i];
     Supply(i, target, h, s);
-    if (target > 0) supplied = std::min(supplied, s->effective[i] / target);
+    if (target > 0)
+      supplied =
+          std::min(supplied, std::min(1.0, (s->supply[i] + s->lowering[i] * hysteresis_) / target));
   }
   Trim(demand, level.total, deceleration, targets, supplied, h, s);
   return targets.effort;

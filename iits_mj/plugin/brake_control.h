@@ -13,16 +13,18 @@ namespace iits {
 // What the controller remembers between steps.
 struct BrakeControlState {
   double initialized;
-  double supply[kCircuits];     // pressure at the outlet of the supply valve [Pa]
-  double effective[kCircuits];  // what the brakes' hysteresis makes of it [Pa]
-  double lowering[kCircuits];   // share of the hysteresis that the supply is lowered by
-  double speed;                 // of the vehicle, low-passed [m/s]
+  double supply[kCircuits];  // pressure at the outlet of the supply valve [Pa]
+  // A model of the brakes behind it: pressure in the chambers, what their hysteresis makes of that
+  // [Pa], and the share of the hysteresis by which the supply is lowered to make up for it.
+  double chamber[kCircuits], effective[kCircuits], lowering[kCircuits];
+  double speed;         // of the vehicle, low-passed [m/s]
   double reference[2];  // demand as the brakes can follow it, then as the filter shows it [m/s2]
   double xbr;           // XBR demand that is followed: it falls gradually [m/s2]
   double trim;          // added to the demand by the deceleration control [m/s2]
-  double shaft_max;     // what the propeller shaft can brake with, low-passed [N]
-  double holding;       // 1: the brakes hold the standing vehicle
-  double hold_time;     // since the demand ended, while holding [s]
+  double shaft, shaft_max;  // force of the propeller shaft now, and what the propeller shaft could
+                            // do; low-passed [N]
+  double holding;           // 1: the brakes hold the standing vehicle
+  double hold_time;         // since the demand ended, while holding [s]
 };
 
 struct BrakeDemand {
@@ -32,7 +34,8 @@ struct BrakeDemand {
   double pedal;  // of the driver, 0 to 1
   XbrMode xbr_mode;
   EbiMode ebi_mode;
-  bool abs_active;
+  bool abs_active;  // on any wheel
+  bool abs_on_drive;
   double speed;             // of the vehicle, forward [m/s]
   double mass, gravity;     // of the whole vehicle [kg]; [m/s2]
   double shaft_force;       // that the propeller shaft brakes the vehicle with now, signed [N]
@@ -82,7 +85,7 @@ class BrakeControl {
   double rise_rate_, fall_rate_, pressure_max_, release_rate_;
   double pedal_deceleration_, rolling_resistance_;
   double filter_time_, trim_gain_, trim_max_, trim_share_, trim_speed_min_;
-  double hysteresis_, hysteresis_time_;
+  double push_out_, hysteresis_, hysteresis_time_;
   double hold_speed_, hold_deceleration_, hold_release_speed_, hold_time_max_, hold_uphill_;
   double response_time_ = 0, spin_mass_ = 0, radius_sum_ = 0;
   int wheels_ = 0;

@@ -12,13 +12,15 @@ enum Circuit { kFront = 0, kDrive, kTrailer, kCircuits };
 struct DeadTimeLine {
   static constexpr int kSlots = 16;
 
-  double clock;   // own time: the user may set mjData.time at will [s]
-  double newest;  // slot of the newest sample
+  double clock;      // own time: the user may set mjData.time at will [s]
+  double last_used;  // clock when a supply last had pressure; 0 also when never
+  double newest;     // slot of the newest sample
   double stamp[kSlots];
   double value[kSlots][kCircuits];
 
   void Push(const double supply[kCircuits], double h, double spacing) {
     clock += h;
+    if (supply[kFront] > 0 || supply[kDrive] > 0 || supply[kTrailer] > 0) last_used = clock;
     int slot = static_cast<int>(newest);
     if (clock - stamp[slot] < spacing) return;
     slot = (slot + 1) % kSlots;
@@ -27,10 +29,11 @@ struct DeadTimeLine {
     for (int i = 0; i < kCircuits; ++i) value[slot][i] = supply[i];
   }
 
-  // Supply pressure of the circuit `delay` seconds ago; `current` is that of now.
-  double Look(int circuit, double delay, double current) const {
-    double wanted = clock - delay;
-    double later_stamp = clock, later_value = current;
+  // Supply pressure of the circuit `delay` seconds before the end of a step of h that is not pushed
+  // yet; `current` is the pressure at its end.
+  double Look(int circuit, double delay, double h, double current) const {
+    double wanted = clock + h - delay;
+    double later_stamp = clock + h, later_value = current;
     int slot = static_cast<int>(newest);
     for (int i = 0; i < kSlots; ++i) {
       if (stamp[slot] <= wanted) {

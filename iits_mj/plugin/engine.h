@@ -69,7 +69,10 @@ class Engine {
   // Greatest brake torque, with the top governor's droop.
   double TorqueLimit(double speed) const { return Limit(speed, drag_(speed)); }
   // Brake torque that this pedal asks for, -drag with the pedal up.
-  double PedalTorque(double speed, double pedal) const { return PedalTorque(At(speed), pedal); }
+  double PedalTorque(double speed, double pedal) const {
+    const double drag = drag_(speed);
+    return PedalTorque({speed, drag, Limit(speed, drag), 0}, pedal);
+  }
   double PedalTorque(const EnginePoint& at, double pedal) const;
   // Torque at the crankshaft: combustion less friction and engine brake.
   double BrakeTorque(const EnginePoint& at, const EngineState& s) const {

@@ -116,10 +116,10 @@ struct WheelBrake {
       double share = supply > s->pressure ? duty * rates.build_up : rates.release;
       s->pressure += std::min(rise_max, share * (supply - s->pressure));
     }
-    // What is left of a release is no pressure.
-    if (supply == 0 && s->pressure < 1e-3 * push_out_pressure) s->pressure = 0;
     // The effective pressure drags behind when the brake is let off.
     s->effective = std::clamp(s->effective, s->pressure, s->pressure + hysteresis_pressure);
+    // What is left of a release is nothing.
+    if (supply == 0 && s->pressure < 1e-3 * push_out_pressure) s->pressure = s->effective = 0;
   }
 };
 

@@ -9,10 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.messages import EgoState, VehicleCommand
-from iits_mj.truck import BRAKE_PRESSURES, Truck
+from iits_mj.truck import Truck
 from iits_mj.validation.recorder import sampled, wheel_slips
 
 FloatArray = NDArray[np.float64]
+
+# What of a run is not one number a sample of the truck's own report.
+_NOT_SCALAR = ("grade", "wheel_slips", "wheel_pressures", "extra")
 
 
 @dataclass(frozen=True)
@@ -22,7 +25,6 @@ class Run:
     Attributes:
       time, speed, acceleration, station; gear; shift: 1 while the driveline is open.
       engine_speed, engine_torque, fuel_rate, fuel_used; grade: of the road.
-      pressures: front left, front right, rear left, rear right, trailer, shape (n, 5).
       wheel_slips, wheel_pressures: of each wheel, axle by axle, left before right, shape (n, 12).
       extra: further sensors by name.
     """
@@ -38,7 +40,6 @@ class Run:
     fuel_rate: FloatArray
     fuel_used: FloatArray
     grade: FloatArray
-    pressures: FloatArray
     wheel_slips: FloatArray
     wheel_pressures: FloatArray
     extra: dict[str, FloatArray] = field(default_factory=dict)
@@ -47,21 +48,6 @@ class Run:
     def slip(self) -> FloatArray:
         """Greatest slip magnitude of all wheels, shape (n,)."""
         return np.asarray(np.max(np.abs(self.wheel_slips), axis=1))
-
-    def columns(self, stride: int = 1) -> dict[str, FloatArray]:
-        """Every so many samples under the names of the telemetry, as an identification takes it."""
-        columns = {
-            "time": self.time,
-            "speed": self.speed,
-            "grade": self.grade,
-            "gear": self.gear,
-            "engine_speed": self.engine_speed,
-            "engine_torque": self.engine_torque,
-            "shift_in_process": self.shift,
-            **{name: self.pressures[:, i] for i, name in enumerate(BRAKE_PRESSURES)},
-            **self.extra,
-        }
-        return {name: values[::stride] for name, values in columns.items()}
 
 
 def run(
@@ -81,34 +67,30 @@ def run(
       sensors: to be recorded besides; one that the model lacks reads nan, so that a check of it
         falls short.
     """
-    known = {truck.model.sensor(i).name for i in range(truck.model.nsensor)}
-    ends = [
-        f"axle{axle + 1}_{side}"
-        for axle in range(len(truck.parameters.axles))
-        for side in ("left", "right")
-    ]
-    wheels = [f"brake_pressure_{end}" for end in ends]
+    known = {truck.model.sensor(i).name: truck.model.sensor(i) for i in range(truck.model.nsensor)}
+    present = [name for name in sensors if name in known]
+    wheels = 2 * len(truck.parameters.axles)
+    first = int(known["brake_pressures"].adr[0])
+    places = np.array(
+        [*range(first, first + wheels), *(int(known[name].adr[0]) for name in present)]
+    )
 
     def read(state: EgoState) -> list[float]:
-        return [
-            *_row(state),
-            float(truck.route.evaluate(state.station, state.offset).grade),
-            *state.brake_pressures,
-            *wheel_slips(truck),
-            *[truck.read(name) if name in known else np.nan for name in (*wheels, *sensors)],
-        ]
+        return [*_row(state), *wheel_slips(truck), *truck.data.sensordata[places]]
 
     table = sampled(truck, command, read, duration, stop)
-    names = list(Run.__dataclass_fields__)[:-4]
-    columns = dict(zip(names, table[:, : len(names)].T, strict=True))
-    bounds = np.cumsum([len(names), len(BRAKE_PRESSURES), len(ends), len(wheels)])
-    pressures, slips, wheel_pressures, extra = np.split(table, bounds, axis=1)[1:]
+    scalars = [name for name in Run.__dataclass_fields__ if name not in _NOT_SCALAR]
+    columns = dict(zip(scalars, table[:, : len(scalars)].T, strict=True))
+    bounds = np.cumsum([len(scalars), wheels, wheels])
+    slips, wheel_pressures, others = np.split(table, bounds, axis=1)[1:]
+    extra = dict.fromkeys(sensors, np.full(len(table), np.nan))
+    extra |= dict(zip(present, others.T, strict=True))
     return Run(
         **columns,
-        pressures=pressures,
+        grade=np.asarray(truck.route.evaluate(columns["station"]).grade),
         wheel_slips=slips,
         wheel_pressures=wheel_pressures,
-        extra=dict(zip(sensors, extra.T, strict=True)),
+        extra=extra,
     )
 
 

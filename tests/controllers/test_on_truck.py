@@ -7,17 +7,27 @@ from scenes import car
 from controllers.planner import PlannerConfig
 from controllers.speed_plan import SpeedConfig
 from controllers.stack import Stack
-from iits_mj.messages import Decision, Scene
+from iits_mj.messages import Decision, Scene, SpeedProfile
 from iits_mj.road import RoadMap, Route
 from iits_mj.truck import Truck
 
 
-def drive(route, payload, cruise, duration, station, speed, vehicles=lambda t: (), maker=None):
-    """Rows of time, station, speed, planned speed, lateral error, pedal, demand."""
+def drive(
+    route,
+    payload,
+    cruise,
+    duration,
+    station,
+    speed,
+    vehicles=lambda t: (),
+    maker=None,
+    profile=None,
+):
+    """Rows of time, station, speed, planned speed, lateral error, pedal, demand, and more below."""
     truck = Truck.load(payload=payload, route=route, visuals=False)
     truck.reset(station=station, offset=float(route.lane_offset(0, station)), speed=speed)
     config = PlannerConfig(speed=SpeedConfig(cruise_speed=cruise))
-    stack = Stack(route, maker, config, parameters=truck.parameters)
+    stack = Stack(route, maker, config, parameters=truck.parameters, profile=profile)
     rows = []
     for k in range(round(duration * 50)):
         ego = truck.observe()
@@ -37,9 +47,17 @@ def drive(route, payload, cruise, duration, station, speed, vehicles=lambda t: (
                 error,
                 command.accelerator_pedal,
                 command.xbr_demand,
+                command.engine_brake,
+                command.retarder,
+                ego.acceleration,
+                ego.shift_in_process,
+                truck.read("brake_work"),
             )
         )
     return np.array(rows), stack
+
+
+ENGINE_BRAKE, RETARDER, ACCELERATION, SHIFT, BRAKE_WORK = range(7, 12)
 
 
 class ChangeAtTwo:
@@ -95,3 +113,67 @@ def test_speed_is_held_down_a_4_percent_grade_without_chatter():
     assert np.sqrt(np.mean(error**2)) <= 0.3
     assert np.sum(np.diff((rows[:, 6] < 0.0).astype(int)) != 0) <= 4
     assert not np.any((rows[:, 5] > 0.0) & (rows[:, 6] < 0.0))
+
+
+def smooth(acceleration):
+    """Mean over 0.2 s of an acceleration every 20 ms, and its jerk [m/s3]."""
+    mean = np.convolve(acceleration, np.ones(10) / 10.0, "valid")
+    return mean, np.diff(mean) * 50.0
+
+
+@pytest.mark.parametrize("speed", [60.0 / 3.6, 80.0 / 3.6])
+def test_55_t_hold_their_speed_down_6_percent_by_engine_brake_and_retarder(speed):
+    # The truck is put on the descent without any braking: the first seconds are its answer.
+    route = Route.straight(length=3000.0, grade=-0.06)
+    rows, _ = drive(route, 36_000.0, speed, 25.0, 100.0, speed)
+    assert np.abs(rows[:, 2] - speed).max() <= 2.0 / 3.6
+    settled = rows[rows[:, 0] > 8.0]
+    assert np.abs(settled[:, 2] - speed).max() <= 0.5 / 3.6
+    assert np.all(settled[:, 6] == 0.0)
+    assert np.all(settled[:, ENGINE_BRAKE] > 0.9)
+    fallen = 0.06 * (rows[-1, 1] - rows[0, 1])
+    assert rows[-1, BRAKE_WORK] <= 0.01 * 55_000.0 * 9.81 * fallen
+
+
+def test_friction_takes_what_9_percent_leave_over():
+    route = Route.straight(length=3000.0, grade=-0.09)
+    rows, _ = drive(route, 36_000.0, 60.0 / 3.6, 30.0, 100.0, 60.0 / 3.6)
+    assert np.abs(rows[:, 2] - 60.0 / 3.6).max() <= 2.0 / 3.6
+    braking = rows[rows[:, 6] < 0.0]
+    assert len(braking) > 100
+    late = braking[braking[:, 0] > 2.0]
+    assert np.all(late[:, RETARDER] > 0.95)
+    _, jerk = smooth(rows[100:, ACCELERATION])
+    assert np.abs(jerk).max() < 2.5
+
+
+def test_a_planned_slowing_needs_no_friction_and_the_truck_pulls_again_smoothly():
+    route = Route.straight(length=3000.0)
+    profile = SpeedProfile(
+        np.array([0.0, 400.0, 401.0, 600.0, 601.0, 3000.0]),
+        np.array([20.0, 20.0, 12.0, 12.0, 20.0, 20.0]),
+    )
+    rows, _ = drive(route, 36_000.0, 30.0, 50.0, 100.0, 20.0, profile=profile)
+    slow = int(np.argmax(rows[:, 3] < 12.05))
+    slowing = rows[rows[:, 3].argmax() + 100 : slow]
+    assert np.abs(slowing[:, 2] - slowing[:, 3]).max() < 0.2
+    assert np.all(rows[:slow, 6] == 0.0)
+    assert rows[-1, 2] > 13.0
+    assert rows[:, RETARDER].max() > 0.05
+    pulling = rows[:, 5] > 0.05
+    assert np.all(rows[pulling, RETARDER] < 0.05)
+    # Gear changes have a jerk of their own.
+    _, jerk = smooth(rows[:, ACCELERATION])
+    steady = np.convolve(rows[:, SHIFT], np.ones(60), "same")[5:-5] == 0.0
+    assert np.abs(jerk[steady[: len(jerk)]]).max() < 2.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("speed", [60.0 / 3.6, 80.0 / 3.6])
+def test_6_km_down_6_percent_need_hardly_any_friction(speed):
+    route = Route.straight(length=8000.0, grade=-0.06)
+    rows, _ = drive(route, 36_000.0, speed, 6000.0 / speed, 100.0, speed)
+    assert np.abs(rows[:, 2] - speed).max() <= 2.0 / 3.6
+    fallen = 0.06 * (rows[-1, 1] - rows[0, 1])
+    assert fallen > 355.0
+    assert rows[-1, BRAKE_WORK] <= 0.01 * 55_000.0 * 9.81 * fallen

@@ -6,7 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from iits_mj.j1939 import command_to_frames, encode
+from iits_mj.identification.replay import graded_road
+from iits_mj.j1939 import command_to_frames, encode, pgn_of
 from iits_mj.j1939.mapping import reports
 from iits_mj.j1939.quantities import ReferenceTorques, flatten
 from iits_mj.messages import VehicleCommand, XbrMode
@@ -34,7 +35,7 @@ LONGITUDINAL |= {"IITS_MOTION": 0.02, "IITS_TRAILER": 0.1, "IITS_ROUTE": 0.1}
 LATERAL = {"VDC2": 0.02, "IITS_TRAILER": 0.02, "IITS_MOTION": 0.02}
 
 
-def frames(rows, parameters, messages, *, noise=0.01, seed=0):
+def frames(rows, parameters, messages, *, noise=0.01, seed=0, commands=True):
     """Frames of a drive: speeds with white noise, all else as exact as the bus is.
 
     Args:
@@ -43,13 +44,16 @@ def frames(rows, parameters, messages, *, noise=0.01, seed=0):
       messages: names of the truck's messages and their periods [s]; commands come every 20 ms.
       noise: standard deviation of the speeds' noise, share of the speed.
       seed: of the noise.
+      commands: sends the pedal and the brake demand, too.
     """
+    heard = {pgn_of("EEC2"), pgn_of("XBR")}
     references = ReferenceTorques(engine=parameters.engine.reference_torque)
     rng = np.random.default_rng(seed)
     signals = {name: [row for row in reports() if row.message == name] for name in messages}
     found = []
     for tick, (state, report, command) in enumerate(rows):
-        found += command_to_frames(command, tick, state.time)
+        if commands:
+            found += [f for f in command_to_frames(command, tick, state.time) if f.pgn in heard]
         factor = 1.0 + noise * rng.standard_normal()
         noisy = dataclasses.replace(state, speed=state.speed * factor)
         values = flatten(noisy, report, references)
@@ -70,9 +74,9 @@ def hill_drive(seed=0):
     plan = []
     start = 0.0
     while start < 2000.0:
-        accelerate, ease, coast = rng.uniform(12, 25), rng.uniform(0, 8), rng.uniform(5, 20)
-        brake, rest = rng.uniform(2.5, 5), rng.uniform(2, 3)
-        demand, pedal = -rng.uniform(0.6, 1.8), rng.uniform(0.5, 0.8)
+        accelerate, ease, coast = rng.uniform(8, 20), rng.uniform(0, 8), rng.uniform(3, 12)
+        brake, rest = rng.uniform(1.7, 3.5), rng.uniform(2, 3)
+        demand, pedal = -rng.uniform(0.8, 2.2), rng.uniform(0.5, 0.8)
         plan.append((start, accelerate, ease, coast, brake, demand, pedal))
         start += accelerate + ease + coast + brake + rest
     starts = np.array([phase[0] for phase in plan])
@@ -86,7 +90,7 @@ def hill_drive(seed=0):
         if since < accelerate + ease:
             given = 1.0 if since < accelerate else pedal
         since -= accelerate + ease + coast
-        braking = 0.0 <= since < brake and state.speed > 5.0
+        braking = 0.0 <= since < brake and state.speed > 9.0
         return VehicleCommand(
             accelerator_pedal=given if state.speed < 25.0 else 0.0,
             xbr_demand=demand if braking else 0.0,
@@ -94,6 +98,13 @@ def hill_drive(seed=0):
         )
 
     return command
+
+
+def hills():
+    """Station [m] and grade [1] of a road over long gentle hills, and the road itself."""
+    station = np.arange(0.0, 9000.0, 12.5)
+    grade = 0.016 * np.sin(station / 210.0) + 0.008 * np.sin(station / 77.0)
+    return station, grade, graded_road(station, grade, 9000.0)
 
 
 def hidden_truck(payload, overlay, route, *, station=50.0, speed=10.0):

@@ -2,23 +2,21 @@
 
 import numpy as np
 import pytest
-from vehicle_sled import KMH, PARAMETERS, SIDES, Sled
+from vehicle_sled import KMH, PARAMETERS, Sled
 
 from iits_mj.model.air_brake import torque_slope
 from iits_mj.units import GRAVITY
 
 BRAKE = PARAMETERS.air_brake
 XBR = {"xbr_mode": 2.0}
-PRESSURES = [f"brake_pressure_axle{axle}_{side}" for axle in range(1, 7) for side in SIDES]
-TORQUES = [f"brake_torque_axle{axle}_{side}" for axle in range(1, 7) for side in SIDES]
 RADIUS = np.array([PARAMETERS.tires[axle.tire].rolling_radius for axle in PARAMETERS.axles])
 
 
 def test_pressure_is_pascal_everywhere():
     """MPa compared with kPa: one unit from the pressure's sensor to the wheel's torque."""
     sled = Sled(50_000.0, speed=70 * KMH).run(2.5, xbr_demand=-2.0, **XBR)
-    pressure = np.array([sled[name] for name in PRESSURES])
-    torque = np.array([sled[name] for name in TORQUES])
+    pressure = sled.wheels("brake_pressures")
+    torque = sled.wheels("brake_torques")
     assert 100e3 < pressure.mean() < 300e3
     expected = np.repeat(torque_slope(PARAMETERS), 2) * (pressure - BRAKE.push_out_pressure)
     # The hysteresis of the mechanism lies between the two.
@@ -46,13 +44,18 @@ def test_brake_force_acts_once():
     mass = 40_000.0
     sled = Sled(mass, speed=60 * KMH, rolling=False)
     sled.run(3.0, brake_pedal=0.2)
-    rows = sled.record(0.5, "speed", "propeller_shaft_torque", *TORQUES)
+    rows, torques = [], []
+    for _ in range(250):
+        sled.run(0.002)
+        rows.append([sled["speed"], sled["propeller_shaft_torque"]])
+        torques.append(sled.wheels("brake_torques"))
+    rows = np.array(rows)
     deceleration = (rows[0, 0] - rows[-1, 0]) / (0.002 * (len(rows) - 1))
     spin = sum(
         2 * axle.wheel_inertia_spin / radius**2
         for axle, radius in zip(PARAMETERS.axles, RADIUS, strict=True)
     )
-    force = float(np.mean(rows[:, 2:] @ np.repeat(1 / RADIUS, 2)))
+    force = float(np.mean(np.array(torques) @ np.repeat(1 / RADIUS, 2)))
     force -= float(rows[:, 1].mean()) * PARAMETERS.gearbox.final_drive / RADIUS[1]
     assert force == pytest.approx((mass + spin) * deceleration, rel=0.003)
 

@@ -133,3 +133,7 @@ class Sled:
         if name == "position":
             return self.data.qpos[0]
         return self.data.sensor(name).data[0]
+
+    def wheels(self, name):
+        """A sensor of all wheel ends, axle by axle, left before right, shape (12,)."""
+        return self.data.sensor(name).data.copy()

@@ -12,10 +12,9 @@ def drive(duration=10.0, **columns):
     empty = {
         name: np.zeros_like(time)
         for name in Run.__dataclass_fields__
-        if name not in ("pressures", "wheel_slips", "wheel_pressures", "extra")
+        if name not in ("wheel_slips", "wheel_pressures", "extra")
     }
     wide = {
-        "pressures": np.zeros((len(time), 5)),
         "wheel_slips": np.zeros((len(time), 12)),
         "wheel_pressures": np.zeros((len(time), 12)),
     }

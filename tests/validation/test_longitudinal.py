@@ -7,7 +7,14 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.truck import Truck
 from iits_mj.units import KMH
-from iits_mj.validation import brake_response, braking, full_stop, hill_climb, steady_fuel
+from iits_mj.validation import (
+    brake_response,
+    braking,
+    full_stop,
+    hill_climb,
+    longitudinal_steps,
+    steady_fuel,
+)
 from iits_mj.validation.acceleration import part_throttle, part_throttle_run
 from iits_mj.validation.longitudinal_run import run
 from iits_mj.validation.speed_keeper import SpeedKeeper
@@ -30,7 +37,8 @@ def test_forty_percent_pedal_reads_as_the_paper():
 
 
 def test_xbr_brings_the_demanded_deceleration_and_pressure_and_lets_go_smoothly():
-    values = values_of(braking.xbr(31_000.0, STEP)[0][:12])
+    checks, _ = braking.xbr(31_000.0, STEP)
+    values = values_of(check for check in checks if "integrated" not in check.name)
     assert values["mean deceleration"] == pytest.approx(1.5, rel=0.03)
     assert values["overshoot"] < 10.0
     assert values["mean pressure"] == pytest.approx(150.0, rel=0.2)
@@ -94,3 +102,11 @@ def test_a_sensor_that_the_model_lacks_reads_not_a_number():
     record = run(truck, lambda *_: truck.last_command(), 0.1, sensors=("hope", "gear"))
     assert np.isnan(record.extra["hope"]).all()
     assert np.isfinite(record.extra["gear"]).all()
+
+
+def test_change_by_the_step_is_over_the_figure_at_the_finest(monkeypatch):
+    values = {0.001: 20.0, 0.002: 20.05, 0.005: 19.8}
+    monkeypatch.setattr(longitudinal_steps, "figures", lambda step: {"way": (values[step], "m")})
+    checks, _ = longitudinal_steps.compare()
+    assert [check.value for check in checks] == pytest.approx([0.25, 1.0])
+    assert [check.ok for check in checks] == [True, False]

@@ -1,0 +1,139 @@
+"""Engine: scale of its torque map, scale of its drag, lag and rise of its torque.
+
+The plugin's engine runs on a bench at the recorded speed and pedal (`engine_bench`); what it gives
+is fitted to the recorded torque. The bench begins without torque and charge. So does an engine that
+has coasted for a while, and what follows shows lag and rise; after a gear change some charge is
+left, and only what comes later counts.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.identification.engine_bench import STEP, Stretch, torques
+from iits_mj.identification.estimate import Estimate, Free, fit
+from iits_mj.identification.log import Log
+from iits_mj.parameters import TruckParameters
+
+FloatArray = NDArray[np.float64]
+
+NEEDED = ("engine_torque", "engine_speed", "command_accelerator_pedal", "shift_in_process")
+NAMES = ("torque_map_scale", "engine_drag_scale", "boost_lag", "torque_rise_rate")
+_WINDOW = 12.0
+# What is left of the charge has gone after so long without pedal, and without counting [s].
+_COASTED = 3.0
+_FORGOTTEN = 8.0
+_COUNTED_MIN = 1.0
+# A coasting engine is watched for so long before the pedal goes down [s].
+_BEFORE = 1.0
+_PEDAL_UP = 0.01
+# The clutch is closed above this share of idle speed.
+_SPEED_MIN = 1.3
+
+
+@dataclass(frozen=True)
+class _Window:
+    """What goes to the bench, its clock [s], and the record that counts: time [s], torque [N m]."""
+
+    stretch: Stretch
+    grid: FloatArray
+    time: FloatArray
+    torque: FloatArray
+
+
+def identify_engine(log: Log, parameters: TruckParameters) -> list[Estimate]:
+    """Scales of torque map and drag, boost lag, rate of rise."""
+    engine = parameters.engine
+    free = [
+        Free("torque_map_scale", "1", 1.0, 0.3, 2.0),
+        Free("engine_drag_scale", "1", 1.0, 0.2, 4.0),
+        Free("boost_lag", "s", engine.boost_lag, 0.01, 5.0),
+        Free("torque_rise_rate", "N m/s", engine.torque_rise_rate, 20.0, 5000.0),
+    ]
+
+    def unseen(reason: str) -> list[Estimate]:
+        return [Estimate.unseen(f.name, f.unit, f.prior, reason) for f in free]
+
+    lacking = log.missing(*NEEDED)
+    if lacking:
+        return unseen(f"the log lacks {', '.join(lacking)}")
+    windows = _windows(log, parameters)
+    if not windows:
+        return unseen("the log has no stretch in one gear after coasting or a change")
+
+    def residual(values: FloatArray) -> list[FloatArray]:
+        trial = with_engine(parameters, dict(zip(NAMES, map(float, values), strict=True)))
+        groups = []
+        found = torques(trial, [w.stretch for w in windows])
+        for window, torque in zip(windows, found, strict=True):
+            model = np.interp(window.time, window.grid, torque)
+            error = (model - window.torque) / engine.reference_torque
+            groups.append(np.where(np.isfinite(error), error, 0.0))
+        return groups
+
+    estimates, _ = fit(free, residual, step=1e-3)
+    return estimates
+
+
+def with_engine(parameters: TruckParameters, values: dict[str, float]) -> TruckParameters:
+    """The truck with these values of `NAMES`; those left out stay."""
+    engine = parameters.engine
+    scale, drag = values.get("torque_map_scale", 1.0), values.get("engine_drag_scale", 1.0)
+    pedal_map = dataclasses.replace(engine.pedal_map, values=scale * engine.pedal_map.values)
+    changed = dataclasses.replace(
+        engine,
+        pedal_map=pedal_map,
+        full_load_torque=scale * engine.full_load_torque,
+        drag_torque=tuple(drag * torque for torque in engine.drag_torque),
+        boost_lag=values.get("boost_lag", engine.boost_lag),
+        torque_rise_rate=values.get("torque_rise_rate", engine.torque_rise_rate),
+    )
+    return dataclasses.replace(parameters, engine=changed)
+
+
+def _windows(log: Log, parameters: TruckParameters) -> list[_Window]:
+    """Stretches of up to 12 s in one gear that begin after coasting or after a gear change."""
+    series = log.series("engine_torque")
+    time = series.time
+    lowest = _SPEED_MIN * parameters.engine.idle_speed
+    good = (log.held("shift_in_process", time) < 0.5) & (log.at("engine_speed", time) > lowest)
+    for name in ("command_engine_brake", "command_xbr_mode", "command_brake_pedal"):
+        if name in log:
+            good &= log.held(name, time) < 1e-3
+    windows = []
+    for begin, counted in _starts(log):
+        start = int(np.searchsorted(time, begin))
+        stop = start
+        while stop < len(time) and good[stop] and time[stop] - begin <= _WINDOW:
+            stop += 1
+        if stop <= start or time[stop - 1] - counted < _COUNTED_MIN:
+            continue
+        grid = np.arange(0.0, time[stop - 1] - begin + STEP, STEP)
+        stretch = Stretch(
+            log.at("engine_speed", begin + grid),
+            np.clip(log.held("command_accelerator_pedal", begin + grid), 0.0, 1.0),
+        )
+        part = np.arange(start, stop)[time[start:stop] >= counted]
+        windows.append(_Window(stretch, grid, time[part] - begin, series.value[part]))
+    return windows
+
+
+def _starts(log: Log) -> list[tuple[float, float]]:
+    """Times at which a bench run may begin, and from which it counts [s]."""
+    shifts = log.series("shift_in_process")
+    ends = shifts.time[1:][np.diff(shifts.value) < -0.5]
+    starts = [(float(end), float(end) + _FORGOTTEN) for end in ends]
+    pedal = log.series("command_accelerator_pedal")
+    up = pedal.value > _PEDAL_UP
+    pressed = np.flatnonzero(up[1:] & ~up[:-1]) + 1
+    for index in pressed:
+        last = np.flatnonzero(up[:index])
+        since = pedal.time[last[-1] + 1] if len(last) else pedal.time[0]
+        begin = float(pedal.time[index]) - _BEFORE
+        if begin - since > _COASTED:
+            starts.append((begin, begin + 0.5 * _BEFORE))
+    return starts

@@ -1,0 +1,201 @@
+"""Cornering stiffness of the axle groups: the linear yaw-roll model fitted to a steered drive.
+
+Output error in windows of nearly constant speed: the model of `analytic.yaw_roll` is driven by the
+recorded steering, and its initial state and the steering's offset are solved for, as the response
+is linear in them. Forces over masses is all that motion shows, so the mass must be known. The model
+has neither load transfer nor saturation: windows with much lateral acceleration are left out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from iits_mj.analytic import RollSystem, YawRoll
+from iits_mj.identification.estimate import Estimate, Free, fit
+from iits_mj.identification.log import Log
+from iits_mj.identification.longitudinal import payload_of
+from iits_mj.identification.steering import pitman_angle
+from iits_mj.parameters import TruckParameters
+
+FloatArray = NDArray[np.float64]
+
+NEEDED = ("speed", "yaw_rate")
+_GROUPS = ("steer", "drive", "trailer")
+NAMES = tuple(f"cornering_coefficient_{group}" for group in _GROUPS)
+# What the model is compared in, where the log has it: signal to the place among the states.
+_STATES = {"yaw_rate": 1, "trailer_yaw_rate": 2, "articulation": 3}
+_PLANE_STATES = 4
+_STEP_MIN = 0.02
+_SPEED_MIN = 6.0
+_WINDOW = 6.0
+_WINDOW_MIN = 4.0
+# The model is linear and at one speed: greatest lateral acceleration [m/s2] and speed range [1].
+_ACCELERATION_MAX = 2.0
+_SPEED_RANGE = 0.08
+# What linear tires of the static load leave out up to there, against the truck itself [1]: it comes
+# on top of the interval.
+_MODEL_ERROR = 0.03
+# Least spread of the yaw rate that is a manoeuvre [rad/s].
+_YAW_RATE_MIN = 2e-3
+
+
+@dataclass(frozen=True)
+class _Window:
+    """A stretch of the log: speed [m/s], steering angle [rad], (n,), signals by name, (n,) each."""
+
+    speed: float
+    steering: FloatArray
+    signals: Mapping[str, FloatArray]
+
+
+def identify_cornering(
+    log: Log, parameters: TruckParameters, mass: float | None, ratio: float | None
+) -> list[Estimate]:
+    """Cornering coefficient of steer, drive and trailer tires.
+
+    Args:
+      log: with `NEEDED` and the angle of road wheels or steering wheel.
+      parameters: of the truck.
+      mass: gross mass [kg], or None when it is not known.
+      ratio: of the steering where the log has shown it, else None: it is then fitted as well,
+        unless the log has the road wheels' angle.
+    """
+    tires = parameters.tires
+    free = [
+        Free(name, "1/rad", tires[group].cornering_coefficient, 1.0, 20.0)
+        for name, group in zip(NAMES, _GROUPS, strict=True)
+    ]
+    lacking = log.missing(*NEEDED)
+    direct = "road_wheel_angle" in log
+    if not direct and "steering_wheel_angle" not in log:
+        lacking.append("road_wheel_angle or steering_wheel_angle")
+    wants_ratio = not direct and ratio is None
+    if wants_ratio:
+        free.append(Free("steering_ratio", "1", parameters.steering.ratio, 5.0, 60.0))
+
+    def unseen(reason: str) -> list[Estimate]:
+        return [Estimate.unseen(f.name, f.unit, f.prior, reason) for f in free]
+
+    if lacking:
+        return unseen(f"the log lacks {', '.join(lacking)}")
+    if mass is None:
+        return unseen("motion shows it only as a ratio to the mass, which is not known")
+    step, windows = _windows(log, parameters)
+    if not windows:
+        return unseen("the log has no steered stretch of 4 s at a steady speed")
+    scales = {
+        name: float(np.sqrt(np.mean([np.var(w.signals[name]) for w in windows])))
+        for name in windows[0].signals
+    }
+    payload = payload_of(parameters, mass)
+
+    def residual(values: FloatArray) -> list[FloatArray]:
+        trial = with_cornering(parameters, dict(zip(_GROUPS, map(float, values[:3]), strict=True)))
+        divisor = 1.0 if direct else float(values[3]) if wants_ratio else float(ratio or 1.0)
+        systems: dict[float, RollSystem] = {}
+        groups = []
+        for window in windows:
+            system = systems.get(window.speed)
+            if system is None:
+                model = YawRoll.from_parameters(trial, payload, cruise_speed=window.speed)
+                system = systems[window.speed] = model.at(window.speed)
+            groups.append(_errors(system, window, step, divisor, scales))
+        return groups
+
+    estimates, _ = fit(free, residual)
+    return [
+        dataclasses.replace(e, half_width=float(np.hypot(e.half_width, _MODEL_ERROR * e.value)))
+        for e in estimates
+    ]
+
+
+def with_cornering(p: TruckParameters, coefficients: Mapping[str, float]) -> TruckParameters:
+    """The truck with these cornering coefficients of its kinds of tires [1/rad]."""
+    tires = {
+        kind: dataclasses.replace(tire, cornering_coefficient=coefficients.get(kind, old))
+        for kind, tire in p.tires.items()
+        if (old := tire.cornering_coefficient) is not None
+    }
+    return dataclasses.replace(p, tires=tires)
+
+
+def _errors(
+    system: RollSystem, window: _Window, step: float, divisor: float, scales: Mapping[str, float]
+) -> FloatArray:
+    """Model less record over all signals, initial state and steering offset solved for."""
+    responses = _responses(system, window.steering / divisor, step)
+    columns, measured = [], []
+    for name, scale in scales.items():
+        columns.append(responses[:, _STATES[name], :] / scale)
+        measured.append(window.signals[name] / scale)
+    basis, target = np.vstack(columns), np.concatenate(measured)
+    forced, free = basis[:, 0], basis[:, 1:]
+    levels, *_ = np.linalg.lstsq(free, target - forced, rcond=None)
+    return np.asarray(forced + free @ levels - target)
+
+
+def _responses(system: RollSystem, steering: FloatArray, step: float) -> FloatArray:
+    """Plane states (n, 4, 6): to the steering, to each initial plane state, to an offset.
+
+    Exact for steering that is straight between samples.
+    """
+    size, n = len(system.B), len(steering)
+    # x' = A x + B u with u' constant: one exponential gives all three matrices.
+    whole = np.zeros((size + 2, size + 2))
+    whole[:size, :size], whole[:size, size] = system.A * step, system.B * step
+    whole[size, size + 1] = 1.0
+    power = expm(whole)
+    A, first, second = power[:size, :size], power[:size, size], power[:size, size + 1]
+    late, early = second, first - second
+    state = np.zeros((size, 2 + _PLANE_STATES))
+    state[:_PLANE_STATES, 1:-1] = np.eye(_PLANE_STATES)
+    inputs = np.zeros((n, 2, 2 + _PLANE_STATES))
+    inputs[:, 0, 0], inputs[:, 0, -1] = steering, 1.0
+    inputs[:-1, 1, 0], inputs[:, 1, -1] = steering[1:], 1.0
+    push = np.column_stack([early, late])
+    found = np.empty((n, _PLANE_STATES, 2 + _PLANE_STATES))
+    for k in range(n):
+        found[k] = state[:_PLANE_STATES]
+        state = A @ state + push @ inputs[k]
+    return found
+
+
+def _windows(log: Log, parameters: TruckParameters) -> tuple[float, list[_Window]]:
+    """Sampling step [s] and the stretches on which the model holds."""
+    clock = log.series("yaw_rate").time
+    step = max(_STEP_MIN, float(np.median(np.diff(clock))))
+    time = np.arange(clock[0], clock[-1], step)
+    speed = log.at("speed", time)
+    if "road_wheel_angle" in log:
+        steering = log.at("road_wheel_angle", time)
+    else:
+        steering = pitman_angle(log.at("steering_wheel_angle", time), parameters.steering.dead_band)
+    signals = {name: log.at(name, time) for name in _STATES if name in log}
+    calm = np.abs(speed * signals["yaw_rate"]) < _ACCELERATION_MAX
+    length, least = round(_WINDOW / step), round(_WINDOW_MIN / step)
+    windows, start = [], 0
+    while start < len(time) - least:
+        stop = min(start + length, len(time))
+        wild = np.flatnonzero(~calm[start:stop])
+        if len(wild):
+            stop = start + int(wild[0])
+        part = slice(start, stop)
+        start = stop + 1 if len(wild) else stop
+        if stop - part.start < least or speed[part].min() < _SPEED_MIN:
+            continue
+        # Noise is no change of speed: compare the ends of a straight line.
+        rise = np.polyfit(time[part], speed[part], 1)[0] * (time[stop - 1] - time[part.start])
+        if abs(rise) > _SPEED_RANGE * speed[part].mean():
+            continue
+        if np.ptp(signals["yaw_rate"][part]) < _YAW_RATE_MIN:
+            continue
+        # Systems are shared by windows of one speed.
+        mean = round(2.0 * float(speed[part].mean())) / 2.0
+        windows.append(_Window(mean, steering[part], {n: v[part] for n, v in signals.items()}))
+    return step, windows
