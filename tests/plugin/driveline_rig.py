@@ -27,6 +27,15 @@ PARAMETERS = TruckParameters.load()
 RADIUS = PARAMETERS.tires["drive"].rolling_radius
 CONTROLS = ("accelerator_pedal", "engine_brake", "transmission_mode")
 SPEED_OF_DRAG = 20.0
+SIGNALS = (
+    "gear",
+    "shift_in_process",
+    "engine_speed",
+    "engine_torque",
+    "propeller_shaft_torque",
+    "propeller_shaft_speed",
+)
+PART = 12  # runs at once
 
 
 @dataclass(frozen=True)
@@ -118,10 +127,19 @@ def drive(
         mujoco.mj_getState(model, data, state, kind)
         initial.append(state)
     data = mujoco.MjData(models[0])
-    state, sensors = mujoco.rollout.rollout(models, data, np.array(initial), controls)
-    speed = state[:, :, 1 + models[0].nq]
-    signals = {name: sensors[:, :, i] for i, name in enumerate(powertrain.SIGNALS)}
-    return Traces(timestep * np.arange(1, speed.shape[1] + 1), speed, signals)
+    steps = controls.shape[1]
+    speed = np.empty((len(cases), steps))
+    signals = {name: np.empty((len(cases), steps)) for name in SIGNALS}
+    # In parts: the full state of all steps would fill the memory.
+    for begin in range(0, len(cases), PART):
+        part = slice(begin, begin + PART)
+        state, sensors = mujoco.rollout.rollout(
+            models[part], data, np.array(initial[part]), controls[part]
+        )
+        speed[part] = state[:, :, 1 + models[0].nq]
+        for name, values in signals.items():
+            values[part] = sensors[:, :, powertrain.SIGNALS.index(name)]
+    return Traces(timestep * np.arange(1, steps + 1), speed, signals)
 
 
 def constant(count: int, seconds: float, pedal: FloatArray, *, timestep: float = 0.005):

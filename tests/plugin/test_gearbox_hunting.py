@@ -36,8 +36,8 @@ def small(request):
 
 @pytest.fixture(scope="module", params=STRATEGIES)
 def large(request):
-    grades = (-0.06, -0.03, -0.01, 0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1, 0.12)
-    return grid(grades, (0.2, 0.4, 0.6, 0.8, 1.0), (5.0, 30.0, 60.0, 85.0), 120.0, request.param)
+    grades = (-0.06, -0.03, 0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.12)
+    return grid(grades, (0.2, 0.4, 0.6, 0.8, 1.0), (5.0, 30.0, 60.0, 85.0), 90.0, request.param)
 
 
 def check_no_reversal(runs):
