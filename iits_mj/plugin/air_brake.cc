@@ -68,10 +68,12 @@ BrakeDemand AirBrake::ReadDemand(const mjModel* m, const mjData* d, const State&
   // Of the model as it is now, which may have been varied since it was made.
   demand.mass = m->body_subtreemass[m->body_rootid[wheels_[0].hub]];
   demand.gravity = mju_norm3(m->opt.gravity);
-  demand.abs_active = false;
+  demand.abs_active = demand.abs_on_drive = false;
   demand.uphill_torque = 0;
   for (size_t i = 0; i < wheels_.size(); ++i) {
-    demand.abs_active = demand.abs_active || s.now.wheel[i].abs_active != 0;
+    const bool abs = s.now.wheel[i].abs_active != 0;
+    demand.abs_active = demand.abs_active || abs;
+    demand.abs_on_drive = demand.abs_on_drive || (abs && wheels_[i].circuit == kDrive);
     demand.uphill_torque -= s.wind_up.torque[i];
   }
   EnduranceState shaft = ReadPartner<EnduranceState>(m, d, powertrain_);
@@ -183,6 +185,7 @@ void AirBrake::Actuator(const mjModel* m, mjData* d, int instance) const {
   const double engine_speed = ReadPartner<EnduranceState>(m, d, powertrain_).engine_speed;
   reservoirs_.Pump(engine_speed, h, &next->reservoir);
   s->next_endurance.shaft_torque = shaft_ratio_ > 0 ? effort.shaft_force / shaft_ratio_ : 0;
+  if (demand.abs_on_drive) s->next_endurance.shaft_torque = EnduranceDemand::kLetGo;
   s->next_endurance.cut_traction = effort.active;
   s->next_is_fresh = 1;
   s->xbr_active = demand.xbr > 0 && demand.xbr_mode != BrakeDemand::kOff;

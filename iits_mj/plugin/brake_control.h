@@ -34,7 +34,8 @@ struct BrakeDemand {
   double pedal;  // of the driver, 0 to 1
   XbrMode xbr_mode;
   EbiMode ebi_mode;
-  bool abs_active;
+  bool abs_active;  // on any wheel
+  bool abs_on_drive;
   double speed;             // of the vehicle, forward [m/s]
   double mass, gravity;     // of the whole vehicle [kg]; [m/s2]
   double shaft_force;       // that the propeller shaft brakes the vehicle with now, signed [N]

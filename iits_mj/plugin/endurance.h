@@ -11,9 +11,11 @@ namespace iits {
 
 // From `iits.air_brake`, all zero: nothing asked.
 struct EnduranceDemand {
-  // Retarding torque wanted at the propeller shaft [N m]. Negative: ABS works on the driven wheels,
-  // engine brake and retarder shall let go, also of what the driver's levers ask.
-  double shaft_torque;
+  // ABS works on the driven wheels: engine brake and retarder shall let go, also of what the
+  // driver's levers ask. Any negative torque means this.
+  static constexpr double kLetGo = -1;
+
+  double shaft_torque;  // retarding torque wanted at the propeller shaft [N m]
   double cut_traction;  // 1: the engine shall not pull against the brakes
 };
 

@@ -124,7 +124,7 @@ Powertrain::Controls Powertrain::ReadControls(const mjModel* m, const mjData* d)
     double value = d->ctrl[m->actuator_ctrladr[actuator]];
     return std::isfinite(value) ? std::clamp(value, 0.0, high) : 0.0;
   };
-  int mode = static_cast<int>(std::lround(control(mode_, 2)));
+  int mode = static_cast<int>(control(mode_, 2) + 0.5);  // rounded; lround is a call
   return {{control(pedal_, 1), control(engine_brake_, 1), control(retarder_lever_, 1)},
           static_cast<GearboxInput::Mode>(mode),
           ReadPartner<EnduranceDemand>(m, d, air_brake_),

@@ -11,6 +11,7 @@ from iits_mj.validation import (
     energy_audit,
     full_stop,
     hill_climb,
+    longitudinal_steps,
     speed_accuracy,
     steady_climb,
     steady_fuel,
@@ -56,6 +57,8 @@ def run(config: ValidateConfig) -> Results:
         length = _QUICK_HILLS if quick else HILLS_LENGTH
         add(f"energy_{payload / 1e3:g}t", energy_audit.compare(payload, step, length))
     add("fuel", steady_fuel.compare(step, quick=quick))
+    if not quick:
+        add("longitudinal_steps", longitudinal_steps.compare())
     add("speed_accuracy", speed_accuracy.compare(drives))
     results.notes.append(speed_accuracy.NOTE)
     return results

@@ -69,13 +69,11 @@ def run(
     """
     known = {truck.model.sensor(i).name: truck.model.sensor(i) for i in range(truck.model.nsensor)}
     present = [name for name in sensors if name in known]
-    ends = [
-        f"axle{axle + 1}_{side}"
-        for axle in range(len(truck.parameters.axles))
-        for side in ("left", "right")
-    ]
-    names = [*(f"brake_pressure_{end}" for end in ends), *present]
-    places = np.array([int(known[name].adr[0]) for name in names])
+    wheels = 2 * len(truck.parameters.axles)
+    first = int(known["brake_pressures"].adr[0])
+    places = np.array(
+        [*range(first, first + wheels), *(int(known[name].adr[0]) for name in present)]
+    )
 
     def read(state: EgoState) -> list[float]:
         return [*_row(state), *wheel_slips(truck), *truck.data.sensordata[places]]
@@ -83,7 +81,7 @@ def run(
     table = sampled(truck, command, read, duration, stop)
     scalars = [name for name in Run.__dataclass_fields__ if name not in _NOT_SCALAR]
     columns = dict(zip(scalars, table[:, : len(scalars)].T, strict=True))
-    bounds = np.cumsum([len(scalars), len(ends), len(ends)])
+    bounds = np.cumsum([len(scalars), wheels, wheels])
     slips, wheel_pressures, others = np.split(table, bounds, axis=1)[1:]
     extra = dict.fromkeys(sensors, np.full(len(table), np.nan))
     extra |= dict(zip(present, others.T, strict=True))

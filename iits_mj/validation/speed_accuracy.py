@@ -31,7 +31,7 @@ from iits_mj.validation.metrics import fit
 FloatArray = NDArray[np.float64]
 
 UPHILL = 0.03
-_FLAT_TIME, _UPHILL_TIME = 100.0, 60.0
+_FLAT_TIME, _UPHILL_TIME = 100.0, 120.0
 _PAPER, _WANTED = 89.0, 95.0
 _XBR_PAYLOAD = 31_000.0
 NOTE = (

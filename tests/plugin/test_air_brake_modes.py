@@ -98,7 +98,7 @@ def test_abs_switches_the_endurance_brakes_off():
     rows = sled.record(2.0, "abs_active", ENDURANCE, xbr_demand=-6.0, xbr_mode=2, xbr_ebi_mode=2)
     active = rows[1:-1, 0] > 0
     assert active.any()
-    assert np.all(rows[2:, 1][active] == 0)
+    assert np.all(rows[2:, 1][active] <= 0)
 
 
 def test_deceleration_control_makes_up_for_a_grade_that_nobody_told_it():

@@ -177,6 +177,23 @@ def test_engine_brake_and_retarder_let_go_when_abs_works_on_the_driven_wheels():
     assert sled["retarder_torque"] == pytest.approx(held, rel=0.01)
 
 
+def test_abs_of_a_driven_wheel_turns_the_levers_off_until_it_is_over():
+    sled = Sled(19_000.0, speed=80 * KMH, grip=0.25)
+    sled.run(1.0, retarder=0.3, engine_brake=0.3)
+    assert sled["retarder_torque"] > 500
+    names = ("endurance_torque_demand", "retarder_torque", "speed")
+    rows = sled.record(5.0, *names, xbr_demand=-6.0, xbr_mode=2)
+    told = np.flatnonzero(rows[:, 0] < 0)
+    assert told.size > 100
+    began = told[0]
+    assert rows[began, 2] > 50 * KMH
+    longest = np.flatnonzero(np.diff(told) > 1)
+    ended = told[longest[0]] if longest.size else told[-1]
+    held = (ended - began) * 0.002
+    expected = rows[began, 1] * np.exp(-held / RETARDER.empty_time)
+    assert rows[ended, 1] == pytest.approx(expected, rel=0.05, abs=5.0)
+
+
 def test_demand_waits_while_the_driver_accelerates():
     sled = at_shaft_speed(110.0)
     sled.command(accelerator_pedal=0.5)

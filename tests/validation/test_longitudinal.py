@@ -7,7 +7,14 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.truck import Truck
 from iits_mj.units import KMH
-from iits_mj.validation import brake_response, braking, full_stop, hill_climb, steady_fuel
+from iits_mj.validation import (
+    brake_response,
+    braking,
+    full_stop,
+    hill_climb,
+    longitudinal_steps,
+    steady_fuel,
+)
 from iits_mj.validation.acceleration import part_throttle, part_throttle_run
 from iits_mj.validation.longitudinal_run import run
 from iits_mj.validation.speed_keeper import SpeedKeeper
@@ -95,3 +102,11 @@ def test_a_sensor_that_the_model_lacks_reads_not_a_number():
     record = run(truck, lambda *_: truck.last_command(), 0.1, sensors=("hope", "gear"))
     assert np.isnan(record.extra["hope"]).all()
     assert np.isfinite(record.extra["gear"]).all()
+
+
+def test_change_by_the_step_is_over_the_figure_at_the_finest(monkeypatch):
+    values = {0.001: 20.0, 0.002: 20.05, 0.005: 19.8}
+    monkeypatch.setattr(longitudinal_steps, "figures", lambda step: {"way": (values[step], "m")})
+    checks, _ = longitudinal_steps.compare()
+    assert [check.value for check in checks] == pytest.approx([0.25, 1.0])
+    assert [check.ok for check in checks] == [True, False]
