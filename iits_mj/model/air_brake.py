@@ -52,6 +52,8 @@ _PLAIN = (
     "trim_share",
     "trim_speed_min",
     "hysteresis_time_constant",
+    "endurance_speed_off",
+    "endurance_speed_on",
     "hold_speed",
     "hold_deceleration",
     "hold_release_speed",

@@ -85,6 +85,7 @@ class BrakeControl {
   double rise_rate_, fall_rate_, pressure_max_, release_rate_;
   double pedal_deceleration_, rolling_resistance_;
   double filter_time_, trim_gain_, trim_max_, trim_share_, trim_speed_min_;
+  double shaft_speed_off_, shaft_speed_on_;
   double push_out_, hysteresis_, hysteresis_time_;
   double hold_speed_, hold_deceleration_, hold_release_speed_, hold_time_max_, hold_uphill_;
   double response_time_ = 0, spin_mass_ = 0, radius_sum_ = 0;
