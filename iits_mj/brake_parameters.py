@@ -29,7 +29,7 @@ class AirBrakeScalars:
       filter_time_constant, trim_gain, trim_max, trim_share, trim_speed_min,
         hysteresis_time_constant: deceleration control.
       endurance_speed_off, endurance_speed_on: between them engine brake and retarder hand over to
-        friction, where integration is allowed.
+        friction, where integration is allowed; `endurance_rate`: at which they are asked for more.
       hold_speed, hold_deceleration, hold_release_speed, hill_hold_time, hill_hold_min: holding.
       reservoir_volume: of the front, drive and trailer circuit.
       compressor_displacement: of free air, per angle of the crankshaft.
@@ -69,6 +69,7 @@ class AirBrakeScalars:
     hysteresis_time_constant: float
     endurance_speed_off: float
     endurance_speed_on: float
+    endurance_rate: float
     hold_speed: float
     hold_deceleration: float
     hold_release_speed: float

@@ -54,6 +54,7 @@ _PLAIN = (
     "hysteresis_time_constant",
     "endurance_speed_off",
     "endurance_speed_on",
+    "endurance_rate",
     "hold_speed",
     "hold_deceleration",
     "hold_release_speed",

@@ -34,6 +34,7 @@ bool BrakeControl::Read(const mjModel* m, int instance) {
       {"trim_speed_min", 0, 100, &trim_speed_min_},
       {"endurance_speed_off", 0, 100, &shaft_speed_off_},
       {"endurance_speed_on", 0, 100, &shaft_speed_on_},
+      {"endurance_rate", 0.01, 1e6, &endurance_rate_},
       {"push_out_pressure", 1, 1e6, &push_out_},
       {"hysteresis_pressure", 1, 1e6, &hysteresis_},
       {"hysteresis_time_constant", 0.001, 10, &hysteresis_time_},
@@ -209,7 +210,14 @@ BrakeEffort BrakeControl::Update(const BrakeDemand& demand, double h, BrakeContr
           std::min(supplied, std::min(1.0, (s->supply[i] + s->lowering[i] * hysteresis_) / target));
   }
   Trim(demand, level.total, deceleration, targets, supplied, h, s);
-  return targets.effort;
+  BrakeEffort effort = targets.effort;
+  if (demand.ebi_mode == BrakeDemand::kIntegration) {
+    // Asked for more no faster than friction can make room; anew after a gear change.
+    double limit = std::min(s->asked, demand.shaft_force_max) + endurance_rate_ * demand.mass * h;
+    effort.shaft_force = std::min(effort.shaft_force, std::max(0.0, limit));
+  }
+  s->asked = effort.shaft_force;
+  return effort;
 }
 
 }  // namespace iits
