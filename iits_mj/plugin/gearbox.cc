@@ -112,8 +112,9 @@ void Gearbox::Synchronize(const Engine& engine, const GearboxInput& in, GearboxS
   if (off > synchronized_difference_ && s->phase_time < synchronization_limit_) return;
   s->gear = s->target;
   s->phase_time = s->gear_time = 0;
-  // At a standstill the gear goes in with the clutch open: nothing to close.
-  s->phase = std::min(speed, ratio * closed) > engine.idle_speed() ? kClose : kInGear;
+  // Near a standstill the gear goes in with the clutch open, to be closed as in a start.
+  const double slowest = strategy_.LowSpeed(engine, 0);
+  s->phase = std::min(speed, ratio * closed) > slowest ? kClose : kInGear;
 }
 
 void Gearbox::Update(const Engine& engine, const GearboxInput& in, double h,

@@ -18,6 +18,7 @@ struct GearboxState {
   double low_time;      // for how long a lower gear has been called for [s]
   double shaft_speed;   // propeller shaft, low-passed [rad/s]
   double acceleration;  // of the propeller shaft, filtered [rad/s2]
+  double torque;        // of the propeller shaft, low-passed as the speed is [N m]
   double load;          // filtered torque that would keep the shaft's speed [N m]
   double pedal;         // low-passed: a floored pedal far above it is a kick-down
   double direction;     // of the last change: 1 up, -1 down, 0 none yet

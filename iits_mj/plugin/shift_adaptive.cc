@@ -69,7 +69,7 @@ int ShiftStrategy::AdaptiveGear(const Situation& now) const {
     if (gear == now.gear || (gear < now.gear && SoonOutgrown(now, gear))) continue;
     double ratio = now.gears.Ratio(gear);
     if (ratio * speed > economic) continue;
-    double after = gear > now.gear ? SpeedAfterUpshift(now, gear) : SpeedAfterChange(now);
+    double after = gear > now.gear ? SpeedAfterUpshift(now, gear) : SpeedWhenRecovered(now, gear);
     if (after <= 0 || (gear < now.gear && ratio * after < downshift_speed_ * slowest)) continue;
     if (AvailablePower(now, gear, after) < std::max(kept, adaptive_reserve_ * load * after)) {
       continue;

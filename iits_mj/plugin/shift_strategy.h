@@ -42,6 +42,8 @@ class ShiftStrategy {
   // Whether a gear that is about to go in still fits the speed.
   bool Fits(const Gears& gears, const Engine& engine, int gear, double shaft_speed) const;
 
+  // Lowest engine speed that the controller accepts in gear; higher with the pedal down.
+  double LowSpeed(const Engine& engine, double pedal) const;
   double engage_speed_max() const { return engage_speed_max_; }
 
  private:
@@ -51,7 +53,6 @@ class ShiftStrategy {
   bool KicksDown(const GearboxInput& in, const GearboxState& s) const {
     return in.pedal >= kick_down_pedal_ && in.driver_pedal - s.pedal > kick_down_rise_;
   }
-  double LowSpeed(const Engine& engine, double pedal) const;
   static double VehicleInertia(const Situation& now) {
     return now.gears.VehicleInertia(now.in.mass);
   }

@@ -55,13 +55,10 @@ def fully_developed(record: Run) -> float:
 
     UN R13, annex 4, 1.1.2. Nan when the truck did not get that slow.
     """
-    start = float(record.speed[0])
-    begin, end = (
-        np.flatnonzero(record.speed <= share * start)[:1].tolist() or [-1] for share in (0.8, 0.1)
-    )
-    if begin[0] < 0 or end[0] < 0:
+    fast, slow = (record.speed <= share * record.speed[0] for share in (0.8, 0.1))
+    if not slow.any():
         return float("nan")
-    a, b = begin[0], end[0]
+    a, b = int(np.argmax(fast)), int(np.argmax(slow))
     way = record.station[b] - record.station[a]
     return float((record.speed[a] ** 2 - record.speed[b] ** 2) / (2.0 * way))
 

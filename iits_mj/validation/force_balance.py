@@ -18,6 +18,7 @@ from scipy.optimize import brentq
 from iits_mj.mass_state import Inertial, group_center, laden_trailer
 from iits_mj.model.powertrain import full_load
 from iits_mj.parameters import TruckParameters
+from iits_mj.road.elements import DEFAULT_FRICTION
 from iits_mj.tire_law import friction
 from iits_mj.units import GRAVITY
 
@@ -92,6 +93,21 @@ class ForceBalance:
         )
         return np.asarray(np.where(speed > engine.governed_speed, 0.0, torque))
 
+    @property
+    def launch_speed(self) -> float:
+        """Engine speed [rad/s] at which the slipping clutch carries what a floored pedal gives.
+
+        The clutch control closes in proportion to engine speed above idle, up to the reference
+        torque: the engine settles where its own torque is that.
+        """
+        engine, spread = self.parameters.engine, self.parameters.clutch.launch_range
+
+        def surplus(speed: float) -> float:
+            carried = engine.reference_torque * (speed - engine.idle_speed) / spread
+            return float(self.full_torque(speed)) - carried
+
+        return float(brentq(surplus, engine.idle_speed, engine.idle_speed + spread))
+
     def steady_speed(self, gear: int, grade: float) -> float:
         """Speed [m/s] at which full load and resistances balance in this gear; nan for none.
 
@@ -145,21 +161,22 @@ class ForceBalance:
         moment += kingpin * (fifth.position - front.position) + pull * fifth.height
         return moment / (group_center(tuple(drive)) - front.position)
 
-    def traction(self, grade: float) -> float:
-        """Greatest force that the drive axles can put on a dry road [N]."""
+    def traction(self, grade: float, surface: float = DEFAULT_FRICTION) -> float:
+        """Greatest force that the drive axles can put on a road of this friction [N]."""
         axles = [axle for axle in self.parameters.axles if axle.tire == "drive"]
         count = sum(2 * self.parameters.tires[axle.tire].count for axle in axles)
         load, common = self.drive_axle_load(grade), self.parameters.tire_common
-        return float(friction(load / count, common.friction_longitudinal, common)) * load
+        grip = float(friction(load / count, common.friction_longitudinal, common))
+        return grip * surface / DEFAULT_FRICTION * load
 
-    def traction_grade(self) -> float:
-        """Steepest grade on which the drive axles hold on a dry road; 0.6 where steeper ones do.
+    def traction_grade(self, surface: float = DEFAULT_FRICTION) -> float:
+        """Steepest grade on which the drive axles hold; 0.6 where they hold on steeper ones.
 
         The steer axle and the trailer roll; their resistance is part of what has to be pulled.
         """
 
         def surplus(grade: float) -> float:
-            return self.traction(grade) - float(self.resistance(0.0, grade))
+            return self.traction(grade, surface) - float(self.resistance(0.0, grade))
 
         return _STEEPEST if surplus(_STEEPEST) > 0.0 else float(brentq(surplus, 0.0, _STEEPEST))
 

@@ -22,9 +22,10 @@ def drive(
     vehicles=lambda t: (),
     maker=None,
     profile=None,
+    parameters=None,
 ):
     """Rows of time, station, speed, planned speed, lateral error, pedal, demand, and more below."""
-    truck = Truck.load(payload=payload, route=route, visuals=False)
+    truck = Truck.load(payload=payload, route=route, parameters=parameters, visuals=False)
     truck.reset(station=station, offset=float(route.lane_offset(0, station)), speed=speed)
     config = PlannerConfig(speed=SpeedConfig(cruise_speed=cruise))
     stack = Stack(route, maker, config, parameters=truck.parameters, profile=profile)
@@ -145,6 +146,19 @@ def test_friction_takes_what_9_percent_leave_over():
     assert np.all(late[:, RETARDER] > 0.95)
     _, jerk = smooth(rows[100:, ACCELERATION])
     assert np.abs(jerk).max() < 2.5
+
+
+def test_without_a_retarder_friction_holds_the_truck_and_does_not_chatter():
+    route = Route.straight(length=3000.0, grade=-0.06)
+    without = {"retarder": {"torque_max": 0.0}}
+    speed = 60.0 / 3.6
+    rows, _ = drive(route, 36_000.0, speed, 20.0, 100.0, speed, parameters=without)
+    settled = rows[rows[:, 0] > 8.0]
+    assert np.abs(settled[:, 2] - speed).max() <= 0.5 / 3.6
+    assert np.all(settled[:, 6] < 0.0)
+    assert np.all(settled[:, ENGINE_BRAKE] == 1.0)
+    _, jerk = smooth(settled[:, ACCELERATION])
+    assert np.abs(jerk).max() < 0.5
 
 
 def test_a_planned_slowing_needs_no_friction_and_the_truck_pulls_again_smoothly():

@@ -55,6 +55,19 @@ def test_grip_ends_where_traction_is_what_the_grade_needs():
     assert ForceBalance(PARAMETERS, 0.0).traction_grade() != pytest.approx(grade, rel=0.02)
 
 
+def test_engine_settles_at_launch_where_clutch_and_floored_pedal_agree():
+    speed = LADEN.launch_speed
+    engine = PARAMETERS.engine
+    share = (speed - engine.idle_speed) / PARAMETERS.clutch.launch_range
+    assert LADEN.full_torque(speed) == pytest.approx(share * engine.reference_torque, rel=1e-6)
+    assert engine.idle_speed < speed < engine.idle_speed + PARAMETERS.clutch.launch_range
+
+
+def test_grip_grows_with_the_friction_of_the_road():
+    assert LADEN.traction(0.1, 0.4) == pytest.approx(0.5 * LADEN.traction(0.1))
+    assert LADEN.traction_grade(0.3) < LADEN.traction_grade()
+
+
 @pytest.mark.parametrize(("gear", "grade"), [(12, 0.01), (10, 0.03), (8, 0.05)])
 def test_steady_speed_balances_and_is_stable(gear, grade):
     speed = LADEN.steady_speed(gear, grade)

@@ -1,0 +1,196 @@
+"""The gearbox on its own: sequences of changes, launches, kick-down, neutral and reverse."""
+
+import mujoco
+import numpy as np
+import pytest
+from driveline_rig import CONTROLS, PARAMETERS, Case, constant, drive, shifts
+from vehicle_sled import KMH, Sled, sled_xml
+
+from iits_mj.errors import InputError
+from iits_mj.parameters import TruckParameters
+
+ENGINE, GEARBOX = PARAMETERS.engine, PARAMETERS.gearbox
+SHIFTING = GEARBOX.shifting
+LIGHT, HEAVY = 19_000.0, 55_000.0
+REVERSE, NEUTRAL = 2, 1
+
+
+def spans(flags):
+    """First and last index of the runs of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(flags).astype(int), [0]])))
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
+@pytest.fixture(scope="module")
+def launch():
+    """40 % pedal for 40 s from standstill, 19 t: the paper's acceleration test; steps of 1 ms."""
+    case = Case(LIGHT, 0.0, 0.0)
+    return drive([case], constant(1, 40.0, [0.4], timestep=0.001), timestep=0.001)
+
+
+def test_launch_at_40_percent_pedal_starts_in_second_and_goes_up_gear_by_gear(launch):
+    gear = launch["gear"][0]
+    assert gear[0] == 2
+    assert [after for _, _, after in shifts(gear)] == list(range(3, int(gear[-1]) + 1))
+    assert gear[-1] in (9, 10)
+    assert 40 * KMH < launch["speed"][0, -1] < 50 * KMH
+
+
+def test_change_takes_0_6_to_1_0_s_and_leaves_the_engine_below_60_n_m_for_0_6_to_0_7_s(launch):
+    torque = launch["engine_torque"][0]
+    changes = spans(launch["shift_in_process"][0] > 0)
+    assert len(changes) >= 7
+    for begin, end in changes:
+        assert 0.6 <= 0.001 * (end - begin) <= 1.0
+        assert 0.58 <= 0.001 * np.count_nonzero(torque[begin : end + 500] < 60.0) <= 0.72
+
+
+def test_gear_sequence_does_not_depend_on_the_time_step(launch):
+    reference = shifts(launch["gear"][0], 0.001)
+    for step in (0.002, 0.005):
+        controls = constant(1, 40.0, [0.4], timestep=step)
+        run = drive([Case(LIGHT, 0.0, 0.0)], controls, timestep=step)
+        changes = shifts(run["gear"][0], step)
+        assert [c[1:] for c in changes] == [c[1:] for c in reference]
+        times = np.array([c[0] for c in changes]) - [c[0] for c in reference]
+        assert np.abs(times).max() < 0.15
+
+
+def floored(pedal_before, changes=None):
+    """2 % down at 57 km/h in top gear, the pedal floored after 4 s, lifted again after 10 s."""
+    controls = constant(1, 20.0, [pedal_before])
+    controls[:, 800:2000, 0] = 1.0
+    return drive([Case(HEAVY, -0.02, 56 * KMH)], controls, changes=changes)
+
+
+def test_kick_down_skips_gears_and_gains_speed():
+    run, without = floored(0.12), floored(0.12, {"kick_down_rise": "1"})
+    assert run["gear"][0, 790] == 12
+    assert run["gear"][0, 1000] == 10
+    # Without it the controller waits until the engine has turned too slowly for a while.
+    assert without["gear"][0, 880] == 12
+    gained = [each["speed"][0, 1600] - each["speed"][0, 799] for each in (run, without)]
+    assert gained[0] > gained[1] + 0.05
+
+
+def test_lifted_pedal_skips_gears_upward():
+    gear = floored(0.12)["gear"][0]
+    lifted = [change for change in shifts(gear) if change[0] > 9.9]
+    assert lifted[0][1:] == (10, 10 + SHIFTING.skip_up_max)
+
+
+def test_kick_down_is_not_undone_while_the_pedal_stays_down():
+    controls = constant(2, 12.0, [0.3, 0.3])
+    controls[:, 400:, 0] = 1.0
+    run = drive([Case(HEAVY, 0.0, 60 * KMH), Case(HEAVY, 0.02, 55 * KMH)], controls)
+    for gear in run["gear"]:
+        after = gear[400 + round(1.5 / 0.005) : 400 + round(6.0 / 0.005)]
+        assert np.all(np.diff(after) <= 0)
+
+
+def test_hard_braking_skips_gears_downward_and_never_stalls():
+    sled = Sled(HEAVY, speed=80 * KMH).run(2.0, accelerator_pedal=0.5)
+    names = ("engine_speed", "gear", "speed")
+    rows = sled.record(12.0, *names, accelerator_pedal=0.0, xbr_demand=-4.0, xbr_mode=2)
+    assert rows[:, 0].min() > 0.85 * ENGINE.idle_speed
+    steps = [after - before for _, before, after in shifts(rows[:, 1])]
+    assert len(steps) <= 5
+    assert min(steps) <= -3
+    assert rows[-1, 1] == GEARBOX.start_gear
+
+
+def test_gear_in_the_making_is_replaced_when_the_truck_is_braked_to_a_stop_meanwhile():
+    """Full braking from just above the speed of a downshift: the new gear is soon too high."""
+    sled = Sled(LIGHT, speed=20 * KMH, rolling=False).run(1.5, accelerator_pedal=0.3)
+    rows = sled.record(
+        4.0,
+        "engine_speed",
+        "propeller_shaft_torque",
+        accelerator_pedal=0.0,
+        xbr_demand=-7.0,
+        xbr_mode=2,
+    )
+    assert rows[:, 0].min() > 0.85 * ENGINE.idle_speed
+    assert np.abs(rows[:, 1]).max() < 3000.0
+
+
+@pytest.mark.parametrize("mass", [LIGHT, HEAVY])
+@pytest.mark.parametrize("grade", [0.0, 0.06, 0.12])
+def test_truck_starts_in_second_on_a_grade_without_rolling_back(mass, grade):
+    sled = Sled(mass, grade=grade)
+    sled.run(3.0, parking_brake=1.0, xbr_demand=-3.0, xbr_mode=2).run(2.0, parking_brake=0.0)
+    start = sled["position"]
+    names = ("position", "gear", "speed")
+    rows = sled.record(12.0, *names, xbr_demand=0.0, accelerator_pedal=1.0)
+    assert rows[:, 0].min() > start - 0.03
+    assert rows[:, 1].min() == GEARBOX.start_gear
+    assert rows[-1, 2] > 2.5
+
+
+def test_first_gear_is_taken_only_where_second_cannot_start():
+    """28 %: first gear's full torque carries 55 t, second's does not. Held until it is pulled."""
+    gears = []
+    for grade in (0.2, 0.28):
+        sled = Sled(HEAVY, grade=grade).run(2.0, parking_brake=1.0)
+        sled.run(12.0 if grade > 0.2 else 4.0, accelerator_pedal=1.0)
+        sled.run(10.0, parking_brake=0.0)
+        gears.append(sled["gear"])
+        assert sled["speed"] > 1.5
+    assert gears == [2, 1]
+
+
+def test_neutral_lets_the_truck_roll_and_drive_finds_the_gear_again():
+    controls = constant(1, 12.0, [0.0])
+    controls[:, :1200, CONTROLS.index("transmission_mode")] = NEUTRAL
+    controls[:, 1200:, 0] = 0.4
+    run = drive([Case(LIGHT, 0.0, 50 * KMH)], controls)
+    gear = run["gear"][0]
+    assert np.all(gear[400:1200] == 0)
+    assert np.all(run["propeller_shaft_torque"][0, 400:1200] == 0)
+    assert run["engine_speed"][0, 1190] == pytest.approx(ENGINE.idle_speed, rel=0.01)
+    rolling = run["propeller_shaft_speed"][0, 1400]
+    assert GEARBOX.ratios[int(gear[1400]) - 1] * rolling > 1.5 * ENGINE.idle_speed
+    assert run["propeller_shaft_torque"][0, 1400:].max() > 1000
+
+
+def test_reverse_is_engaged_at_walking_pace_only_and_drives_backward():
+    modes = CONTROLS.index("transmission_mode")
+    controls = constant(2, 12.0, [0.3, 0.0])
+    controls[:, :, modes] = REVERSE
+    run = drive([Case(LIGHT, 0.0, 0.5), Case(LIGHT, 0.0, 5.0)], controls)
+    assert run["gear"][0, -1] == -1
+    assert run["speed"][0, -1] < -1.0
+    fast = run["speed"][1] > SHIFTING.engage_speed_max + 0.05
+    assert np.all(run["gear"][1, fast][200:] == 0)
+
+
+def test_forward_gear_waits_until_the_truck_no_longer_rolls_backward():
+    controls = constant(1, 6.0, [0.0])
+    run = drive([Case(LIGHT, 0.1, -3.0)], controls)
+    backward = run["speed"][0] < -SHIFTING.engage_speed_max
+    assert np.all(run["propeller_shaft_torque"][0, backward] == 0)
+
+
+def test_unknown_strategy_is_refused_by_name():
+    with pytest.raises(InputError, match=r"shift_strategy = 'sport'.*adaptive"):
+        TruckParameters.load(overlay={"gearbox": {"shift_strategy": "sport"}})
+    with pytest.raises(ValueError, match=r"shift_strategy 'sport'.*tables, adaptive"):
+        mujoco.MjModel.from_xml_string(
+            sled_xml(LIGHT, changes={("powertrain", "shift_strategy"): "sport"})
+        )
+
+
+@pytest.mark.parametrize("name", ["torque_reserve", "lowest_speed", "skip_up_max", "load_lag"])
+def test_bad_shift_attribute_is_refused_by_name(name):
+    for value in ("nan", "-1", ""):
+        with pytest.raises(ValueError, match=name):
+            mujoco.MjModel.from_xml_string(sled_xml(LIGHT, changes={("powertrain", name): value}))
+
+
+def test_mass_of_the_model_at_run_time_counts_not_that_at_loading():
+    """A loaded truck on a climb changes gear as a truck of that mass does, in whichever data."""
+    cases = [Case(LIGHT, 0.04, 60 * KMH), Case(HEAVY, 0.04, 60 * KMH)]
+    controls = constant(2, 60.0, [1.0, 1.0])
+    together = drive(cases, controls)["gear"][1]
+    alone = drive(cases[1:], controls[1:])["gear"][0]
+    assert np.array_equal(together, alone)

@@ -1,0 +1,82 @@
+"""The adaptive strategy: fuel, load, mass."""
+
+import numpy as np
+import pytest
+from driveline_rig import PARAMETERS, Case, constant, drive, shifts
+from vehicle_sled import KMH
+
+ENGINE, GEARBOX = PARAMETERS.engine, PARAMETERS.gearbox
+EFFICIENCY = GEARBOX.efficiency * GEARBOX.driveline_efficiency
+ADAPTIVE = {"shift_strategy": "adaptive"}
+
+
+def consumption(torque, turns):
+    """Specific consumption [kg/J] of the map, bilinear, held at its edges."""
+    fuel = ENGINE.fuel_map
+    rows = [np.interp(turns, fuel.columns, row) for row in fuel.values]
+    return np.interp(torque, fuel.rows, rows)
+
+
+def held_speed(case, seconds=90.0, gain=0.4):
+    """Time histories with the pedal worked by a slow PI driver who holds the start's speed.
+
+    The driver is run in blocks: each block's pedal is constant and follows from the speed before.
+    """
+    pedal, integral = 0.3, 0.3
+    pedals = []
+    for _ in range(round(seconds / 3.0)):
+        pedals.append(pedal)
+        controls = np.concatenate([constant(1, 3.0, [p]) for p in pedals], axis=1)
+        traces = drive([case], controls, changes=ADAPTIVE, timestep=0.005)
+        error = case.speed - traces["speed"][0, -1]
+        integral = float(np.clip(integral + 0.1 * gain * error, 0.05, 0.9))
+        pedal = float(np.clip(integral + gain * error, 0.03, 1.0))
+    return traces
+
+
+@pytest.mark.parametrize(
+    ("mass", "grade", "speed"),
+    [(19_000.0, 0.0, 70), (37_000.0, 0.01, 60), (55_000.0, 0.02, 45), (55_000.0, 0.0, 80)],
+)
+def test_cruising_truck_is_in_a_gear_that_burns_within_5_percent_of_the_least(mass, grade, speed):
+    traces = held_speed(Case(mass, grade, speed * KMH), 45.0)
+    shaft = traces["propeller_shaft_speed"][0, -1]
+    window = traces["shift_in_process"][0, -400:] == 0
+    torque = traces["propeller_shaft_torque"][0, -400:][window].mean()
+    rates = {}
+    for gear, ratio in enumerate(GEARBOX.ratios, 1):
+        turns, engine_torque = shaft * ratio, torque / (ratio * EFFICIENCY)
+        shifting = GEARBOX.shifting
+        lowest = ENGINE.idle_speed * (shifting.lowest_speed + 0.3 * shifting.lowest_speed_pedal)
+        most = np.interp(turns, ENGINE.full_load_speed, ENGINE.full_load_torque)
+        if lowest * 1.05 < turns < 0.7 * ENGINE.governed_speed and engine_torque < most / 1.1:
+            rates[gear] = consumption(engine_torque, turns) * engine_torque * turns
+    assert len(rates) >= 2
+    gear = int(traces["gear"][0, -1])
+    assert rates[gear] < 1.05 * min(rates.values())
+
+
+def test_laden_truck_on_a_climb_drives_in_a_lower_gear_at_the_same_speed_and_pedal():
+    cases = [Case(19_000.0, 0.0, 60 * KMH), Case(55_000.0, 0.0, 60 * KMH)]
+    cases += [Case(55_000.0, 0.03, 60 * KMH)]
+    traces = drive(cases, constant(3, 6.0, np.full(3, 0.6)), changes=ADAPTIVE)
+    light, laden, climbing = traces["gear"][:, -1]
+    assert climbing < laden <= light
+
+
+def test_adaptive_upshift_on_a_climb_is_not_taken_back():
+    cases = [Case(mass, g, 15 * KMH) for mass in (37_000.0, 55_000.0) for g in (0.01, 0.02, 0.03)]
+    traces = drive(cases, constant(len(cases), 80.0, np.ones(len(cases))), changes=ADAPTIVE)
+    for gear in traces["gear"]:
+        steps = [after - before for time, before, after in shifts(gear) if time > 2.0]
+        assert len(steps) >= 2
+        assert min(steps) > 0
+
+
+def test_adaptive_strategy_uses_the_engine_power_at_full_pedal_that_the_tables_leave():
+    case, controls = Case(37_000.0, 0.0, 2.0), constant(1, 50.0, [1.0])
+    speeds = [
+        drive([case], controls, changes={"shift_strategy": name})["speed"][0, -1]
+        for name in ("tables", "adaptive")
+    ]
+    assert speeds[1] > speeds[0]

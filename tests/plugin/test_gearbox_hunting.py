@@ -1,0 +1,170 @@
+"""The gearbox is never stuck and never hunts: grids of mass, grade, pedal, speed; random pedals."""
+
+import itertools
+
+import numpy as np
+import pytest
+from driveline_rig import PARAMETERS, RADIUS, Case, constant, drive, reversals, shifts
+from vehicle_sled import KMH
+
+from iits_mj.model.powertrain import full_load
+from iits_mj.units import GRAVITY
+
+ENGINE, GEARBOX = PARAMETERS.engine, PARAMETERS.gearbox
+MASSES = (19_000.0, 37_000.0, 55_000.0)
+STRATEGIES = ("tables", "adaptive")
+STEP = 0.005
+
+
+def grid(grades, pedals, speeds, seconds, strategy):
+    """Runs with constant pedal; those that roll back are left out.
+
+    Returns the cases with their pedals, and the traces.
+    """
+    table = list(itertools.product(MASSES, grades, pedals, speeds))
+    cases = [Case(mass, grade, speed * KMH) for mass, grade, _, speed in table]
+    pedal = [row[2] for row in table]
+    controls = constant(len(cases), seconds, pedal)
+    return table, drive(cases, controls, changes={"shift_strategy": strategy})
+
+
+@pytest.fixture(scope="module", params=STRATEGIES)
+def small(request):
+    grades = (-0.06, -0.01, 0.015, 0.03, 0.06, 0.12)
+    return grid(grades, (0.2, 0.5, 1.0), (30.0, 70.0), 36.0, request.param)
+
+
+@pytest.fixture(scope="module", params=STRATEGIES)
+def large(request):
+    grades = (-0.06, -0.03, -0.01, 0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1, 0.12)
+    return grid(grades, (0.2, 0.4, 0.6, 0.8, 1.0), (5.0, 30.0, 60.0, 85.0), 120.0, request.param)
+
+
+def check_no_reversal(runs):
+    table, traces = runs
+    for row, gear in zip(table, traces["gear"], strict=True):
+        assert not reversals(gear), row
+
+
+def check_settles(runs):
+    """In the last third a truck on a constant grade changes gear in one direction only."""
+    table, traces = runs
+    for row, gear in zip(table, traces["gear"], strict=True):
+        late = gear[2 * gear.size // 3 :]
+        directions = {np.sign(after - before) for _, before, after in shifts(late)}
+        assert len(directions) <= 1, row
+
+
+def check_no_lugging(runs):
+    """No engine below its lowest speed for two seconds where a lower gear could be had."""
+    table, traces = runs
+    shifting = GEARBOX.shifting
+    for i, (_, _, pedal, _) in enumerate(table):
+        lowest = ENGINE.idle_speed * (shifting.lowest_speed + shifting.lowest_speed_pedal * pedal)
+        slow = (
+            (traces["engine_speed"][i] < lowest - 0.5)
+            & (traces["gear"][i] > GEARBOX.start_gear)
+            & (traces["shift_in_process"][i] == 0)
+            # A truck that gains speed leaves the range by itself.
+            & (np.gradient(traces["propeller_shaft_speed"][i], STEP) < 0.05)
+        )
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], slow.astype(int), [0]])))
+        longest = max(np.diff(edges)[::2], default=0) * STEP
+        assert longest < 2.0, table[i]
+
+
+def check_engine_in_range(runs):
+    _, traces = runs
+    forward = traces["speed"] > 0.5
+    # Below 0.8 the clutch lets go; the engine may swing a little further.
+    assert traces["engine_speed"][forward].min() > 0.75 * ENGINE.idle_speed
+    driven = traces["speed"] < 120 * KMH  # beyond, the descent drives the engine in top gear
+    assert traces["engine_speed"][forward & driven].max() < 1.1 * ENGINE.governed_speed
+
+
+CHECKS = (check_no_reversal, check_settles, check_no_lugging, check_engine_in_range)
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+def test_constant_pedal_on_constant_grades(small, check):
+    check(small)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+def test_constant_pedal_on_many_constant_grades(large, check):
+    check(large)
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_laden_truck_at_full_pedal_on_three_percent_stays_in_the_gear_that_carries_it(strategy):
+    cases = [Case(55_000.0, 0.03, speed * KMH) for speed in (20, 38, 42, 46, 60)]
+    controls = constant(len(cases), 100.0, np.ones(len(cases)))
+    traces = drive(cases, controls, changes={"shift_strategy": strategy})
+    for gear in traces["gear"]:
+        assert not reversals(gear, within=10.0)
+        assert len(shifts(gear[10_000:])) <= 2
+
+
+def ideal_speed(mass, grade):
+    """Greatest speed [m/s] on a climb if any gear could be had, by the balance of forces."""
+    speed, torque = full_load(PARAMETERS)
+    pedal = ENGINE.pedal_map
+    air = PARAMETERS.aerodynamics
+    efficiency = GEARBOX.efficiency * GEARBOX.driveline_efficiency
+    resistance = mass * GRAVITY * (grade + PARAMETERS.tire_common.rolling_resistance)
+    reached = 0.0
+    for v in np.arange(1.0, 40.0, 0.05):
+        turns = v / RADIUS * GEARBOX.final_drive * GEARBOX.ratios
+        turns = turns[(turns > 1000 / 9.55) & (turns < 0.95 * ENGINE.governed_speed)]
+        most = np.minimum(
+            np.interp(turns, speed, torque), np.interp(turns, pedal.rows, pedal.values[:, -1])
+        )
+        force = (most * turns).max(initial=0.0) * efficiency / v
+        if force >= resistance + 0.5 * air.density * air.drag_area * 20.0 * v:
+            reached = v
+    return reached
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("grade", [0.04, 0.06, 0.08])
+def test_full_pedal_keeps_most_of_the_speed_that_the_best_gear_would_give(strategy, grade):
+    """Coming from 80 km/h; the steps between gears and the torque's recovery cost the rest."""
+    cases = [Case(mass, grade, 80 * KMH) for mass in MASSES]
+    controls = constant(len(cases), 120.0, np.ones(len(cases)))
+    traces = drive(cases, controls, changes={"shift_strategy": strategy})
+    for case, speed in zip(cases, traces["speed"][:, -1], strict=True):
+        assert speed > 0.78 * min(ideal_speed(case.mass, grade), 90 * KMH), case
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_random_pedals_reverse_a_change_only_for_the_pedal_or_the_governor(strategy):
+    """Grade of the road is fixed per run; the pedal takes a new value every 1 to 8 s.
+
+    A change is undone within 5 s when the driver wants something else meanwhile, or when the truck,
+    in a low gear, has reached the engine's governor by then.
+    """
+    random = np.random.default_rng(5)
+    cases = [
+        Case(mass, random.uniform(-0.03, 0.05), random.uniform(20, 80) * KMH)
+        for mass in np.repeat(MASSES, 8)
+    ]
+    controls = constant(len(cases), 60.0, np.zeros(len(cases)))
+    for row in controls:
+        at = 0
+        while at < row.shape[0]:
+            length = round(random.uniform(1.0, 8.0) / STEP)
+            row[at : at + length, 0] = random.choice([0.0, random.uniform(0.1, 1.0), 1.0])
+            at += length
+    traces = drive(cases, controls, changes={"shift_strategy": strategy})
+    count = 0
+    for row, gear, turns in zip(controls, traces["gear"], traces["engine_speed"], strict=True):
+        for first, second in reversals(gear):
+            begin, end = round(first[0] / STEP), round(second[0] / STEP)
+            governor = turns[end - 1] > 0.85 * ENGINE.governed_speed
+            assert governor or np.ptp(row[begin - 200 : end + 1, 0]) > 0.2
+            count += 1
+    changes = sum(len(shifts(gear)) for gear in traces["gear"])
+    assert count < 0.1 * changes
+    forward = traces["speed"] > 0.5
+    assert traces["engine_speed"][forward].min() > 0.8 * ENGINE.idle_speed
