@@ -28,6 +28,8 @@ class AirBrakeScalars:
       pedal_deceleration: what the fully pressed pedal asks for.
       filter_time_constant, trim_gain, trim_max, trim_share, trim_speed_min,
         hysteresis_time_constant: deceleration control.
+      endurance_speed_off, endurance_speed_on: between them engine brake and retarder hand over to
+        friction, where integration is allowed; `endurance_rate`: at which they are asked for more.
       hold_speed, hold_deceleration, hold_release_speed, hill_hold_time, hill_hold_min: holding.
       reservoir_volume: of the front, drive and trailer circuit.
       compressor_displacement: of free air, per angle of the crankshaft.
@@ -65,6 +67,9 @@ class AirBrakeScalars:
     trim_share: float
     trim_speed_min: float
     hysteresis_time_constant: float
+    endurance_speed_off: float
+    endurance_speed_on: float
+    endurance_rate: float
     hold_speed: float
     hold_deceleration: float
     hold_release_speed: float

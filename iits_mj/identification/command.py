@@ -96,9 +96,7 @@ def results(found: Identification) -> Results:
     for e in found.estimates:
         if e.identifiable:
             report.checks.append(Check(e.name, e.value, e.unit, e.prior))
-            report.notes.append(f"{e.name}: {e.value:.5g} +/- {e.half_width:.2g} {e.unit} (95 %)")
-        else:
-            report.notes.append(f"{e.name}: not identifiable, {e.reason}; kept {e.prior:.5g}")
+        report.notes.append(str(e))
     if not any(e.identifiable for e in found.estimates):
         raise InputError("the log shows no parameter: " + found.estimates[0].reason)
     motion = found.motion

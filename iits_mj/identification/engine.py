@@ -75,7 +75,7 @@ def identify_engine(log: Log, parameters: TruckParameters) -> list[Estimate]:
             groups.append(np.where(np.isfinite(error), error, 0.0))
         return groups
 
-    estimates, _ = fit(free, residual, step=1e-3)
+    estimates, _ = fit(free, residual, step=1e-3, tolerance=1e-5)
     return estimates
 
 

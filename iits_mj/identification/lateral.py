@@ -41,6 +41,8 @@ _SPEED_RANGE = 0.08
 # What linear tires of the static load leave out up to there, against the truck itself [1]: it comes
 # on top of the interval.
 _MODEL_ERROR = 0.03
+# Relative change at which the fit ends: far below the model's own error.
+_TOLERANCE = 1e-5
 # Least spread of the yaw rate that is a manoeuvre [rad/s].
 _YAW_RATE_MIN = 2e-3
 
@@ -94,21 +96,18 @@ def identify_cornering(
         for name in windows[0].signals
     }
     payload = payload_of(parameters, mass)
+    longest = max(len(window.steering) for window in windows)
 
     def residual(values: FloatArray) -> list[FloatArray]:
         trial = with_cornering(parameters, dict(zip(_GROUPS, map(float, values[:3]), strict=True)))
         divisor = 1.0 if direct else float(values[3]) if wants_ratio else float(ratio or 1.0)
-        systems: dict[float, RollSystem] = {}
-        groups = []
-        for window in windows:
-            system = systems.get(window.speed)
-            if system is None:
-                model = YawRoll.from_parameters(trial, payload, cruise_speed=window.speed)
-                system = systems[window.speed] = model.at(window.speed)
-            groups.append(_errors(system, window, step, divisor, scales))
-        return groups
+        responses = {}
+        for speed in {window.speed for window in windows}:
+            model = YawRoll.from_parameters(trial, payload, cruise_speed=speed)
+            responses[speed] = _responses(model.at(speed), longest, step)
+        return [_errors(responses[w.speed], w, divisor, scales) for w in windows]
 
-    estimates, _ = fit(free, residual)
+    estimates, _ = fit(free, residual, tolerance=_TOLERANCE)
     return [
         dataclasses.replace(e, half_width=float(np.hypot(e.half_width, _MODEL_ERROR * e.value)))
         for e in estimates
@@ -126,13 +125,21 @@ def with_cornering(p: TruckParameters, coefficients: Mapping[str, float]) -> Tru
 
 
 def _errors(
-    system: RollSystem, window: _Window, step: float, divisor: float, scales: Mapping[str, float]
+    responses: FloatArray, window: _Window, divisor: float, scales: Mapping[str, float]
 ) -> FloatArray:
     """Model less record over all signals, initial state and steering offset solved for."""
-    responses = _responses(system, window.steering / divisor, step)
+    steering = window.steering / divisor
+    n = len(steering)
     columns, measured = [], []
     for name, scale in scales.items():
-        columns.append(responses[:, _STATES[name], :] / scale)
+        early, late, *initial = responses[:n, _STATES[name], :].T
+        # The state answers one sample later: to this sample's steering and to the next one's.
+        forced = np.zeros(n)
+        forced[1:] = (
+            np.convolve(early, steering)[: n - 1] + np.convolve(late, steering[1:])[: n - 1]
+        )
+        offset = np.concatenate([[0.0], np.cumsum(early + late)[:-1]])
+        columns.append(np.column_stack([forced, *initial, offset]) / scale)
         measured.append(window.signals[name] / scale)
     basis, target = np.vstack(columns), np.concatenate(measured)
     forced, free = basis[:, 0], basis[:, 1:]
@@ -140,29 +147,26 @@ def _errors(
     return np.asarray(forced + free @ levels - target)
 
 
-def _responses(system: RollSystem, steering: FloatArray, step: float) -> FloatArray:
-    """Plane states (n, 4, 6): to the steering, to each initial plane state, to an offset.
+def _responses(system: RollSystem, length: int, step: float) -> FloatArray:
+    """Plane states, shape (length, 4, 6), by samples since a start.
 
-    Exact for steering that is straight between samples.
+    To unit samples of steering that is straight between them (its sample and the one after), and
+    to each initial plane state.
     """
-    size, n = len(system.B), len(steering)
+    size = len(system.B)
     # x' = A x + B u with u' constant: one exponential gives all three matrices.
     whole = np.zeros((size + 2, size + 2))
     whole[:size, :size], whole[:size, size] = system.A * step, system.B * step
     whole[size, size + 1] = 1.0
     power = expm(whole)
-    A, first, second = power[:size, :size], power[:size, size], power[:size, size + 1]
-    late, early = second, first - second
+    A, first, late = power[:size, :size], power[:size, size], power[:size, size + 1]
     state = np.zeros((size, 2 + _PLANE_STATES))
-    state[:_PLANE_STATES, 1:-1] = np.eye(_PLANE_STATES)
-    inputs = np.zeros((n, 2, 2 + _PLANE_STATES))
-    inputs[:, 0, 0], inputs[:, 0, -1] = steering, 1.0
-    inputs[:-1, 1, 0], inputs[:, 1, -1] = steering[1:], 1.0
-    push = np.column_stack([early, late])
-    found = np.empty((n, _PLANE_STATES, 2 + _PLANE_STATES))
-    for k in range(n):
+    state[:, 0], state[:, 1] = first - late, late
+    state[:_PLANE_STATES, 2:] = np.eye(_PLANE_STATES)
+    found = np.empty((length, _PLANE_STATES, 2 + _PLANE_STATES))
+    for k in range(length):
         found[k] = state[:_PLANE_STATES]
-        state = A @ state + push @ inputs[k]
+        state = A @ state
     return found
 
 

@@ -32,6 +32,8 @@ _LIMITS = {
     "engine_torque_scale": (0.2, 3.0),
 }
 _GAIN_LIMITS = (0.05, 5.0)
+# Less noise than this is not what the model falls short of [m/s].
+_NOISE_MIN = 0.02
 _NO_SCALE = "motion shows it only as a ratio to the mass: give the mass"
 
 
@@ -109,15 +111,30 @@ def _fit(
 ) -> tuple[list[Estimate], dict[str, float]]:
     free = [Free(n, _UNITS.get(n, "1"), prior[n], *_LIMITS.get(n, _GAIN_LIMITS)) for n in names]
 
+    weights = _weights(inputs)
+
     def trial(values: FloatArray) -> dict[str, float]:
         return {**prior, **dict(zip(names, map(float, values), strict=True))}
 
     def residual(values: FloatArray) -> list[FloatArray]:
         model = speeds(inputs, trial(values))
-        return [m - inputs.speed[w] for w, m in zip(inputs.windows, model, strict=True)]
+        triples = zip(inputs.windows, model, weights, strict=True)
+        return [weight * (speed - inputs.speed[w]) for w, speed, weight in triples]
 
     estimates, values = fit(free, residual)
     return estimates, trial(values)
+
+
+def _weights(inputs: Inputs) -> list[float]:
+    """Weight of each window, 1 on average: the inverse of its noise, by second differences.
+
+    White noise of deviation s has second differences of deviation s sqrt(6).
+    """
+    noise = [
+        max(float(np.std(np.diff(inputs.speed[w], 2))) / np.sqrt(6.0), _NOISE_MIN)
+        for w in inputs.windows
+    ]
+    return [float(np.median(noise)) / value for value in noise]
 
 
 def _circuit_gains(

@@ -122,11 +122,7 @@ def write_toml(found: Identification, path: str | Path) -> None:
     if not tree:
         raise InputError("the log shows no parameter that the truck has: nothing written")
     lines = ["# Identified from a recorded drive; read by Truck.load(parameters=...)."]
-    for e in found.estimates:
-        if e.identifiable:
-            lines.append(f"# {e.name} = {e.value:.6g} +/- {e.half_width:.2g} {e.unit} (95 %)")
-        else:
-            lines.append(f"# {e.name}: not identifiable, {e.reason}")
+    lines += [f"# {estimate}" for estimate in found.estimates]
     lines += _tables(tree, "")
     try:
         Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")

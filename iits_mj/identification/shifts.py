@@ -55,7 +55,8 @@ def identify_shifts(log: Log, parameters: TruckParameters) -> list[Estimate]:
         return [unseen(k, reason) for k in range(3)]
     lengths = np.array([change.end - change.start for change in changes])
     step = float(np.median(np.diff(log.series("shift_in_process").time)))
-    duration = _mean(names[0], priors[0], lengths)
+    # Flags are sampled: where changes keep step with the samples, half of one stays unseen.
+    duration = _mean(names[0], priors[0], lengths, 0.5 * step)
     if step > _COARSEST * float(lengths.mean()):
         # Averages of many changes would do, were their phases known to be random.
         reason = f"the log shows the change in steps of {1e3 * step:.0f} ms only"
@@ -115,13 +116,13 @@ def _cuts(log: Log, parameters: TruckParameters, changes: list[_Change]) -> list
     return cuts
 
 
-def _mean(name: str, prior: float, values: FloatArray) -> Estimate:
-    """Mean with its 95 % interval, without the stray ones far from the median."""
+def _mean(name: str, prior: float, values: FloatArray, unseen: float = 0.0) -> Estimate:
+    """Mean with its 95 % interval and what is unseen on top, without strays far from the median."""
     median = float(np.median(values))
     kept = values[np.abs(values - median) <= _STRAY * median]
     deviation = float(np.std(kept, ddof=1)) / np.sqrt(len(kept))
     half = float(stats.t.ppf(0.975, len(kept) - 1)) * deviation
-    return _judged(name, prior, float(kept.mean()), half)
+    return _judged(name, prior, float(kept.mean()), half + unseen)
 
 
 def _judged(name: str, prior: float, value: float, half_width: float) -> Estimate:

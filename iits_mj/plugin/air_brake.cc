@@ -25,8 +25,9 @@ const char* const kAttributes[] = {
     // control
     "supply_rise_rate", "supply_fall_rate", "pressure_max", "release_rate", "pedal_deceleration",
     "rolling_resistance", "filter_time_constant", "trim_gain", "trim_max", "trim_share",
-    "trim_speed_min", "hysteresis_time_constant", "hold_speed", "hold_deceleration",
-    "hold_release_speed", "hill_hold_time", "hill_hold_min",
+    "trim_speed_min", "hysteresis_time_constant", "endurance_speed_off", "endurance_speed_on",
+    "endurance_rate", "hold_speed", "hold_deceleration", "hold_release_speed", "hill_hold_time",
+    "hill_hold_min",
     // distribution
     "mass_light", "mass_heavy", "demand", "share_light", "share_heavy",
     // air supply

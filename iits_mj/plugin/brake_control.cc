@@ -32,6 +32,9 @@ bool BrakeControl::Read(const mjModel* m, int instance) {
       {"trim_max", 0, 10, &trim_max_},
       {"trim_share", 0, 1, &trim_share_},
       {"trim_speed_min", 0, 100, &trim_speed_min_},
+      {"endurance_speed_off", 0, 100, &shaft_speed_off_},
+      {"endurance_speed_on", 0, 100, &shaft_speed_on_},
+      {"endurance_rate", 0.01, 1e6, &endurance_rate_},
       {"push_out_pressure", 1, 1e6, &push_out_},
       {"hysteresis_pressure", 1, 1e6, &hysteresis_},
       {"hysteresis_time_constant", 0.001, 10, &hysteresis_time_},
@@ -44,6 +47,13 @@ bool BrakeControl::Read(const mjModel* m, int instance) {
   for (const auto& a : attributes) {
     *a.value = std::nan("");
     if (!ReadNumber(m, instance, a.name, a.low, a.high, a.value)) return false;
+  }
+  if (shaft_speed_on_ <= shaft_speed_off_) {
+    mju_warning(
+        "plugin instance '%s': attribute 'endurance_speed_on' = %g must exceed "
+        "endurance_speed_off = %g",
+        InstanceName(m, instance).c_str(), shaft_speed_on_, shaft_speed_off_);
+    return false;
   }
   return distribution_.Read(m, instance);
 }
@@ -116,9 +126,12 @@ BrakeControl::Targets BrakeControl::Blend(const BrakeDemand& demand, const Level
     friction = std::max(0.0, force - shaft_force);
     if (endurance_only) friction = std::min(friction, Force(demand, level.driver));
     t.idle = friction <= 0;
-    // Endurance brakes act on one axle group and know no slip: off while ABS works.
+    // Endurance brakes act on one axle group and know no slip: off while ABS works. Near walking
+    // speed the driveline opens soon: where friction may serve, it takes over before.
     if (demand.ebi_mode != BrakeDemand::kFrictionOnly && !demand.abs_active) {
-      t.effort.shaft_force = force;
+      double range = (demand.speed - shaft_speed_off_) / (shaft_speed_on_ - shaft_speed_off_);
+      bool integrated = demand.ebi_mode == BrakeDemand::kIntegration;
+      t.effort.shaft_force = integrated ? force * std::clamp(range, 0.0, 1.0) : force;
       t.limited = endurance_only && level.driver == 0 && force > demand.shaft_force_max;
     }
   }
@@ -197,7 +210,14 @@ BrakeEffort BrakeControl::Update(const BrakeDemand& demand, double h, BrakeContr
           std::min(supplied, std::min(1.0, (s->supply[i] + s->lowering[i] * hysteresis_) / target));
   }
   Trim(demand, level.total, deceleration, targets, supplied, h, s);
-  return targets.effort;
+  BrakeEffort effort = targets.effort;
+  if (demand.ebi_mode == BrakeDemand::kIntegration) {
+    // Asked for more no faster than friction can make room; anew after a gear change.
+    double limit = std::min(s->asked, demand.shaft_force_max) + endurance_rate_ * demand.mass * h;
+    effort.shaft_force = std::min(effort.shaft_force, std::max(0.0, limit));
+  }
+  s->asked = effort.shaft_force;
+  return effort;
 }
 
 }  // namespace iits

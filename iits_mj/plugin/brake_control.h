@@ -23,6 +23,7 @@ struct BrakeControlState {
   double trim;          // added to the demand by the deceleration control [m/s2]
   double shaft, shaft_max;  // force of the propeller shaft now, and what the propeller shaft could
                             // do; low-passed [N]
+  double asked;             // of the propeller shaft [N]
   double holding;           // 1: the brakes hold the standing vehicle
   double hold_time;         // since the demand ended, while holding [s]
 };
@@ -85,6 +86,7 @@ class BrakeControl {
   double rise_rate_, fall_rate_, pressure_max_, release_rate_;
   double pedal_deceleration_, rolling_resistance_;
   double filter_time_, trim_gain_, trim_max_, trim_share_, trim_speed_min_;
+  double shaft_speed_off_, shaft_speed_on_, endurance_rate_;
   double push_out_, hysteresis_, hysteresis_time_;
   double hold_speed_, hold_deceleration_, hold_release_speed_, hold_time_max_, hold_uphill_;
   double response_time_ = 0, spin_mass_ = 0, radius_sum_ = 0;

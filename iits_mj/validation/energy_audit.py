@@ -147,10 +147,12 @@ def compare(payload: float, timestep: float, length: float) -> tuple[list[Check]
         _closed(f"{label}: missing between shaft and road", 100.0 * trip.wheels_error),
         _closed(f"{label}: brake work of the sensor against the wheels' moments", brakes),
     ]
-    names = list(vars(trip.losses))
-    lines = tuple(
-        Line(name.replace("_", " "), trip.way, column / 1e6)
-        for name, column in zip(names, trip.history.T, strict=True)
+    history = dict(zip(vars(trip.losses), trip.history.T / 1e6, strict=True))
+    shown = {name: history[name] for name in ("air", "rolling", "slip", "brakes")}
+    shown["dampers"] = history["tire_damping"] + history["suspension"]
+    lines = (
+        Line("work of the propeller shaft", trip.way, history["shaft"], "reference"),
+        *(Line(name, trip.way, values) for name, values in shown.items()),
     )
     return checks, [Panel(f"{label}: sums", "way [m]", "energy [MJ]", lines)]
 

@@ -58,7 +58,7 @@ def run(config: ValidateConfig) -> Results:
         add(f"energy_{payload / 1e3:g}t", energy_audit.compare(payload, step, length))
     add("fuel", steady_fuel.compare(step, quick=quick))
     if not quick:
-        add("longitudinal_steps", longitudinal_steps.compare())
+        add("time_step", longitudinal_steps.compare())
     add("speed_accuracy", speed_accuracy.compare(drives))
     results.notes.append(speed_accuracy.NOTE)
     return results

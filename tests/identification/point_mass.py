@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from iits_mj.identification import Log
@@ -38,6 +40,7 @@ def _force_per_pascal(radii):
     return np.array([slope[0], slope[1:3].sum(), slope[3:].sum()])
 
 
+@functools.cache
 def drive(
     seed=0,
     *,

@@ -59,7 +59,7 @@ def test_torque_scale_and_mass_are_not_identified_together(found):
 
 
 def test_torque_scale_comes_back_when_the_mass_is_known():
-    result = identify(drive(scale=1.12), PARAMETERS, mass=MASS, groups=("motion",))
+    result = identify(drive(scale=1.12, duration=420.0), PARAMETERS, mass=MASS, groups=("motion",))
     assert result["engine_torque_scale"].value == pytest.approx(1.12, rel=0.03)
     assert result["rolling_resistance"].value == pytest.approx(ROLLING, rel=0.05)
 

@@ -74,7 +74,9 @@ def hill_drive(seed=0):
     plan = []
     start = 0.0
     while start < 2000.0:
-        accelerate, ease, coast = rng.uniform(8, 20), rng.uniform(0, 8), rng.uniform(3, 12)
+        accelerate, ease, coast = rng.uniform(8, 18), rng.uniform(0, 6), rng.uniform(3, 9)
+        if len(plan) % 5 == 2:  # air drag wants speed
+            accelerate, coast = rng.uniform(40, 50), rng.uniform(18, 25)
         brake, rest = rng.uniform(1.7, 3.5), rng.uniform(2, 3)
         demand, pedal = -rng.uniform(0.8, 2.2), rng.uniform(0.5, 0.8)
         plan.append((start, accelerate, ease, coast, brake, demand, pedal))
