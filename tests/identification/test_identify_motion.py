@@ -59,7 +59,7 @@ def test_torque_scale_and_mass_are_not_identified_together(found):
 
 
 def test_torque_scale_comes_back_when_the_mass_is_known():
-    result = identify(drive(scale=1.12, duration=420.0), PARAMETERS, mass=MASS, groups=("motion",))
+    result = identify(drive(scale=1.12, duration=300.0), PARAMETERS, mass=MASS, groups=("motion",))
     assert result["engine_torque_scale"].value == pytest.approx(1.12, rel=0.03)
     assert result["rolling_resistance"].value == pytest.approx(ROLLING, rel=0.05)
 
@@ -71,6 +71,7 @@ def test_circuits_that_brake_together_show_only_their_common_gain(found):
         assert "together" in estimate.reason
 
 
+@pytest.mark.slow
 def test_circuits_that_brake_in_turn_show_a_gain_each():
     gains = (0.8, 0.95, 1.1)
     log = drive(gains=gains, brake="in turn", duration=600.0)

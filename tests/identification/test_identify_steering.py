@@ -68,6 +68,7 @@ def test_ratio_is_found_by_motion_where_the_road_wheels_are_not_seen(log):
     assert result["cornering_coefficient_drive"].value == pytest.approx(5.1, rel=0.1)
 
 
+@pytest.mark.slow
 def test_tractor_alone_does_not_show_the_trailers_tires(log):
     alone = Log(
         {

@@ -86,6 +86,10 @@ def test_truck_with_identified_values_repeats_the_drive(found, log, tmp_path):
     write_toml(found, path)
     after = replay(log, path)
     assert after.accuracy() > 97.0
+
+
+@pytest.mark.slow
+def test_truck_with_half_its_payload_and_shipped_values_does_not(log):
     before = replay(log, PARAMETERS, 0.5 * PARAMETERS.payload.mass_max)
     assert before.accuracy() < 95.0
 
