@@ -87,7 +87,7 @@ def _with_torques(signals: dict[str, Series], parameters: TruckParameters) -> di
     SPN 513 is the indicated torque: less friction (SPN 514) and engine brake it is that of the
     crankshaft.
     """
-    references = ReferenceTorques(engine=parameters.engine.reference_torque)
+    references = ReferenceTorques.of(parameters)
     indicated = signals.get("engine_torque_percent")
     found = dict(signals)
     if indicated is not None:

@@ -47,7 +47,7 @@ def frames(rows, parameters, messages, *, noise=0.01, seed=0, commands=True):
       commands: sends the pedal and the brake demand, too.
     """
     heard = {pgn_of("EEC2"), pgn_of("XBR")}
-    references = ReferenceTorques(engine=parameters.engine.reference_torque)
+    references = ReferenceTorques.of(parameters)
     rng = np.random.default_rng(seed)
     signals = {name: [row for row in reports() if row.message == name] for name in messages}
     found = []
