@@ -144,6 +144,8 @@ class Shifting:
     lowest_speed_pedal: float
     rolling_speed: float
     recovery_horizon: float
+    recovery_speed: float
+    recovery_time: float
     upshift_speed_margin: float
     downshift_speed_margin: float
     downshift_speed_max: float

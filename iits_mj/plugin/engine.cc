@@ -79,20 +79,45 @@ bool Engine::Read(const mjModel* m, int instance) {
                  &fuel_map_);
 }
 
-double Engine::RecoveryImpulse(double before, double pause, double demand, double level,
-                               double drag) const {
-  if (level <= 0) return 0;
-  // Indicated torques from here on.
+// Indicated torques: what the charge pressure lacks until it has risen from `boost` to `reached`,
+// behind a demand that goes from `demand` toward `wanted` >= `reached`.
+TorqueRecovery Engine::BoostRecovery(double demand, double boost, double wanted,
+                                     double reached) const {
+  if (reached <= demand) return {0, 0};
+  // The demand rises in proportion to its gap, later at its constant rate.
+  const double rest = wanted - reached, gap = wanted - demand, linear = rise_rate_ * spool_time_;
+  const double last = std::max(linear, rest);
+  double impulse = boost_lag_ * (reached - boost), time = boost_lag_;
+  if (gap > last) {
+    const double first = spool_time_ * std::log(gap / last);
+    impulse += spool_time_ * (gap - last) - rest * first;
+    time += first;
+  }
+  const double steady = std::max(0.0, std::min(gap, linear) - rest);
+  impulse += 0.5 * steady * steady / rise_rate_;
+  return {std::max(0.0, impulse), time + steady / rise_rate_};
+}
+
+TorqueRecovery Engine::Recovery(double before, double pause, double demand, double level,
+                                double drag) const {
+  if (level <= 0) return {0, 0};
   const double wanted = std::max(demand, level) + drag, reached = level + drag;
-  const double left = std::max(before + drag - pause * fall_rate_low_, rise_threshold_);
+  const double start = std::max(before + drag, rise_threshold_);
+  const double left = std::max(start - pause * fall_rate_low_, rise_threshold_);
+  // The charge pressure lags behind the demand, falling as well as rising.
+  const double fall = (start - left) / fall_rate_low_;
+  const double excess = fall_rate_low_ * boost_lag_ * (1 - std::exp(-fall / boost_lag_)) *
+                        std::exp(-(pause - fall) / boost_lag_);
   const double ramp = std::min(reached, left) / rise_rate_low_;
   const double quick = ramp * (reached - 0.5 * std::min(reached, left));
-  if (reached <= left) return quick;
-  // The demand rises in proportion to its gap, later at its constant rate.
-  const double gap = wanted - left, last = std::max(rise_rate_ * spool_time_, wanted - reached);
-  double time = gap > last ? spool_time_ * std::log(gap / last) : 0;
-  time += std::max(0.0, std::min(gap, last) - (wanted - reached)) / rise_rate_;
-  return quick + (reached - left) * (0.5 * time + boost_lag_);
+  const TorqueRecovery rest = BoostRecovery(left, left + excess, wanted, reached);
+  return {quick + rest.impulse, ramp + rest.time};
+}
+
+TorqueRecovery Engine::BuildUp(double before, double demand, double level, double drag) const {
+  const double wanted = std::max(demand, level) + drag;
+  const double start = std::max(before + drag, rise_threshold_);
+  return BoostRecovery(start, start, wanted, level + drag);
 }
 
 double Engine::Limit(double speed, double drag) const {

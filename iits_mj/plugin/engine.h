@@ -44,6 +44,12 @@ struct EngineRequest {
   bool limited = false;  // kPedal: another controller takes torque away, faster than a pedal does
 };
 
+// Until the engine's torque has reached a level.
+struct TorqueRecovery {
+  double impulse;  // angular, that is missing until then [N m s]
+  double time;     // [s]
+};
+
 class Engine {
  public:
   // Reads the attributes; false after a warning.
@@ -57,11 +63,13 @@ class Engine {
   double rated_brake_torque() const { return brake_power_ / brake_speed_; }
   double pedal_up() const { return pedal_up_; }
 
-  // Angular impulse [N m s] that is missing until brake torque has risen from zero to `level`,
-  // after a pause of the combustion in which the turbocharger has lost charge. `before` is the
-  // torque before the pause, `demand` the pedal's after it. The sum of the ramps in UpdateBoost.
-  double RecoveryImpulse(double before, double pause, double demand, double level,
-                         double drag) const;
+  // How brake torque comes back to `level` from zero, after a pause of the combustion in which the
+  // turbocharger has lost charge. `before` is the torque before the pause, `demand` the pedal's
+  // after it. The integral of UpdateBoost.
+  TorqueRecovery Recovery(double before, double pause, double demand, double level,
+                          double drag) const;
+  // The same without a pause, from the torque `before`.
+  TorqueRecovery BuildUp(double before, double demand, double level, double drag) const;
 
   EnginePoint At(double speed) const;
   // Friction and pumping torque, >= 0.
@@ -86,6 +94,7 @@ class Engine {
 
  private:
   double Limit(double speed, double drag) const;
+  TorqueRecovery BoostRecovery(double demand, double boost, double wanted, double reached) const;
   double IdleTorque(const EnginePoint& at, double h, EngineState* s) const;
   void UpdateBoost(double demand, double h, EngineState* s) const;
   void UpdateBrake(const EngineRequest& request, double available, double h, EngineState* s) const;

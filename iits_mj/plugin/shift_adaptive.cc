@@ -69,7 +69,8 @@ int ShiftStrategy::AdaptiveGear(const Situation& now) const {
     if (gear == now.gear || (gear < now.gear && SoonOutgrown(now, gear))) continue;
     double ratio = now.gears.Ratio(gear);
     if (ratio * speed > economic) continue;
-    double after = gear > now.gear ? SpeedAfterUpshift(now, gear) : SpeedWhenRecovered(now, gear);
+    double after =
+        gear > now.gear ? SpeedAfterUpshift(now, gear) : SpeedWhenRecovered(now, gear, speed);
     if (after <= 0 || (gear < now.gear && ratio * after < downshift_speed_ * slowest)) continue;
     if (AvailablePower(now, gear, after) < std::max(kept, adaptive_reserve_ * load * after)) {
       continue;

@@ -30,6 +30,8 @@ bool ShiftStrategy::Read(const mjModel* m, int instance, int gear_count, double 
       {"lowest_speed_pedal", 0, 3, &lowest_speed_pedal_},
       {"rolling_speed", 1, 4, &rolling_speed_},
       {"recovery_horizon", 0, 10, &recovery_horizon_},
+      {"recovery_speed", 0.5, 3, &recovery_speed_},
+      {"recovery_time", 0, 10, &recovery_time_},
       {"upshift_speed_margin", 1, 2, &upshift_speed_},
       {"downshift_speed_margin", 1, 2, &downshift_speed_},
       {"downshift_speed_max", 0.1, 1, &downshift_speed_max_},
@@ -144,7 +146,8 @@ bool ShiftStrategy::CallsForLower(const Situation& now) const {
   }
   // Too slow, and not recovering.
   double soon = SpeedSoon(now);
-  if (std::max(InputSpeed(now), soon) < low) return true;
+  if (std::max(InputSpeed(now), soon) < low && !Recovers(now)) return true;
+  if (WaitingCosts(now)) return true;
   if (!adaptive_ && now.gears.Speed(now.in.shaft_speed) <
                         downshift_(now.gear, now.in.pedal) - downshift_margin_) {
     return true;
@@ -159,16 +162,23 @@ double ShiftStrategy::LowTime(const Situation& now, double h) const {
 // Lower gear whose engine speed will be comfortable when the change is over.
 int ShiftStrategy::Downshift(const Situation& now) const {
   double ceiling = downshift_speed_max_ * now.engine.governed_speed();
-  double after = SpeedAfterChange(now);
+  double after = SpeedAfterChange(now, now.in.shaft_speed);
   double wanted = downshift_speed_ * LowSpeed(now.engine, now.in.pedal);
   int lowest = now.in.pedal > floored_pedal_ ? 1 : start_gear_;
   int next = now.gear;
   while (next > lowest && now.gears.Ratio(next - 1) * after < ceiling) {
-    if (next < now.gear && (now.gears.Ratio(next) * SpeedWhenRecovered(now, next) >= wanted ||
-                            SoonOutgrown(now, next - 1))) {
+    double recovered = next < now.gear ? SpeedWhenRecovered(now, next, now.in.shaft_speed) : 0;
+    if (next < now.gear &&
+        (now.gears.Ratio(next) * recovered >= wanted || SoonOutgrown(now, next - 1))) {
       break;
     }
     --next;
+  }
+  if (now.in.pedal <= floored_pedal_ || next == now.gear) return next;
+  // Every change costs speed: at once into the gear that will hold.
+  const Held best = BestHeld(now, now.in.shaft_speed);
+  if (best.speed > 0 && (WaitingCosts(now) || HeldSpeed(now, next, now.in.shaft_speed) <= 0)) {
+    return best.gear;
   }
   return next;
 }
@@ -198,7 +208,7 @@ int ShiftStrategy::BrakeGear(const Situation& now) const {
   double share = braking_speed_low_ + (braking_speed_high_ - braking_speed_low_) *
                                           std::min(1.0, now.in.driver_engine_brake);
   double limit = share * now.engine.brake_speed();
-  double fastest = std::max(now.in.shaft_speed, SpeedAfterChange(now));
+  double fastest = std::max(now.in.shaft_speed, SpeedAfterChange(now, now.in.shaft_speed));
   int next = now.gear;
   while (next > start_gear_ && now.gear - next < skip_down_max_ &&
          now.gears.Ratio(next - 1) * fastest < limit) {

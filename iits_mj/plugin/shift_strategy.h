@@ -47,6 +47,15 @@ class ShiftStrategy {
   double engage_speed_max() const { return engage_speed_max_; }
 
  private:
+  // Of the shaft's speed [rad/s] in a change: when the clutch is closed, and at the lowest, a time
+  // [s] later.
+  struct Dip {
+    double after, speed, time;
+  };
+  struct Held {
+    int gear;
+    double speed;  // of the shaft [rad/s], 0 when no gear holds the load
+  };
   static bool Braking(const Situation& now) {
     return now.in.engine_brake > 0 && now.in.pedal < now.engine.pedal_up();
   }
@@ -58,12 +67,21 @@ class ShiftStrategy {
   }
   double InputSpeed(const Situation& now) const;
   double SpeedSoon(const Situation& now) const;
-  double SpeedAfterChange(const Situation& now) const;
+  double SpeedAfterChange(const Situation& now, double from) const;
   double ShaftTorque(const Situation& now, int gear, double engine_torque) const;
   bool CallsForLower(const Situation& now) const;
   bool GivesItsTorque(const Situation& now) const;
   bool LosesSpeed(const Situation& now) const;
-  double SpeedWhenRecovered(const Situation& now, int next) const;
+  Dip DipOf(const Situation& now, int next, double from) const;
+  double SpeedWhenRecovered(const Situation& now, int next, double from) const {
+    return DipOf(now, next, from).speed;
+  }
+  bool Bears(const Situation& now, int gear, const Dip& dip) const;
+  bool Carries(const Situation& now, int gear, double shaft_speed, double reserve) const;
+  double HeldSpeed(const Situation& now, int gear, double from) const;
+  Held BestHeld(const Situation& now, double from) const;
+  bool WaitingCosts(const Situation& now) const;
+  bool Recovers(const Situation& now) const;
   double SpeedAfterUpshift(const Situation& now, int next) const;
   bool SoonOutgrown(const Situation& now, int gear) const;
   bool TooFast(const Situation& now) const;
@@ -82,7 +100,8 @@ class ShiftStrategy {
   int start_gear_, skip_up_max_, skip_down_max_;
   double change_time_, downshift_delay_, downshift_margin_, min_gear_time_, reversal_time_;
   double acceleration_lag_, load_lag_, pedal_lag_;
-  double lowest_speed_, lowest_speed_pedal_, rolling_speed_, recovery_horizon_;
+  double lowest_speed_, lowest_speed_pedal_, rolling_speed_, recovery_horizon_, recovery_speed_,
+      recovery_time_;
   double upshift_speed_, downshift_speed_, downshift_speed_max_, power_speed_;
   double overspeed_, overspeed_braking_;
   double torque_reserve_, failed_reserve_, failed_load_, built_up_torque_;
