@@ -119,7 +119,8 @@ ShiftStrategy::Held ShiftStrategy::BestHeld(const Situation& now, double from) c
   const double ceiling = downshift_speed_max_ * now.engine.governed_speed();
   const double after = SpeedAfterChange(now, from);
   Held best = {now.gear, 0};
-  for (int gear = now.gear - 1; gear >= start_gear_ && now.gears.Ratio(gear) * after < ceiling; --gear) {
+  for (int gear = now.gear - 1; gear >= start_gear_ && now.gears.Ratio(gear) * after < ceiling;
+       --gear) {
     double held = HeldSpeed(now, gear, from);
     if (held > best.speed) best = {gear, held};
   }
