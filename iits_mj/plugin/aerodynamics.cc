@@ -18,21 +18,12 @@ const char* const kAttributes[] = {"density", "drag_area", "side_area"};
 
 Aerodynamics* Aerodynamics::Create(const mjModel* m, int instance) {
   std::unique_ptr<Aerodynamics> a(new Aerodynamics());
-  const struct {
-    const char* name;
-    double low, high;
-    double* value;
-  } attributes[] = {
+  const Attribute attributes[] = {
       {"density", 0, 10, &a->density_},
       {"drag_area", 0, 100, &a->drag_area_},
       {"side_area", 0, 1000, &a->side_area_},
   };
-  for (const auto& attribute : attributes) {
-    *attribute.value = std::nan("");
-    if (!ReadNumber(m, instance, attribute.name, attribute.low, attribute.high, attribute.value)) {
-      return nullptr;
-    }
-  }
+  if (!ReadAttributes(m, instance, attributes)) return nullptr;
   a->bodies_ = BodiesOfInstance(m, instance);
   return a.release();
 }

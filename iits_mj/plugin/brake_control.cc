@@ -16,11 +16,7 @@ constexpr double kNear = 0.1;       // as share of the hysteresis: no matter of 
 }  // namespace
 
 bool BrakeControl::Read(const mjModel* m, int instance) {
-  const struct {
-    const char* name;
-    double low, high;
-    double* value;
-  } attributes[] = {
+  const Attribute attributes[] = {
       {"supply_rise_rate", 1, 1e9, &rise_rate_},
       {"supply_fall_rate", 1, 1e9, &fall_rate_},
       {"pressure_max", 1, 1e8, &pressure_max_},
@@ -44,10 +40,7 @@ bool BrakeControl::Read(const mjModel* m, int instance) {
       {"hill_hold_time", 0, 60, &hold_time_max_},
       {"hill_hold_min", 0, 10, &hold_uphill_},
   };
-  for (const auto& a : attributes) {
-    *a.value = std::nan("");
-    if (!ReadNumber(m, instance, a.name, a.low, a.high, a.value)) return false;
-  }
+  if (!ReadAttributes(m, instance, attributes)) return false;
   if (shaft_speed_on_ <= shaft_speed_off_) {
     mju_warning(
         "plugin instance '%s': attribute 'endurance_speed_on' = %g must exceed "

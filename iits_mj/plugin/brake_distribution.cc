@@ -3,7 +3,6 @@
 #include <mujoco/mujoco.h>
 
 #include <algorithm>
-#include <cmath>
 
 #include "plugin/config.h"
 #include "plugin/lookup.h"
@@ -11,19 +10,12 @@
 namespace iits {
 
 bool BrakeDistribution::Read(const mjModel* m, int instance) {
-  const struct {
-    const char* name;
-    double low, high;
-    double* value;
-  } attributes[] = {
+  const Attribute attributes[] = {
       {"mass_light", 1, 1e6, &mass_light_},
       {"mass_heavy", 1, 1e6, &mass_heavy_},
       {"push_out_pressure", 0, 1e6, &push_out_pressure_},
   };
-  for (const auto& a : attributes) {
-    *a.value = std::nan("");
-    if (!ReadNumber(m, instance, a.name, a.low, a.high, a.value)) return false;
-  }
+  if (!ReadAttributes(m, instance, attributes)) return false;
   if (mass_heavy_ <= mass_light_) {
     mju_warning("plugin instance '%s': attribute 'mass_heavy' = %g must exceed mass_light = %g",
                 InstanceName(m, instance).c_str(), mass_heavy_, mass_light_);

@@ -23,6 +23,23 @@ bool ReadNumbers(const mjModel* m, int instance, const char* name, size_t count_
 bool ReadNumber(const mjModel* m, int instance, const char* name, double low, double high,
                 double* out);
 
+// A number that must be given.
+struct Attribute {
+  const char* name;
+  double low, high;
+  double* value;
+};
+
+// Reads them all; false after the first that cannot be used.
+template <size_t kCount>
+bool ReadAttributes(const mjModel* m, int instance, const Attribute (&attributes)[kCount]) {
+  for (const Attribute& a : attributes) {
+    *a.value = std::numeric_limits<double>::quiet_NaN();
+    if (!ReadNumber(m, instance, a.name, a.low, a.high, a.value)) return false;
+  }
+  return true;
+}
+
 // Name of the plugin instance, or "(unnamed)".
 std::string InstanceName(const mjModel* m, int instance);
 

@@ -12,11 +12,7 @@ namespace iits {
 bool Driveline::Read(const mjModel* m, int instance, double final_drive, double idle_speed,
                      double pedal_up, double reference_torque) {
   ClutchControl& c = control_;
-  const struct {
-    const char* name;
-    double low, high;
-    double* value;
-  } attributes[] = {
+  const Attribute attributes[] = {
       {"clutch_torque_max", 1, 1e6, &torque_max_},
       {"clutch_engagement_time", 0.01, 10, &c.engagement_time},
       {"clutch_opening_time", 0.01, 10, &c.opening_time},
@@ -31,10 +27,7 @@ bool Driveline::Read(const mjModel* m, int instance, double final_drive, double 
       {"driveline_damping", 1, 1e9, &damping_},
       {"loss_reversal_speed", 1e-3, 100, &loss_reversal_speed_},
   };
-  for (const auto& a : attributes) {
-    *a.value = std::nan("");
-    if (!ReadNumber(m, instance, a.name, a.low, a.high, a.value)) return false;
-  }
+  if (!ReadAttributes(m, instance, attributes)) return false;
   c.idle_speed = idle_speed;
   c.pedal_up = pedal_up;
   c.launch_share = std::min(1.0, reference_torque / torque_max_);

@@ -15,8 +15,7 @@ struct EnduranceLevers {
 
 // How engine torque reaches the propeller shaft as the driveline stands now.
 struct EnduranceGearing {
-  double engine_factor;  // shaft torque per engine torque in overrun; 0: clutch open or changing
-  double engine_torque;  // retarding torque at the shaft that the engine's side gave, signed [N m]
+  double engine_factor;    // shaft torque per engine torque in overrun; 0: clutch open or changing
   double retarder_factor;  // shaft torque per retarder torque
 };
 
@@ -28,9 +27,9 @@ struct EnduranceCommand {
 };
 
 // The brakes ask for a whole retarding torque at the shaft, in which the drag counts. What engine
-// and engine brake do not deliver, in a gear change nothing, the retarder is asked for. The
-// driver's levers ask at least their part; a pressed accelerator turns all off unless the brakes
-// cut it.
+// and engine brake cannot give, in a gear change everything, the retarder is asked for: in a lower
+// gear, where the engine can do more, one comes as the other goes, each with its lag. The driver's
+// levers ask at least their part; a pressed accelerator turns all off unless the brakes cut it.
 struct EnduranceControl {
   double pedal_up;     // accelerator travel below which the engine may brake
   double return_time;  // in which the accelerator comes back after a cut [s]
@@ -51,7 +50,8 @@ struct EnduranceControl {
       command.engine_brake =
           std::max(command.engine_brake, std::clamp(wanted / brake_max, 0.0, 1.0));
     }
-    const double rest = (demand.shaft_torque - gearing.engine_torque) / gearing.retarder_factor;
+    const double engine = gearing.engine_factor * (drag + brake_max);
+    const double rest = (demand.shaft_torque - engine) / gearing.retarder_factor;
     command.retarder_torque =
         std::max(command.retarder_torque, std::clamp(rest, 0.0, retarder_max));
     return command;

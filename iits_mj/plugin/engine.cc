@@ -18,11 +18,7 @@ double Clip(double x, double low, double high) { return x < low ? low : (x > hig
 }  // namespace
 
 bool Engine::Read(const mjModel* m, int instance) {
-  const struct {
-    const char* name;
-    double low, high;
-    double* value;
-  } attributes[] = {
+  const Attribute attributes[] = {
       {"idle_speed", 20, 200, &idle_speed_},
       {"governed_speed", 50, 1000, &governed_speed_},
       {"governor_droop", 0.001, 0.5, &governor_droop_},
@@ -57,10 +53,7 @@ bool Engine::Read(const mjModel* m, int instance) {
       {"engine_brake_release_lag", 0.001, 10, &brake_release_lag_},
       {"idle_fuel_rate", 0, 1, &idle_fuel_rate_},
   };
-  for (const auto& a : attributes) {
-    *a.value = std::nan("");
-    if (!ReadNumber(m, instance, a.name, a.low, a.high, a.value)) return false;
-  }
+  if (!ReadAttributes(m, instance, attributes)) return false;
   if (governed_speed_ <= 1.2 * idle_speed_) {
     mju_warning("plugin instance '%s': governed_speed %g must exceed 1.2 times idle_speed %g",
                 InstanceName(m, instance).c_str(), governed_speed_, idle_speed_);

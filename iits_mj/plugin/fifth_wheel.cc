@@ -22,19 +22,12 @@ const char* const kAttributes[] = {"roll_stiffness", "roll_damping", "roll_lash"
 
 FifthWheel* FifthWheel::Create(const mjModel* m, int instance) {
   std::unique_ptr<FifthWheel> f(new FifthWheel());
-  const struct {
-    const char* name;
-    double low, high;
-    double* value;
-  } attributes[] = {
+  const Attribute attributes[] = {
       {"roll_stiffness", 0, 1e9, &f->roll_stiffness_}, {"roll_damping", 0, 1e7, &f->roll_damping_},
       {"roll_lash", 0, 0.5, &f->roll_lash_},           {"plate_width", 0, 3, &f->plate_width_},
       {"kingpin_load", 0, 1e6, &f->kingpin_load_},     {"yaw_friction", 0, 1e6, &f->yaw_friction_},
   };
-  for (const auto& a : attributes) {
-    *a.value = std::nan("");
-    if (!ReadNumber(m, instance, a.name, a.low, a.high, a.value)) return nullptr;
-  }
+  if (!ReadAttributes(m, instance, attributes)) return nullptr;
   f->lift_moment_ = 0.5 * f->plate_width_ * f->kingpin_load_;
   std::vector<int> bodies = BodiesOfInstance(m, instance);
   if (bodies.size() == 1 && m->body_jntnum[bodies[0]] == 3) {

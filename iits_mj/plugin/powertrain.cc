@@ -151,8 +151,7 @@ EnduranceGearing Powertrain::Gearing(const Core& core) const {
   const bool closed = core.gearbox.phase == Gearbox::kInGear && core.driveline.engagement >= 1;
   const double ratio = std::abs(gearbox_.Ratio(static_cast<int>(core.gearbox.gear)));
   const double behind = 1 / driveline_.efficiency();
-  return {closed ? ratio * behind / gearbox_.Efficiency() : 0,
-          closed ? -core.shaft_torque - core.retarder_torque * behind : 0, behind};
+  return {closed ? ratio * behind / gearbox_.Efficiency() : 0, behind};
 }
 
 // A vehicle that is found rolling is in the gear for its speed, clutch closed, no torque.

@@ -2,7 +2,6 @@
 
 #include <mujoco/mujoco.h>
 
-#include <cmath>
 #include <vector>
 
 #include "plugin/config.h"
@@ -10,21 +9,14 @@
 namespace iits {
 
 bool Reservoirs::Read(const mjModel* m, int instance) {
-  const struct {
-    const char* name;
-    double low, high;
-    double* value;
-  } attributes[] = {
+  const Attribute attributes[] = {
       {"compressor_displacement", 0, 1, &displacement_},
       {"governor_cut_in", 0, 1e8, &cut_in_},
       {"governor_cut_out", 1, 1e8, &cut_out_},
       {"spring_begin_pressure", 1, 1e8, &spring_begin_},
       {"spring_full_pressure", 0, 1e8, &spring_full_},
   };
-  for (const auto& a : attributes) {
-    *a.value = std::nan("");
-    if (!ReadNumber(m, instance, a.name, a.low, a.high, a.value)) return false;
-  }
+  if (!ReadAttributes(m, instance, attributes)) return false;
   if (cut_in_ >= cut_out_ || spring_full_ >= spring_begin_ || spring_begin_ >= cut_in_) {
     mju_warning(
         "plugin instance '%s': attributes must have spring_full_pressure < "

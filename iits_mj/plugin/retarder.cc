@@ -3,18 +3,13 @@
 #include <mujoco/mujoco.h>
 
 #include <algorithm>
-#include <cmath>
 
 #include "plugin/config.h"
 
 namespace iits {
 
 bool Retarder::Read(const mjModel* m, int instance) {
-  const struct {
-    const char* name;
-    double low, high;
-    double* value;
-  } attributes[] = {
+  const Attribute attributes[] = {
       {"retarder_torque_max", 0, 1e5, &torque_max_},
       {"retarder_full_torque_speed", 1, 1000, &full_torque_speed_},
       {"retarder_power_max", 1, 1e7, &power_max_},
@@ -24,10 +19,7 @@ bool Retarder::Read(const mjModel* m, int instance) {
       {"retarder_fill_time", 0.001, 10, &fill_time_},
       {"retarder_empty_time", 0.001, 10, &empty_time_},
   };
-  for (const auto& a : attributes) {
-    *a.value = std::nan("");
-    if (!ReadNumber(m, instance, a.name, a.low, a.high, a.value)) return false;
-  }
+  if (!ReadAttributes(m, instance, attributes)) return false;
   if (power_continuous_ > power_max_) {
     mju_warning(
         "plugin instance '%s': retarder_power_continuous %g must not exceed "

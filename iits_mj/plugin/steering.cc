@@ -20,20 +20,13 @@ const char* const kAttributes[] = {"ratio",     "dead_band",     "angle_max", "r
 
 Steering* Steering::Create(const mjModel* m, int instance) {
   std::unique_ptr<Steering> s(new Steering());
-  const struct {
-    const char* name;
-    double low, high;
-    double* value;
-  } attributes[] = {
+  const Attribute attributes[] = {
       {"ratio", 1, 100, &s->ratio_},           {"dead_band", 0, 1, &s->dead_band_},
       {"angle_max", 0.1, 100, &s->angle_max_}, {"rate_max", 0.01, 1000, &s->rate_max_},
       {"stiffness", 1, 1e8, &s->stiffness_},   {"time_constant", 0, 10, &s->time_constant_},
       {"wheelbase", 0.5, 20, &s->wheelbase_},  {"track", 0.1, 5, &s->track_},
   };
-  for (const auto& a : attributes) {
-    *a.value = std::nan("");
-    if (!ReadNumber(m, instance, a.name, a.low, a.high, a.value)) return nullptr;
-  }
+  if (!ReadAttributes(m, instance, attributes)) return nullptr;
   std::vector<int> actuators = ActuatorsOfInstance(m, instance);
   if (actuators.size() != 1 || m->actuator_trntype[actuators[0]] != mjTRN_TENDON) {
     mju_warning("plugin instance '%s': needs one actuator with a tendon over both knuckle joints",

@@ -3,7 +3,6 @@
 #include <mujoco/mujoco.h>
 
 #include <algorithm>
-#include <cmath>
 #include <memory>
 #include <string>
 
@@ -50,11 +49,7 @@ bool EndsWith(const std::string& text, const std::string& tail) {
 
 Tire* Tire::Create(const mjModel* m, int instance) {
   std::unique_ptr<Tire> t(new Tire());
-  const struct {
-    const char* name;
-    double low, high;
-    double* value;
-  } attributes[] = {
+  const Attribute attributes[] = {
       {"count", 1, 2, &t->count_},
       {"free_radius", 0.05, 5, &t->free_radius_},
       {"rolling_radius", 0.05, 5, &t->rolling_radius_},
@@ -77,10 +72,7 @@ Tire* Tire::Create(const mjModel* m, int instance) {
       {"relaxation_longitudinal", 0.05, 5, &t->relaxation_longitudinal_},
       {"rolling_resistance", 0, 0.2, &t->rolling_resistance_},
   };
-  for (const auto& a : attributes) {
-    *a.value = std::nan("");
-    if (!ReadNumber(m, instance, a.name, a.low, a.high, a.value)) return nullptr;
-  }
+  if (!ReadAttributes(m, instance, attributes)) return nullptr;
   t->Prepare();
 
   for (int body : BodiesOfInstance(m, instance)) {

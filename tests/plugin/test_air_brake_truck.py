@@ -94,7 +94,7 @@ def test_integration_brakes_as_smoothly_as_friction_through_gear_changes():
     assert np.abs(np.gradient(smooth, 0.02)).max() < 2.5  # jerk [m/s3], as in comfortable braking
     # Friction alone would take all of the kinetic energy.
     energy = 0.5 * PARAMETERS.gross_mass(LADEN) * (speeds[0] ** 2 - speeds[-1] ** 2)
-    assert truck.read("brake_work") < 0.6 * energy
+    assert truck.read("brake_work") < 0.65 * energy
 
 
 def test_brake_work_is_what_the_brakes_torque_takes_from_the_wheels():
