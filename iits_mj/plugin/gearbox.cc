@@ -11,42 +11,28 @@
 namespace iits {
 
 bool Gearbox::Read(const mjModel* m, int instance) {
-  const struct {
-    const char* name;
-    double low, high;
-    double* value;
-  } attributes[] = {
+  const Attribute attributes[] = {
       {"shift_cut_time", 0.001, 5, &cut_time_},
       {"synchronization_time", 0.001, 5, &synchronization_time_},
       {"synchronization_time_max", 0.001, 5, &synchronization_limit_},
       {"synchronized_difference", 0.1, 100, &synchronized_difference_},
       {"clutch_close_time", 0.001, 5, &close_time_},
   };
-  for (const auto& a : attributes) {
-    *a.value = std::nan("");
-    if (!ReadNumber(m, instance, a.name, a.low, a.high, a.value)) return false;
-  }
+  if (!ReadAttributes(m, instance, attributes)) return false;
   double change_time = cut_time_ + synchronization_time_ + close_time_;
   return ReadGears(m, instance) && strategy_.Read(m, instance, gears_.count(), change_time);
 }
 
 bool Gearbox::ReadGears(const mjModel* m, int instance) {
   double wheel_radius, driveline_efficiency;
-  const struct {
-    const char* name;
-    double low, high;
-    double* value;
-  } attributes[] = {
+  const Attribute attributes[] = {
       {"final_drive", 0.1, 20, &gears_.final_drive},
       {"efficiency", 0.5, 1, &gears_.gear_efficiency},
       {"driveline_efficiency", 0.5, 1, &driveline_efficiency},
       {"reverse_ratio", 0.1, 100, &gears_.reverse_ratio},
       {"wheel_radius", 0.05, 5, &wheel_radius},
   };
-  for (const auto& a : attributes) {
-    *a.value = std::nan("");
-    if (!ReadNumber(m, instance, a.name, a.low, a.high, a.value)) return false;
-  }
+  if (!ReadAttributes(m, instance, attributes)) return false;
   gears_.efficiency = gears_.gear_efficiency * driveline_efficiency;
   gears_.meters_per_radian = wheel_radius / gears_.final_drive;
   std::vector<double>& ratios = gears_.ratios;

@@ -13,11 +13,7 @@ namespace iits {
 bool ShiftStrategy::Read(const mjModel* m, int instance, int gear_count, double change_time) {
   change_time_ = change_time;
   double start_gear, skip_up, skip_down;
-  const struct {
-    const char* name;
-    double low, high;
-    double* value;
-  } attributes[] = {
+  const Attribute attributes[] = {
       {"start_gear", 1, static_cast<double>(gear_count), &start_gear},
       {"downshift_delay", 0, 10, &downshift_delay_},
       {"downshift_margin", 0, 20, &downshift_margin_},
@@ -59,10 +55,7 @@ bool ShiftStrategy::Read(const mjModel* m, int instance, int gear_count, double 
       {"adaptive_gain", 0, 1, &adaptive_gain_},
       {"adaptive_speed_max", 0.1, 1, &adaptive_speed_max_},
   };
-  for (const auto& a : attributes) {
-    *a.value = std::nan("");
-    if (!ReadNumber(m, instance, a.name, a.low, a.high, a.value)) return false;
-  }
+  if (!ReadAttributes(m, instance, attributes)) return false;
   start_gear_ = static_cast<int>(start_gear);
   skip_up_max_ = static_cast<int>(skip_up);
   skip_down_max_ = static_cast<int>(skip_down);
