@@ -55,6 +55,9 @@ class AirBrakeScalars:
     abs_speed_min: float
     abs_time_constant: float
     abs_yaw_rise_rate: float
+    abs_slip_lag: float
+    abs_slip_lead: float
+    abs_speed_low: float
     stiffness: float
     parking_torque: float
     parking_time_constant: float

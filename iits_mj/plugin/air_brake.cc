@@ -20,8 +20,8 @@ const char* const kAttributes[] = {
     "torque_per_pressure", "parking_torque", "wheel_radius", "chamber_volume",
     // wheel ends and lines
     "push_out_pressure", "hysteresis_pressure", "abs_release_slip", "abs_reapply_slip",
-    "abs_speed_min", "abs_time_constant", "abs_yaw_rise_rate", "stiffness", "trailer_line_delay",
-    "parking_time_constant",
+    "abs_speed_min", "abs_time_constant", "abs_yaw_rise_rate", "abs_slip_lag", "abs_slip_lead",
+    "abs_speed_low", "stiffness", "trailer_line_delay", "parking_time_constant",
     // control
     "supply_rise_rate", "supply_fall_rate", "pressure_max", "release_rate", "pedal_deceleration",
     "rolling_resistance", "filter_time_constant", "trim_gain", "trim_max", "trim_share",
@@ -138,7 +138,8 @@ void AirBrake::Brake(const mjModel* m, const mjData* d, State* s) const {
     const WheelBrake& wheel = wheels_[i];
     const bool braked = now.wheel[i].pressure > wheel.push_out_pressure;
     const double speed = braked ? HubSpeed(m, d, wheel.hub) : 0;
-    duty[i] = wheel.Duty(now.wheel[i], speed, d->qvel[wheel.dof]);
+    duty[i] =
+        wheel.Duty(Rates(i, h), now.wheel[i], speed, d->qvel[wheel.dof], &next->wheel[i].slip);
   }
   for (size_t i = 0; i < wheels_.size(); ++i) {
     const WheelBrake& wheel = wheels_[i];

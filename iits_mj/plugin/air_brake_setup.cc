@@ -53,6 +53,9 @@ bool AirBrake::ReadWheels(const mjModel* m, int instance) {
       {"abs_speed_min", 0.1, 100, &WheelBrake::abs_speed_min},
       {"abs_time_constant", 0.001, 10, &WheelBrake::abs_time_constant},
       {"abs_yaw_rise_rate", 1, 1e9, &WheelBrake::abs_yaw_rise_rate},
+      {"abs_slip_lag", 0.001, 1, &WheelBrake::abs_slip_lag},
+      {"abs_slip_lead", 0, 1, &WheelBrake::abs_slip_lead},
+      {"abs_speed_low", 0.1, 100, &WheelBrake::abs_speed_low},
       {"stiffness", 1, 1e9, &WheelBrake::stiffness},
   };
   const std::vector<int> hubs = BodiesOfInstance(m, instance);

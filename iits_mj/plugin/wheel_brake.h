@@ -23,12 +23,14 @@ struct WheelBrakeState {
   double pressure;    // in the chamber [Pa]
   double effective;   // the pressure that the friction of the mechanism lets through [Pa]
   double abs_active;  // 1: ABS keeps the pressure below the supply's
+  double slip;        // behind the lag of ABS's differentiator; 0 without brake
 };
 
 // What follows from the time step, computed once since the step hardly ever changes.
 struct WheelBrakeRates {
   double step;                         // [s]
   double build_up, release, abs;       // shares of the way to the target pressure
+  double slip;                         // share of the way to the slip as it is
   double stiffness, damping, inverse;  // of the elastic brake [N m/rad], [N m s/rad], [rad/(N m s)]
 };
 
@@ -38,7 +40,9 @@ struct WheelBrake {
   double torque_per_pressure, parking_torque, wheel_radius, chamber_volume;
   int circuit;
   double push_out_pressure, hysteresis_pressure;
-  double abs_release_slip, abs_reapply_slip, abs_speed_min, abs_time_constant, abs_yaw_rise_rate;
+  double abs_release_slip, abs_reapply_slip, abs_slip_lag, abs_slip_lead;
+  double abs_speed_low, abs_speed_min;
+  double abs_time_constant, abs_yaw_rise_rate;
   double stiffness;
   // From the model.
   int hub, dof;    // non-spinning body; degree of freedom of the wheel
@@ -65,6 +69,7 @@ struct WheelBrake {
             LagShare(h, build_up_time_constant),
             LagShare(h, release_time_constant),
             LagShare(h, abs_time_constant),
+            LagShare(h, abs_slip_lag),
             k,
             c,
             1 / (k * h + c)};
@@ -84,10 +89,17 @@ struct WheelBrake {
   // Share of its time for which the ABS modulator fills (positive) or empties (negative) the
   // chamber; a pulse-width modulated valve acts as this mean, which is continuous in time and so
   // does not depend on the step. Fills all the time below the slip for reapplication, empties all
-  // the time above that for release, and holds half-way.
-  double Duty(const WheelBrakeState& s, double hub_speed, double wheel_speed) const {
+  // the time above that for release, and holds half-way. The rate of the slip counts, too, as a
+  // wheel's deceleration does for every ABS: it damps the cycle of wheel and pressure. `slow`
+  // becomes the slip behind the differentiator's lag.
+  double Duty(const WheelBrakeRates& rates, const WheelBrakeState& s, double hub_speed,
+              double wheel_speed, double* slow) const {
+    *slow = 0;
     if (hub_speed < abs_speed_min || s.pressure <= push_out_pressure) return 1;
-    double slip = 1 - wheel_speed * wheel_radius / hub_speed;
+    double slip = (hub_speed - wheel_speed * wheel_radius) / std::max(hub_speed, abs_speed_low);
+    *slow = s.slip + rates.slip * (slip - s.slip);
+    double rate = (slip - 0.5 * (s.slip + *slow)) / abs_slip_lag;
+    slip += (abs_slip_lead + rates.step) * rate;
     double middle = 0.5 * (abs_release_slip + abs_reapply_slip);
     return std::clamp((middle - slip) / (middle - abs_reapply_slip), -1.0, 1.0);
   }

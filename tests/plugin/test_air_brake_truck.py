@@ -11,6 +11,7 @@ from iits_mj.assets import mjcf_dir
 from iits_mj.messages import XbrEbiMode, XbrMode
 from iits_mj.model.brake_distribution import distribution, group_loads
 from iits_mj.parameters import TruckParameters
+from iits_mj.road import Route
 from iits_mj.units import KMH
 from iits_mj.validation.recorder import wheel_slips
 
@@ -29,8 +30,9 @@ class Stop:
     slowest_wheel: float
 
 
-def stop(payload, speed, timestep=0.002, **controls):
-    truck = iits_mj.Truck.load(payload=payload, timestep=timestep, visuals=False)
+def stop(payload, speed, timestep=0.002, friction=0.8, **controls):
+    route = Route.straight(2000.0).with_friction(friction, friction)
+    truck = iits_mj.Truck.load(payload=payload, route=route, timestep=timestep, visuals=False)
     truck.reset(speed=speed)
     truck.step(round(0.3 / timestep))
     start, actual = truck.observe().x, truck.observe().speed
@@ -69,9 +71,12 @@ def test_stop_from_60_mph_is_within_fmvss_121(payload, feet):
     assert result.locked < 1.0
 
 
+@pytest.mark.parametrize("friction", [0.8, 0.3])
 @pytest.mark.parametrize("payload", [EMPTY, LADEN])
-def test_stop_does_not_depend_on_the_time_step(payload):
-    distances = [stop(payload, 60 * KMH, h, brake_pedal=1.0).distance for h in (0.001, 0.005)]
+def test_stop_does_not_depend_on_the_time_step(payload, friction):
+    distances = [
+        stop(payload, 60 * KMH, h, friction, brake_pedal=1.0).distance for h in (0.001, 0.005)
+    ]
     assert distances[1] == pytest.approx(distances[0], rel=0.005)
 
 
