@@ -148,7 +148,9 @@ void AirBrake::Brake(const mjModel* m, const mjData* d, State* s) const {
     WheelBrakeState* chamber = &next->wheel[i];
     if (supply == 0 && chamber->pressure == 0) continue;
     const WheelBrakeRates rates = Rates(i, h);
-    const double rise_max = wheel.RiseMax(rates, now.wheel[i], now.wheel[other]);
+    const bool other_active =
+        wheel.Active(supplies[line_of_wheel_[other]], duty[other], now.wheel[other]);
+    const double rise_max = wheel.RiseMax(rates, now.wheel[i], now.wheel[other], other_active);
     // Driven axles by the wheel with less grip (select low), the others each wheel for itself.
     const double modulation = wheel.circuit == kDrive ? std::min(duty[i], duty[other]) : duty[i];
     const double before = wheel.Air(*chamber);

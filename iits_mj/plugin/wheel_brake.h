@@ -104,24 +104,26 @@ struct WheelBrake {
     return std::clamp((middle - slip) / (middle - abs_reapply_slip), -1.0, 1.0);
   }
 
-  // Greatest rise of the pressure in one step [Pa]: on the steered axle slow while ABS works at the
-  // `other` wheel with less pressure, so that on a road with two surfaces the yaw moment gives the
-  // driver time (modified individual control).
+  // Greatest rise of the pressure in one step [Pa]: on the steered axle slow beyond the pressure of
+  // the `other` wheel while ABS works there, so that on a road with two surfaces the yaw moment
+  // gives the driver time (modified individual control).
   double RiseMax(const WheelBrakeRates& rates, const WheelBrakeState& s,
-                 const WheelBrakeState& other) const {
-    bool limited = circuit == kFront && other.abs_active != 0 &&
-                   s.pressure > other.pressure + push_out_pressure;
-    return limited ? rates.step * abs_yaw_rise_rate : std::numeric_limits<double>::infinity();
+                 const WheelBrakeState& other, bool other_active) const {
+    if (circuit != kFront || !other_active) return std::numeric_limits<double>::infinity();
+    double abreast = other.pressure + push_out_pressure - s.pressure;
+    return std::max(abreast, rates.step * abs_yaw_rise_rate);
+  }
+
+  // Whether ABS works: from the first release until the chamber is as full as the supply again.
+  bool Active(double supply, double duty, const WheelBrakeState& s) const {
+    if (duty < 0) return true;
+    return s.abs_active != 0 && (duty < 1 || s.pressure <= supply - push_out_pressure);
   }
 
   // Chamber pressure follows the supply line, by at most `rise_max`, unless ABS lets it go.
   void Update(const WheelBrakeRates& rates, double supply, double rise_max, double duty,
               WheelBrakeState* s) const {
-    if (duty < 0) {
-      s->abs_active = 1;
-    } else if (duty == 1 && s->pressure > supply - push_out_pressure) {
-      s->abs_active = 0;
-    }
+    s->abs_active = Active(supply, duty, *s);
     if (duty < 0) {
       s->pressure += duty * rates.abs * s->pressure;
     } else {
