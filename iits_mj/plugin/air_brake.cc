@@ -141,20 +141,25 @@ void AirBrake::Brake(const mjModel* m, const mjData* d, State* s) const {
     duty[i] =
         wheel.Duty(Rates(i, h), now.wheel[i], speed, d->qvel[wheel.dof], &next->wheel[i].slip);
   }
+  for (size_t i = 0; i < wheels_.size(); i += 2) {  // axle by axle
+    // Driven axles by the wheel with less grip (select low), the others each wheel for itself.
+    if (wheels_[i].circuit == kDrive) duty[i] = duty[i + 1] = std::min(duty[i], duty[i + 1]);
+    for (size_t j : {i, i + 1}) {
+      const double supply = supplies[line_of_wheel_[j]];
+      next->wheel[j].abs_active = wheels_[j].Active(supply, duty[j], now.wheel[j]);
+    }
+  }
   for (size_t i = 0; i < wheels_.size(); ++i) {
     const WheelBrake& wheel = wheels_[i];
-    const size_t other = i ^ 1;  // wheel of the axle
     const double supply = supplies[line_of_wheel_[i]];
     WheelBrakeState* chamber = &next->wheel[i];
     if (supply == 0 && chamber->pressure == 0) continue;
     const WheelBrakeRates rates = Rates(i, h);
-    const bool other_active =
-        wheel.Active(supplies[line_of_wheel_[other]], duty[other], now.wheel[other]);
+    const size_t other = i ^ 1;  // wheel of the axle
+    const bool other_active = next->wheel[other].abs_active != 0;
     const double rise_max = wheel.RiseMax(rates, now.wheel[i], now.wheel[other], other_active);
-    // Driven axles by the wheel with less grip (select low), the others each wheel for itself.
-    const double modulation = wheel.circuit == kDrive ? std::min(duty[i], duty[other]) : duty[i];
     const double before = wheel.Air(*chamber);
-    wheel.Update(rates, supply, rise_max, modulation, chamber);
+    wheel.Update(rates, supply, rise_max, duty[i], chamber);
     const double drawn = wheel.Air(*chamber) - before;
     if (drawn > 0) reservoirs_.Draw(wheel.circuit, drawn, &next->reservoir);
   }

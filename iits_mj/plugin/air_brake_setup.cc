@@ -31,12 +31,12 @@ AirBrake* AirBrake::Create(const mjModel* m, int instance) {
 }
 
 bool AirBrake::ReadWheels(const mjModel* m, int instance) {
-  struct Attribute {
+  struct WheelAttribute {
     const char* name;
     double low, high;
     double WheelBrake::* member;
   };
-  static const Attribute kPerAxle[] = {
+  static const WheelAttribute kPerAxle[] = {
       {"dead_time", 0, 2, &WheelBrake::dead_time},
       {"build_up_time_constant", 0.001, 10, &WheelBrake::build_up_time_constant},
       {"release_time_constant", 0.001, 10, &WheelBrake::release_time_constant},
@@ -45,7 +45,7 @@ bool AirBrake::ReadWheels(const mjModel* m, int instance) {
       {"wheel_radius", 0.05, 5, &WheelBrake::wheel_radius},
       {"chamber_volume", 0, 1, &WheelBrake::chamber_volume},
   };
-  static const Attribute kCommon[] = {
+  static const WheelAttribute kCommon[] = {
       {"push_out_pressure", 1, 1e6, &WheelBrake::push_out_pressure},
       {"hysteresis_pressure", 1, 1e6, &WheelBrake::hysteresis_pressure},
       {"abs_release_slip", 0.01, 1, &WheelBrake::abs_release_slip},
@@ -69,22 +69,22 @@ bool AirBrake::ReadWheels(const mjModel* m, int instance) {
   wheels_.resize(hubs.size());
   std::vector<double> circuit;
   if (!ReadNumbers(m, instance, "circuit", axles, axles, 0, kCircuits - 1, &circuit)) return false;
-  for (const Attribute& a : kPerAxle) {
+  for (const WheelAttribute& a : kPerAxle) {
     std::vector<double> values;
     if (!ReadNumbers(m, instance, a.name, axles, axles, a.low, a.high, &values)) return false;
     for (size_t i = 0; i < wheels_.size(); ++i) wheels_[i].*a.member = values[i / 2];
   }
-  for (const Attribute& a : kCommon) {
+  for (const WheelAttribute& a : kCommon) {
     double value = std::nan("");
     if (!ReadNumber(m, instance, a.name, a.low, a.high, &value)) return false;
     for (WheelBrake& wheel : wheels_) wheel.*a.member = value;
   }
-  double trailer_delay = std::nan("");
-  parking_time_constant_ = std::nan("");
-  if (!ReadNumber(m, instance, "trailer_line_delay", 0, 2, &trailer_delay) ||
-      !ReadNumber(m, instance, "parking_time_constant", 0.001, 10, &parking_time_constant_)) {
-    return false;
-  }
+  double trailer_delay;
+  const Attribute lines[] = {
+      {"trailer_line_delay", 0, 2, &trailer_delay},
+      {"parking_time_constant", 0.001, 10, &parking_time_constant_},
+  };
+  if (!ReadAttributes(m, instance, lines)) return false;
   for (size_t i = 0; i < wheels_.size(); ++i) {
     WheelBrake& wheel = wheels_[i];
     wheel.hub = hubs[i];

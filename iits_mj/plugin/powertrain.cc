@@ -57,12 +57,10 @@ Powertrain* Powertrain::Create(const mjModel* m, int instance) {
   std::unique_ptr<Powertrain> p(new Powertrain());
   if (!p->FindActuators(m, instance) || !p->FindSensors(m, instance)) return nullptr;
   p->FindWheels(m);
-  double* return_time = &p->endurance_.return_time;
-  *return_time = std::nan("");
+  const Attribute pedal[] = {{"pedal_return_time", 0.001, 60, &p->endurance_.return_time}};
   const Engine& engine = p->engine_;
   if (!p->engine_.Read(m, instance) || !p->gearbox_.Read(m, instance) ||
-      !p->retarder_.Read(m, instance) ||
-      !ReadNumber(m, instance, "pedal_return_time", 0.001, 60, return_time) ||
+      !p->retarder_.Read(m, instance) || !ReadAttributes(m, instance, pedal) ||
       !p->driveline_.Read(m, instance, p->gearbox_.final_drive(), engine.idle_speed(),
                           engine.pedal_up(), engine.reference_torque())) {
     return nullptr;

@@ -123,7 +123,6 @@ struct WheelBrake {
   // Chamber pressure follows the supply line, by at most `rise_max`, unless ABS lets it go.
   void Update(const WheelBrakeRates& rates, double supply, double rise_max, double duty,
               WheelBrakeState* s) const {
-    s->abs_active = Active(supply, duty, *s);
     if (duty < 0) {
       s->pressure += duty * rates.abs * s->pressure;
     } else {
