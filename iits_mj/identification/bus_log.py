@@ -48,7 +48,7 @@ def from_frames(frames: Iterable[Frame], parameters: TruckParameters) -> Log:
         if decoded is None:
             continue
         start = frame.time if start is None else start
-        for signal, value in decoded.values.items():
+        for signal, value in decoded.group.items():
             if isinstance(value, Status):
                 continue
             for row, name in wanted.get((decoded.name, signal), ()):

@@ -6,41 +6,53 @@ The layouts are in `iits_mj.dbc` (`database_path()`), written from public facts.
 which control or sensor stands in `signals.csv`.
 """
 
-from iits_mj.j1939.bus import Bus, LogWriter, read_log
+from iits_mj.j1939.bus import Bus
 from iits_mj.j1939.command import command_to_frames
 from iits_mj.j1939.database import (
     Decoded,
-    Status,
     cycle_time,
-    database_path,
     decode,
     encode,
+    group_type,
+    make_group,
     message_names,
+    pack,
     pgn_of,
+    unpack,
 )
 from iits_mj.j1939.frame import Frame, make_id
+from iits_mj.j1939.group import NOT_AVAILABLE, Group, Status, Value
+from iits_mj.j1939.layouts import database_path
+from iits_mj.j1939.log_files import LogWriter, read_log
 from iits_mj.j1939.quantities import ReferenceTorques
 from iits_mj.j1939.receiver import CommandReceiver, TimeOuts
 from iits_mj.j1939.state import StateReceiver, state_to_frames
 
 __all__ = [
+    "NOT_AVAILABLE",
     "Bus",
     "CommandReceiver",
     "Decoded",
     "Frame",
+    "Group",
     "LogWriter",
     "ReferenceTorques",
     "StateReceiver",
     "Status",
     "TimeOuts",
+    "Value",
     "command_to_frames",
     "cycle_time",
     "database_path",
     "decode",
     "encode",
+    "group_type",
+    "make_group",
     "make_id",
     "message_names",
+    "pack",
     "pgn_of",
     "read_log",
     "state_to_frames",
+    "unpack",
 ]

@@ -1,5 +1,10 @@
-"""Re-makes the tables of the manual page: `python -m iits_mj.j1939`."""
+"""Re-makes the typed messages and the manual page's tables: `python -m iits_mj.j1939`."""
 
-from iits_mj.j1939.manual import PAGE, fill
+import importlib
 
-PAGE.write_text(fill(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+from iits_mj.j1939 import group_source, groups, manual
+
+group_source.PATH.write_text(group_source.source(), encoding="utf-8")
+importlib.reload(groups)
+page = manual.fill(manual.PAGE.read_text(encoding="utf-8"))
+manual.PAGE.write_text(page, encoding="utf-8")

@@ -12,8 +12,9 @@ from dataclasses import fields
 from iits_mj.errors import BusError, InputError
 from iits_mj.j1939.addresses import DRIVELINE_RETARDER, ENGINE_RETARDER
 from iits_mj.j1939.checksum import tsc1_checksum, with_byte8, xbr_checksum
-from iits_mj.j1939.database import Status, encode
+from iits_mj.j1939.database import encode
 from iits_mj.j1939.frame import Frame
+from iits_mj.j1939.groups import EEC2, TSC1, XBR, IitsCommand
 from iits_mj.j1939.mapping import Mapping, commands
 from iits_mj.messages import VehicleCommand
 
@@ -47,7 +48,7 @@ def command_to_frames(command: VehicleCommand, counter: int, time: float = 0.0) 
     _within("xbr_demand", command.xbr_demand, XBR_DEMAND_MIN, 0.0)
     try:
         return [
-            encode("EEC2", _signals(command, "EEC2"), time=time),
+            encode(EEC2(**_signals(command, "EEC2")), time=time),
             _xbr(command, counter, time),
             _retarder(command, ENGINE_RETARDER, counter, time),
             _retarder(command, DRIVELINE_RETARDER, counter, time),
@@ -59,36 +60,36 @@ def command_to_frames(command: VehicleCommand, counter: int, time: float = 0.0) 
 
 def _xbr(command: VehicleCommand, counter: int, time: float) -> Frame:
     signals = _signals(command, "XBR")
-    signals |= {"xbr_priority": _XBR_PRIORITY, "xbr_message_counter": counter % 16}
-    frame = encode("XBR", signals, time=time)
+    group = XBR(**signals, xbr_priority=_XBR_PRIORITY, xbr_message_counter=counter % 16)
+    frame = encode(group, time=time)
     return with_byte8(frame, counter % 16, xbr_checksum(frame))
 
 
 def _retarder(command: VehicleCommand, address: int, counter: int, time: float) -> Frame:
     signals = _signals(command, "TSC1", address)
     braking = signals["requested_torque_percent"] != 0.0
-    signals |= {
-        "override_control_mode": TORQUE_CONTROL if braking else 0,
-        "tsc1_message_counter": counter % 8,
-    }
-    frame = encode("TSC1", signals, time=time, destination=address)
+    group = TSC1(
+        **signals,
+        override_control_mode=TORQUE_CONTROL if braking else 0,
+        tsc1_message_counter=counter % 8,
+    )
+    frame = encode(group, time=time, destination=address)
     return with_byte8(frame, counter % 8, tsc1_checksum(frame))
 
 
 def _body(command: VehicleCommand, counter: int, time: float) -> Frame:
     signals = _signals(command, "IITS_COMMAND")
-    signals |= {
-        "steering_control_mode": _STEERING_ON,
-        "parking_brake_request": float(command.parking_brake >= 0.5),
-        "command_message_counter": counter % 16,
-    }
-    frame = encode("IITS_COMMAND", signals, time=time)
+    signals["parking_brake_request"] = float(command.parking_brake >= 0.5)
+    group = IitsCommand(
+        **signals,
+        steering_control_mode=_STEERING_ON,
+        command_message_counter=counter % 16,
+    )
+    frame = encode(group, time=time)
     return with_byte8(frame, counter % 16, xbr_checksum(frame))
 
 
-def _signals(
-    command: VehicleCommand, message: str, address: int | None = None
-) -> dict[str, float | Status | None]:
+def _signals(command: VehicleCommand, message: str, address: int | None = None) -> dict[str, float]:
     """The command's part in a message (to one address), in the units of the signals."""
     return {
         row.signal: float(getattr(command, row.quantity)) / row.scale

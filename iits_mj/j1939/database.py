@@ -1,4 +1,6 @@
-"""Signals to bytes and back, by our DBC file, with J1939-71's "error" and "not available" codes.
+"""Typed groups to bytes and back, by our DBC file, with J1939-71's "error" and "not available".
+
+cantools takes the bytes apart and puts them together; what the raw numbers mean is J1939's:
 
 | width | valid | out of range | error | not available |
 |---|---|---|---|---|
@@ -12,85 +14,61 @@ Other narrow fields (modes, counters) use all their values; the DBC's value tabl
 
 from __future__ import annotations
 
-import enum
 import functools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, fields
 
-import cantools.database
+import cantools.database.can
 
 from iits_mj.errors import BusError
+from iits_mj.j1939 import groups
 from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame, make_id
-
-
-class Status(enum.Enum):
-    """What a field says when it carries no value."""
-
-    OUT_OF_RANGE = "out of range"
-    ERROR = "error"
-    NOT_AVAILABLE = "not available"
+from iits_mj.j1939.group import Group, Status, Value
+from iits_mj.j1939.layouts import class_name, layouts
 
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """A frame's signals: numbers in the DBC's units, or a `Status`.
+    """A frame's content.
 
     Attributes:
-      name: of the message in the DBC; source, destination: addresses; time: [s].
-      values: signal name to number or `Status`.
+      group: the typed message; source, destination: addresses; time: [s].
     """
 
-    name: str
+    group: Group
     source: int
     destination: int
     time: float
-    values: dict[str, float | Status]
 
-    def number(self, signal: str) -> float:
-        """The signal's number.
-
-        Raises:
-          BusError: the sender says error, not available, or a value outside the signal's range.
-        """
-        value = self.values[signal]
-        if isinstance(value, Status):
-            raise BusError(f"{self.name}.{signal} carries no value: {value.value}")
-        return value
+    @property
+    def name(self) -> str:
+        """Of the message in the DBC."""
+        return self.group.MESSAGE
 
 
 @dataclass(frozen=True, slots=True)
 class _Signal:
+    """A signal's scale and its greatest valid raw number; error and not_available: its codes."""
+
     name: str
-    start: int
     length: int
     scale: float
     offset: float
     top: int
     error: int | None
-    not_available: int | None
 
-    def decode(self, raw: int) -> float | Status:
-        if raw <= self.top and raw not in (self.error, self.not_available):
-            # The error code 2 of a switch lies above its top.
-            return raw * self.scale + self.offset
-        return self._status(raw)
-
-    def _status(self, raw: int) -> Status:
+    def status(self, raw: int) -> Status:
+        """What a raw number above the valid ones says."""
         if self.length >= 8:
             high = raw >> (self.length - 8)
             codes = {0xFF: Status.NOT_AVAILABLE, 0xFE: Status.ERROR}
             return codes.get(high, Status.OUT_OF_RANGE)
         return Status.ERROR if raw == self.error else Status.NOT_AVAILABLE
 
-    def encode(self, value: float | Status | None, saturate: bool) -> int:
-        if value is None or value is Status.NOT_AVAILABLE:
-            return (1 << self.length) - 1
+    def raw(self, value: Value, saturate: bool) -> int:
         if isinstance(value, Status):
-            if self.error is None:
-                raise BusError(f"signal {self.name} has no code for {value.value!r}")
-            return self.error
+            return self._code(value)
         if not math.isfinite(value):
             raise BusError(f"signal {self.name} = {value!r}: a finite number is wanted")
         raw = round((value - self.offset) / self.scale)
@@ -101,26 +79,47 @@ class _Signal:
             raw = min(max(raw, 0), self.top)
         return raw
 
+    def _code(self, status: Status) -> int:
+        if status is Status.NOT_AVAILABLE:
+            return (1 << self.length) - 1
+        if status is Status.OUT_OF_RANGE or self.error is None:
+            raise BusError(f"signal {self.name} has no code for {status.value!r}")
+        return self.error
+
 
 @dataclass(frozen=True, slots=True)
 class _Message:
-    name: str
+    layout: cantools.database.can.Message
+    type: type[Group]
     pgn: int
     priority: int
     source: int
     destination: int
-    cycle_time: float
     signals: tuple[_Signal, ...]
-
-
-def database_path() -> Path:
-    """Our DBC file, for other CAN tools."""
-    return Path(__file__).with_name("iits_mj.dbc")
 
 
 def message_names() -> tuple[str, ...]:
     """Names of all messages of the DBC."""
     return tuple(_by_name())
+
+
+def group_type(name: str) -> type[Group]:
+    """The typed group of a message; BusError for an unknown name."""
+    return _message(name).type
+
+
+def make_group(name: str, values: Mapping[str, Value]) -> Group:
+    """The group of a message from its signals by name; those left out say "not available".
+
+    Raises:
+      BusError: unknown message or signal.
+    """
+    message = _message(name)
+    known = [signal.name for signal in message.signals]
+    for signal in values:
+        if signal not in known:
+            raise BusError(f"message {name} has no signal {signal!r}; it has {known}")
+    return message.type(**values)
 
 
 def pgn_of(name: str) -> int:
@@ -130,64 +129,78 @@ def pgn_of(name: str) -> int:
 
 def cycle_time(name: str) -> float:
     """Period at which a message is sent [s]; BusError for an unknown name."""
-    return _message(name).cycle_time
+    return (_message(name).layout.cycle_time or 0) * 1e-3
 
 
 def decode(frame: Frame) -> Decoded | None:
-    """Signals of a frame, matched by PGN from any source; None for a group that is not in the DBC.
+    """The group in a frame, matched by PGN from any source; None for a PGN not in the DBC.
 
     Raises:
-      BusError: the frame is shorter than the 8 bytes of its group.
+      BusError: the frame has not the length of its group.
     """
-    message = _by_pgn().get(frame.pgn)
+    message, source, destination = _addressed(frame.can_id)
     if message is None:
         return None
-    if len(frame.data) != 8:
-        raise BusError(f"{message.name} has {len(frame.data)} bytes: 8 are wanted")
-    word = int.from_bytes(frame.data, "little")
-    values = {s.name: s.decode(word >> s.start & (1 << s.length) - 1) for s in message.signals}
-    return Decoded(message.name, frame.source, frame.destination, frame.time, values)
+    return Decoded(_unpack(message, frame.data), source, destination, frame.time)
+
+
+def unpack(pgn: int, data: bytes) -> Group | None:
+    """The group in the bytes of a message of any length; None for a PGN not in the DBC.
+
+    Raises:
+      BusError: the bytes have not the length of the group.
+    """
+    message = _by_pgn().get(pgn)
+    return None if message is None else _unpack(message, data)
 
 
 def encode(
-    name: str,
-    values: Mapping[str, float | Status | None],
+    group: Group,
     *,
     time: float = 0.0,
     source: int | None = None,
     destination: int | None = None,
     saturate: bool = False,
 ) -> Frame:
-    """A frame with these signals; signals left out, and None, say "not available".
+    """A frame with this group.
 
     Args:
-      name: message name in the DBC.
-      values: signal name to number (DBC units), `Status` or None.
+      group: one of at most 8 bytes.
       time: of the frame [s].
       source: sender's address; default the DBC's.
       destination: receiver's address; default the DBC's.
       saturate: put a number outside the signal's range at its limit instead of refusing it.
 
     Raises:
-      BusError: unknown message or signal, number not finite or out of range.
+      BusError: a number is not finite or out of range, or a code is not in the signal.
     """
-    message = _message(name)
-    known = {signal.name for signal in message.signals}
-    unknown = sorted(set(values) - known)
-    if unknown:
-        raise BusError(f"message {name} has no signal {unknown[0]!r}; it has {sorted(known)}")
-    word = (1 << 64) - 1
-    for signal in message.signals:
-        mask = (1 << signal.length) - 1
-        raw = signal.encode(values.get(signal.name), saturate)
-        word = word & ~(mask << signal.start) | raw << signal.start
+    message = _message(group.MESSAGE)
     can_id = make_id(
         message.priority,
         message.pgn,
         message.source if source is None else source,
         message.destination if destination is None else destination,
     )
-    return Frame(can_id, word.to_bytes(8, "little"), time)
+    return Frame(can_id, pack(group, saturate=saturate), time)
+
+
+def pack(group: Group, *, saturate: bool = False) -> bytes:
+    """The bytes of a group of any length; arguments and errors as in `encode`."""
+    message = _message(group.MESSAGE)
+    raw = {s.name: s.raw(getattr(group, s.name), saturate) for s in message.signals}
+    return bytes(message.layout.encode(raw, scaling=False, padding=True, strict=False))
+
+
+def _unpack(message: _Message, data: bytes) -> Group:
+    wanted = message.layout.length
+    if len(data) != wanted:
+        raise BusError(f"{message.layout.name} has {len(data)} bytes: {wanted} are wanted")
+    raw = message.layout.decode(data, decode_choices=False, scaling=False)
+    values = [
+        number * signal.scale + signal.offset if number <= signal.top else signal.status(number)
+        for signal, number in zip(message.signals, raw.values(), strict=True)  # type: ignore[union-attr]
+    ]
+    return message.type(*values)
 
 
 def _message(name: str) -> _Message:
@@ -197,12 +210,15 @@ def _message(name: str) -> _Message:
     return message
 
 
+@functools.lru_cache(maxsize=4096)
+def _addressed(can_id: int) -> tuple[_Message | None, int, int]:
+    frame = Frame(can_id, b"")
+    return _by_pgn().get(frame.pgn), frame.source, frame.destination
+
+
 @functools.cache
 def _by_name() -> dict[str, _Message]:
-    """The DBC, read once by cantools and flattened for speed."""
-    database = cantools.database.can.Database()
-    database.add_dbc_file(str(database_path()))
-    return {message.name: _flatten(message) for message in database.messages}
+    return {layout.name: _flatten(layout) for layout in layouts().messages}
 
 
 @functools.cache
@@ -210,36 +226,34 @@ def _by_pgn() -> dict[int, _Message]:
     return {message.pgn: message for message in _by_name().values()}
 
 
-def _flatten(message: cantools.database.can.Message) -> _Message:
-    frame = Frame(message.frame_id, b"")
-    destination = frame.destination if frame.pgn < 0xF000 else GLOBAL_ADDRESS
-    signals = []
-    for signal in message.signals:
-        width = signal.length
-        codes = {str(name): int(raw) for raw, name in (signal.choices or {}).items()}
-        error, missing = codes.get("error"), codes.get("not_available")
-        top = (1 << width) - 1
-        if width >= 8:
-            shift = width - 8
-            top, error, missing = (0xFB << shift) - 1, 0xFE << shift, top
-        signals.append(
-            _Signal(
-                signal.name,
-                signal.start,
-                width,
-                float(signal.scale),
-                float(signal.offset),
-                top if error is None or width >= 8 else error - 1,
-                error,
-                missing,
-            )
+def _flatten(layout: cantools.database.can.Message) -> _Message:
+    frame = Frame(layout.frame_id, b"")
+    kind: type[Group] | None = getattr(groups, class_name(layout.name), None)
+    names = [signal.name for signal in layout.signals]
+    if kind is None or [field.name for field in fields(kind)] != names:
+        raise BusError(
+            f"groups.py does not have {layout.name}'s fields: run python -m iits_mj.j1939"
         )
     return _Message(
-        message.name,
+        layout,
+        kind,
         frame.pgn,
         frame.priority,
         frame.source,
-        destination,
-        (message.cycle_time or 0) * 1e-3,
-        tuple(signals),
+        frame.destination if frame.pgn < 0xF000 else GLOBAL_ADDRESS,
+        tuple(_signal(signal) for signal in layout.signals),
     )
+
+
+def _signal(signal: cantools.database.can.Signal) -> _Signal:
+    width = signal.length
+    codes = {str(name): int(raw) for raw, name in (signal.choices or {}).items()}
+    error, missing = codes.get("error"), codes.get("not_available")
+    top = (1 << width) - 1
+    if width >= 8:
+        shift = width - 8
+        top, error = (0xFB << shift) - 1, 0xFE << shift
+    else:
+        # The codes are the highest numbers of a field.
+        top = min(code - 1 for code in (error, missing, top + 1) if code is not None)
+    return _Signal(signal.name, width, float(signal.scale), float(signal.offset), top, error)

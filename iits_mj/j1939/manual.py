@@ -5,13 +5,13 @@
 
 from __future__ import annotations
 
-import functools
 from pathlib import Path
 
 import cantools.database
 
-from iits_mj.j1939.database import database_path, message_names, pgn_of
+from iits_mj.j1939.database import message_names, pgn_of
 from iits_mj.j1939.frame import Frame
+from iits_mj.j1939.layouts import layouts
 from iits_mj.j1939.mapping import Mapping, commands, reports
 
 PAGE = Path(__file__).with_name("README.md")
@@ -41,7 +41,7 @@ def fill(page: str) -> str:
 def _messages() -> str:
     rows = ["| message | PGN | period | |", "|---|---|---|---|"]
     for name in message_names():
-        message = _database().get_message_by_name(name)
+        message = layouts().get_message_by_name(name)
         rows.append(f"| `{name}` | {pgn_of(name)} | {message.cycle_time} ms | {message.comment} |")
     return "\n".join(rows)
 
@@ -76,7 +76,7 @@ def _reports() -> str:
 def _layout(name: str) -> str:
     rows = [f"### `{name}`, PGN {pgn_of(name)} (0x{pgn_of(name):04X})", ""]
     rows += ["| signal | start bit | bits | scale | offset | unit |", "|---|---|---|---|---|---|"]
-    for s in _database().get_message_by_name(name).signals:
+    for s in layouts().get_message_by_name(name).signals:
         unit = s.unit or "-"
         rows.append(
             f"| `{s.name}` | {s.start} | {s.length} | {s.scale:g} | {s.offset:g} | {unit} |"
@@ -85,7 +85,7 @@ def _layout(name: str) -> str:
 
 
 def _source(message: str) -> int:
-    return Frame(_database().get_message_by_name(message).frame_id, b"").source
+    return Frame(layouts().get_message_by_name(message).frame_id, b"").source
 
 
 def _spn(row: Mapping) -> str:
@@ -98,11 +98,4 @@ def _step(row: Mapping) -> str:
 
 
 def _signal(row: Mapping) -> cantools.database.can.Signal:
-    return _database().get_message_by_name(row.message).get_signal_by_name(row.signal)
-
-
-@functools.cache
-def _database() -> cantools.database.can.Database:
-    database = cantools.database.can.Database()
-    database.add_dbc_file(str(database_path()))
-    return database
+    return layouts().get_message_by_name(row.message).get_signal_by_name(row.signal)

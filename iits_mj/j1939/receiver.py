@@ -10,8 +10,10 @@ from iits_mj.errors import BusError, InputError
 from iits_mj.j1939.addresses import BRAKES, DRIVELINE_RETARDER, ENGINE_RETARDER
 from iits_mj.j1939.checksum import counter_and_checksum, tsc1_checksum, xbr_checksum
 from iits_mj.j1939.command import TORQUE_CONTROL, XBR_DEMAND_MIN
-from iits_mj.j1939.database import Decoded, Status, decode
+from iits_mj.j1939.database import Decoded, decode
 from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame
+from iits_mj.j1939.group import NOT_AVAILABLE
+from iits_mj.j1939.groups import IitsCommand
 from iits_mj.messages import TransmissionMode, VehicleCommand, XbrEbiMode, XbrMode
 
 
@@ -140,16 +142,16 @@ class CommandReceiver:
 
     def _read_xbr(self, name: str, frame: Frame, decoded: Decoded) -> dict[str, float]:
         self._check_sum(frame, name, xbr_checksum(frame))
-        mode = int(decoded.number("xbr_control_mode"))
+        mode = int(decoded.group.number("xbr_control_mode"))
         if mode not in tuple(XbrMode):
             raise BusError(f"XBR.xbr_control_mode = {mode}: allowed is 0, 1 or 2")
         values = {"xbr_mode": float(mode), "xbr_demand": 0.0, "xbr_ebi_mode": 0.0}
         if mode != XbrMode.OFF:
-            demand = decoded.number("external_acceleration_demand")
+            demand = decoded.group.number("external_acceleration_demand")
             # Zero lies 12 um/s2 off the grid of 1/2048.
             if not XBR_DEMAND_MIN <= demand <= 1e-3:
                 raise BusError("XBR.external_acceleration_demand is outside -10 to 0 m/s2")
-            ebi_mode = int(decoded.number("xbr_ebi_mode"))
+            ebi_mode = int(decoded.group.number("xbr_ebi_mode"))
             if ebi_mode not in tuple(XbrEbiMode):
                 raise BusError(f"XBR.xbr_ebi_mode = {ebi_mode}: allowed is 0, 1 or 2")
             values |= {"xbr_demand": min(demand, 0.0), "xbr_ebi_mode": float(ebi_mode)}
@@ -159,8 +161,8 @@ class CommandReceiver:
     def _read_retarder(self, name: str, frame: Frame, decoded: Decoded) -> dict[str, float]:
         self._check_sum(frame, name, tsc1_checksum(frame))
         share = 0.0
-        if int(decoded.number("override_control_mode")) == TORQUE_CONTROL:
-            share = -0.01 * decoded.number("requested_torque_percent")
+        if int(decoded.group.number("override_control_mode")) == TORQUE_CONTROL:
+            share = -0.01 * decoded.group.number("requested_torque_percent")
             if not 0.0 <= share <= 1.0:
                 raise BusError(f"{name}: requested_torque_percent is outside -100 to 0 %")
         self._check_counter(frame, name)
@@ -168,17 +170,19 @@ class CommandReceiver:
 
     def _read_body(self, name: str, frame: Frame, decoded: Decoded) -> dict[str, float]:
         self._check_sum(frame, name, xbr_checksum(frame))
-        values = {"parking_brake": decoded.number("parking_brake_request")}
+        group = decoded.group
+        assert isinstance(group, IitsCommand)
+        values = {"parking_brake": decoded.group.number("parking_brake_request")}
         # Without a driver's pedal on board the field is "not available".
-        if decoded.values["driver_brake_pedal_percent"] is not Status.NOT_AVAILABLE:
-            pedal = decoded.number("driver_brake_pedal_percent")
+        if group.driver_brake_pedal_percent is not NOT_AVAILABLE:
+            pedal = decoded.group.number("driver_brake_pedal_percent")
             values["brake_pedal"] = min(0.01 * pedal, 1.0)
-        selector = int(decoded.number("transmission_mode_request"))
+        selector = int(decoded.group.number("transmission_mode_request"))
         if selector not in tuple(TransmissionMode):
             raise BusError(f"IITS_COMMAND.transmission_mode_request = {selector}: use 0, 1 or 2")
         values["transmission_mode"] = float(selector)
-        if int(decoded.number("steering_control_mode")) == 1:
-            values["steering_wheel_angle"] = decoded.number("steering_wheel_angle_request")
+        if int(decoded.group.number("steering_control_mode")) == 1:
+            values["steering_wheel_angle"] = decoded.group.number("steering_wheel_angle_request")
         self._check_counter(frame, name)
         return values
 
@@ -194,7 +198,7 @@ class CommandReceiver:
 
 
 def _read_pedal(_name: str, _frame: Frame, decoded: Decoded) -> dict[str, float]:
-    pedal = decoded.number("accelerator_pedal_position_percent")
+    pedal = decoded.group.number("accelerator_pedal_position_percent")
     return {"accelerator_pedal": min(0.01 * pedal, 1.0)}
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import functools
 
 from iits_mj.errors import BusError
-from iits_mj.j1939.database import Status, decode, encode
+from iits_mj.j1939.database import decode, encode, make_group
 from iits_mj.j1939.frame import Frame
+from iits_mj.j1939.group import Status
+from iits_mj.j1939.groups import VW
 from iits_mj.j1939.mapping import Mapping, reports
 from iits_mj.j1939.quantities import ReferenceTorques, flatten, to_report, to_state
 from iits_mj.messages import EgoState, TruckReport
@@ -32,21 +34,22 @@ def state_to_frames(
       BusError: a value is not finite.
     """
     quantities = flatten(state, report, references)
-    messages: dict[tuple[str, int | None], dict[str, float | Status | None]] = {}
+    messages: dict[tuple[str, int | None], dict[str, float]] = {}
     for row in reports():
         value = quantities[row.quantity]
         signals = messages.setdefault((row.message, row.address), {})
-        signals[row.signal] = None if value is None else value / row.scale
+        if value is not None:
+            signals[row.signal] = value / row.scale
     frames = [
-        encode(name, signals, time=state.time, source=source, saturate=True)
+        encode(make_group(name, signals), time=state.time, source=source, saturate=True)
         for (name, source), signals in messages.items()
     ]
     # The axle's number stands in the high nibble of its location.
     weights = [
-        {"axle_location": float(i << 4), "axle_weight_kg": load / GRAVITY}
+        VW(axle_location=i << 4, axle_weight_kg=load / GRAVITY)
         for i, load in enumerate(report.axle_loads)
     ]
-    return frames + [encode("VW", w, time=state.time, saturate=True) for w in weights]
+    return frames + [encode(w, time=state.time, saturate=True) for w in weights]
 
 
 class StateReceiver:
@@ -76,14 +79,14 @@ class StateReceiver:
         for row in _rows_back().get(decoded.name, ()):
             if row.address not in (None, decoded.source):
                 continue
-            value = decoded.values[row.signal]
+            value = getattr(decoded.group, row.signal)
             if not isinstance(value, Status):
                 self._found[row.quantity] = value * row.scale
                 told = True
-        if decoded.name == "VW":
+        if isinstance(decoded.group, VW):
             try:
-                axle = int(decoded.number("axle_location")) >> 4
-                self._axle_loads[axle] = decoded.number("axle_weight_kg") * GRAVITY
+                axle = int(decoded.group.number("axle_location")) >> 4
+                self._axle_loads[axle] = decoded.group.number("axle_weight_kg") * GRAVITY
                 told = True
             except BusError:
                 return False

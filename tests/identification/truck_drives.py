@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from iits_mj.identification.replay import graded_road
-from iits_mj.j1939 import command_to_frames, encode, pgn_of
+from iits_mj.j1939 import command_to_frames, encode, make_group, pgn_of
 from iits_mj.j1939.mapping import reports
 from iits_mj.j1939.quantities import ReferenceTorques, flatten
 from iits_mj.messages import VehicleCommand, XbrMode
@@ -64,7 +64,7 @@ def frames(rows, parameters, messages, *, noise=0.01, seed=0, commands=True):
                     for r in signals[name]
                     if values[r.quantity] is not None
                 }
-                found.append(encode(name, known, time=state.time, saturate=True))
+                found.append(encode(make_group(name, known), time=state.time, saturate=True))
     return found
 
 

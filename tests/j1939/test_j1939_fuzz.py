@@ -12,6 +12,7 @@ from iits_mj.j1939 import (
     command_to_frames,
     decode,
     encode,
+    make_group,
     make_id,
     message_names,
     pgn_of,
@@ -26,7 +27,7 @@ EIGHT_BYTES = st.binary(min_size=8, max_size=8)
 def test_any_eight_bytes_decode_to_finite_numbers_or_a_status(name, data):
     decoded = decode(Frame(make_id(6, pgn_of(name), 0), data))
     assert decoded.name == name
-    for value in decoded.values.values():
+    for _, value in decoded.group.items():
         assert isinstance(value, Status) or math.isfinite(value)
 
 
@@ -34,10 +35,10 @@ def test_any_eight_bytes_decode_to_finite_numbers_or_a_status(name, data):
 @given(name=st.sampled_from(message_names()), data=EIGHT_BYTES)
 def test_encode_undoes_decode_on_the_grid(name, data):
     first = decode(Frame(make_id(6, pgn_of(name), 0), data))
-    known = {k: v for k, v in first.values.items() if v is not Status.OUT_OF_RANGE}
-    again = decode(encode(name, known))
+    known = {k: v for k, v in first.group.items() if v is not Status.OUT_OF_RANGE}
+    again = decode(encode(make_group(name, known)))
     for signal, value in known.items():
-        assert again.values[signal] == value
+        assert getattr(again.group, signal) == value
 
 
 @settings(max_examples=300, deadline=None)

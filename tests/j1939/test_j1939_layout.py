@@ -4,14 +4,21 @@ import pytest
 
 from iits_mj.errors import BusError
 from iits_mj.j1939 import (
+    NOT_AVAILABLE,
     Frame,
     Status,
     decode,
     encode,
+    group_source,
+    make_group,
     make_id,
     message_names,
+    pack,
     pgn_of,
+    unpack,
 )
+from iits_mj.j1939.groups import CCVS1, EEC1, EEC2, ERC1, ETC1, ETC2, LFE1, TSC1, VDC2, VW, XBR
+from iits_mj.j1939.layouts import layouts
 from iits_mj.j1939.manual import PAGE, fill, tables
 from iits_mj.j1939.mapping import commands, reports
 
@@ -47,55 +54,55 @@ def test_own_messages_are_proprietary_b():
 
 
 def test_xbr_goes_to_the_brakes_with_priority_3():
-    frame = encode("XBR", {"external_acceleration_demand": -1.5})
+    frame = encode(XBR(external_acceleration_demand=-1.5))
     assert (frame.priority, frame.pgn, frame.destination) == (3, 1024, 0x0B)
     assert frame.can_id == 0x0C040B2A
 
 
 def test_xbr_demand_is_16_bit_little_endian_of_1_2048_with_offset():
     # (-1.5 + 15.687) * 2048 = 29054.98 -> 29055 = 0x717F
-    frame = encode("XBR", {"external_acceleration_demand": -1.5})
+    frame = encode(XBR(external_acceleration_demand=-1.5))
     assert frame.data[:2] == bytes([0x7F, 0x71])
 
 
 def test_xbr_control_mode_is_bits_5_and_6_of_byte_3():
     values = {"xbr_ebi_mode": 0, "xbr_priority": 0, "xbr_control_mode": 2}
-    assert encode("XBR", values).data[2] & 0x3F == 0b10_00_00
+    assert encode(XBR(**values)).data[2] & 0x3F == 0b10_00_00
 
 
 def test_engine_speed_is_an_eighth_rpm_in_bytes_4_and_5():
-    frame = encode("EEC1", {"engine_speed_rpm": 1200.0})
+    frame = encode(EEC1(engine_speed_rpm=1200.0))
     assert frame.data[3:5] == (9600).to_bytes(2, "little")
 
 
 def test_pedal_is_byte_2_of_eec2_in_steps_of_0_4_percent():
-    assert encode("EEC2", {"accelerator_pedal_position_percent": 40.0}).data[1] == 100
+    assert encode(EEC2(accelerator_pedal_position_percent=40.0)).data[1] == 100
 
 
 def test_shift_in_process_is_bits_5_and_6_of_byte_1_of_etc1():
-    assert encode("ETC1", {"shift_in_process": 1.0}).data[0] == 0b11_01_11_11
+    assert encode(ETC1(shift_in_process=1.0)).data[0] == 0b11_01_11_11
 
 
 def test_gear_has_an_offset_of_125_and_reverse_is_negative():
-    assert encode("ETC2", {"current_gear": -1.0}).data[3] == 124
-    assert encode("ETC2", {"current_gear": 10.0}).data[3] == 135
+    assert encode(ETC2(current_gear=-1.0)).data[3] == 124
+    assert encode(ETC2(current_gear=10.0)).data[3] == 135
 
 
 def test_wheel_speed_and_steering_angle_known_answers():
-    assert encode("CCVS1", {"wheel_based_speed_kph": 80.0}).data[1:3] == bytes([0x00, 0x50])
+    assert encode(CCVS1(wheel_based_speed_kph=80.0)).data[1:3] == bytes([0x00, 0x50])
     # (0 + 31.374) * 1024 = 32126.98 -> 32127 = 0x7D7F
-    assert encode("VDC2", {"steering_wheel_angle": 0.0}).data[:2] == bytes([0x7F, 0x7D])
+    assert encode(VDC2(steering_wheel_angle=0.0)).data[:2] == bytes([0x7F, 0x7D])
 
 
 def test_fuel_rate_and_axle_weight_known_answers():
-    assert encode("LFE1", {"engine_fuel_rate_l_per_h": 30.0}).data[:2] == bytes([0x58, 0x02])
-    assert encode("VW", {"axle_weight_kg": 9677.5}).data[1:3] == (19355).to_bytes(2, "little")
+    assert encode(LFE1(engine_fuel_rate_l_per_h=30.0)).data[:2] == bytes([0x58, 0x02])
+    assert encode(VW(axle_weight_kg=9677.5)).data[1:3] == (19355).to_bytes(2, "little")
 
 
 def test_missing_signals_say_not_available():
-    frame = encode("EEC1", {})
+    frame = encode(EEC1())
     assert frame.data == b"\xff" * 8
-    assert decode(frame).values["engine_speed_rpm"] is Status.NOT_AVAILABLE
+    assert decode(frame).group.engine_speed_rpm is Status.NOT_AVAILABLE
 
 
 @pytest.mark.parametrize(
@@ -108,32 +115,32 @@ def test_missing_signals_say_not_available():
 )
 def test_codes_of_a_16_bit_signal_are_told_apart(data, status):
     decoded = decode(Frame(make_id(3, 61444, 0), data))
-    assert decoded.values["engine_speed_rpm"] is status
+    assert decoded.group.engine_speed_rpm is status
     with pytest.raises(BusError, match=status.value):
-        decoded.number("engine_speed_rpm")
+        decoded.group.number("engine_speed_rpm")
 
 
 def test_error_code_can_be_sent():
-    frame = encode("EEC2", {"accelerator_pedal_position_percent": Status.ERROR})
+    frame = encode(EEC2(accelerator_pedal_position_percent=Status.ERROR))
     assert frame.data[1] == 0xFE
 
 
 def test_groups_match_from_any_source_and_unknown_groups_pass():
-    frame = encode("EEC1", {"engine_speed_rpm": 700.0}, source=0x31)
-    assert decode(frame).number("engine_speed_rpm") == 700.0
+    frame = encode(EEC1(engine_speed_rpm=700.0), source=0x31)
+    assert decode(frame).group.number("engine_speed_rpm") == 700.0
     assert decode(frame).source == 0x31
     assert decode(Frame(make_id(6, 65260, 0), b"\x00" * 8)) is None
 
 
 def test_bad_values_are_refused_with_their_names():
     with pytest.raises(BusError, match="engine_speed_rpm"):
-        encode("EEC1", {"engine_speed_rpm": float("nan")})
+        encode(EEC1(engine_speed_rpm=float("nan")))
     with pytest.raises(BusError, match="engine_speed_rpm"):
-        encode("EEC1", {"engine_speed_rpm": 9000.0})
+        encode(EEC1(engine_speed_rpm=9000.0))
     with pytest.raises(BusError, match="no signal"):
-        encode("EEC1", {"speed": 1.0})
+        make_group("EEC1", {"speed": 1.0})
     with pytest.raises(BusError, match="not in the DBC"):
-        encode("EEC99", {})
+        make_group("EEC99", {})
     with pytest.raises(BusError, match="bytes"):
         decode(Frame(make_id(3, 61444, 0), b"\x00" * 3))
     with pytest.raises(BusError, match="29 bits"):
@@ -141,23 +148,23 @@ def test_bad_values_are_refused_with_their_names():
 
 
 def test_saturation_keeps_a_sensor_inside_its_range():
-    frame = encode("EEC1", {"engine_speed_rpm": 9000.0}, saturate=True)
-    assert decode(frame).number("engine_speed_rpm") == pytest.approx(8031.875)
+    frame = encode(EEC1(engine_speed_rpm=9000.0), saturate=True)
+    assert decode(frame).group.number("engine_speed_rpm") == pytest.approx(8031.875)
 
 
 def test_endurance_brake_integration_is_bits_1_and_2_of_byte_3_of_xbr():
     values = {"xbr_ebi_mode": 2, "xbr_priority": 1, "xbr_control_mode": 2}
-    assert encode("XBR", values).data[2] & 0x3F == 0b10_01_10
+    assert encode(XBR(**values)).data[2] & 0x3F == 0b10_01_10
 
 
 def test_retarder_torque_is_byte_2_of_erc1_in_percent_above_minus_125():
-    frame = encode("ERC1", {"actual_retarder_torque_percent": -40.0}, source=0x10)
+    frame = encode(ERC1(actual_retarder_torque_percent=-40.0), source=0x10)
     assert frame.can_id == 0x18F00010
     assert frame.data[1] == 85
 
 
 def test_torque_control_to_the_driveline_retarder_is_known_to_the_byte():
-    frame = encode("TSC1", {"override_control_mode": 2}, destination=0x10)
+    frame = encode(TSC1(override_control_mode=2), destination=0x10)
     assert frame.can_id == 0x0C00102A
 
 
@@ -173,6 +180,35 @@ def test_every_row_of_the_table_is_a_signal_of_the_dbc_and_said_once():
         keys = [(row.message, row.signal, row.address) for row in rows]
         assert len(set(keys)) == len(keys)
         for row in rows:
-            assert row.signal in decode(encode(row.message, {})).values
+            assert hasattr(make_group(row.message, {}), row.signal)
     back = [row.quantity for row in reports() if row.back]
     assert len(set(back)) == len(back)
+
+
+def test_typed_messages_are_made_from_the_dbc():
+    text = group_source.PATH.read_text(encoding="utf-8")
+    assert group_source.source() == text, "run `python -m iits_mj.j1939`"
+
+
+def test_a_typed_message_left_empty_knows_nothing():
+    assert {value for _, value in EEC1().items()} == {NOT_AVAILABLE}
+
+
+def test_a_code_that_a_signal_does_not_have_is_refused():
+    with pytest.raises(BusError, match="no code"):
+        encode(XBR(xbr_control_mode=Status.ERROR))
+    with pytest.raises(BusError, match="no code"):
+        encode(EEC1(engine_speed_rpm=Status.OUT_OF_RANGE))
+
+
+@pytest.mark.parametrize("name", message_names())
+def test_each_field_is_where_the_dbc_has_it(name):
+    # Against cantools' own physical values, signal by signal.
+    layout = layouts().get_message_by_name(name)
+    for signal in layout.signals:
+        value = signal.scale + signal.offset
+        data = pack(make_group(name, {signal.name: value}))
+        assert len(data) == layout.length
+        raw = layout.decode(data, decode_choices=False)
+        assert raw[signal.name] == pytest.approx(value)
+        assert getattr(unpack(pgn_of(name), data), signal.name) == pytest.approx(value)

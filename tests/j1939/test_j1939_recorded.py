@@ -43,7 +43,7 @@ def _numbers(frames, name, signal):
     for frame in frames:
         decoded = _decoded(frame)
         if decoded is not None and decoded.name == name:
-            value = decoded.values[signal]
+            value = getattr(decoded.group, signal)
             if not isinstance(value, Status):
                 found.append(value)
     return found
@@ -71,8 +71,8 @@ def test_exhaust_brake_of_a_real_truck_reports_no_torque_and_itself_in_control()
     assert len(found) > 500
     assert {d.source for d in found} == {0x29}
     for decoded in found:
-        assert decoded.number("actual_retarder_torque_percent") == 0.0
-        assert decoded.number("retarder_control_source_address") == 0x29
+        assert decoded.group.number("actual_retarder_torque_percent") == 0.0
+        assert decoded.group.number("retarder_control_source_address") == 0x29
 
 
 @pytest.mark.skipif(not KENWORTH.is_file(), reason="the recorded frames are not here")

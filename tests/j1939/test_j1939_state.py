@@ -4,6 +4,7 @@ import pytest
 
 from iits_mj.errors import BusError
 from iits_mj.j1939 import ReferenceTorques, StateReceiver, decode, encode, state_to_frames
+from iits_mj.j1939.groups import ERC1
 from iits_mj.j1939.mapping import reports
 from iits_mj.messages import EgoState, TruckReport, XbrMode
 from iits_mj.parameters import TruckParameters
@@ -118,8 +119,8 @@ def test_either_retarder_reports_its_own_torque_and_the_engines_counts_at_the_cr
     frames = state_to_frames(STATE, braking)
     said = {f.source: decode(f) for f in frames if decode(f).name == "ERC1"}
     assert said.keys() == {0x0F, 0x10}
-    assert said[0x0F].number("actual_retarder_torque_percent") == -50.0
-    assert said[0x10].number("actual_retarder_torque_percent") == -50.0
+    assert said[0x0F].group.number("actual_retarder_torque_percent") == -50.0
+    assert said[0x10].group.number("actual_retarder_torque_percent") == -50.0
     receiver = StateReceiver()
     for frame in frames:
         receiver.receive(frame)
@@ -138,7 +139,7 @@ def test_a_truck_without_retarder_reports_none():
     frames = state_to_frames(STATE, REPORT, ReferenceTorques(retarder=0.0))
     said = next(decode(f) for f in frames if decode(f).name == "ERC1" and f.source == 0x10)
     with pytest.raises(BusError, match="not available"):
-        said.number("actual_retarder_torque_percent")
+        said.group.number("actual_retarder_torque_percent")
 
 
 def test_every_row_of_the_table_names_a_sensor_or_control_of_the_model():
@@ -153,7 +154,7 @@ def test_every_row_of_the_table_names_a_sensor_or_control_of_the_model():
 
 def test_retarder_of_another_address_is_not_taken_for_ours():
     receiver = StateReceiver()
-    frame = encode("ERC1", {"actual_retarder_torque_percent": -50.0}, source=0x29)
+    frame = encode(ERC1(actual_retarder_torque_percent=-50.0), source=0x29)
     assert not receiver.receive(frame)
     assert receiver.report().retarder_torque is None
 
@@ -170,8 +171,8 @@ def test_retarder_of_another_address_is_not_taken_for_ours():
 def test_brakes_say_whose_demand_they_execute(mode, active, pedal, code):
     report = dataclasses.replace(REPORT, xbr_mode=mode, xbr_active=active, brake_pedal=pedal)
     said = {decode(f).name: decode(f) for f in state_to_frames(STATE, report)}
-    assert said["EBC5"].number("xbr_active_control_mode") == code
-    assert said["EBC1"].number("ebs_brake_switch") == float(pedal > 0.0)
+    assert said["EBC5"].group.number("xbr_active_control_mode") == code
+    assert said["EBC1"].group.number("ebs_brake_switch") == float(pedal > 0.0)
 
 
 def test_the_truck_reports_what_it_does():
@@ -194,18 +195,18 @@ def test_the_truck_reports_what_it_does():
 def test_unknown_quantities_are_sent_as_not_available():
     frames = {decode(f).name: decode(f) for f in state_to_frames(STATE)}
     with pytest.raises(BusError, match="not available"):
-        frames["ERC1"].number("actual_retarder_torque_percent")
+        frames["ERC1"].group.number("actual_retarder_torque_percent")
     with pytest.raises(BusError, match="not available"):
-        frames["EEC3"].number("nominal_friction_torque_percent")
+        frames["EEC3"].group.number("nominal_friction_torque_percent")
     with pytest.raises(BusError, match="not available"):
-        frames["AIR1"].number("pneumatic_supply_pressure_kpa")
+        frames["AIR1"].group.number("pneumatic_supply_pressure_kpa")
 
 
 def test_axle_weights_are_one_frame_each():
     frames = state_to_frames(STATE, REPORT)
     weights = [decode(f) for f in frames if decode(f).name == "VW"]
-    assert [w.number("axle_location") for w in weights] == [0.0, 16.0]
-    assert weights[0].number("axle_weight_kg") == pytest.approx(60.7e3 / 9.81, abs=0.25)
+    assert [w.group.number("axle_location") for w in weights] == [0.0, 16.0]
+    assert weights[0].group.number("axle_weight_kg") == pytest.approx(60.7e3 / 9.81, abs=0.25)
 
 
 @pytest.mark.parametrize("field", ["x", "yaw", "engine_torque"])
