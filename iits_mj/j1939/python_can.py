@@ -1,0 +1,28 @@
+"""Frames to python-can's messages and back."""
+
+from __future__ import annotations
+
+import can
+
+from iits_mj.j1939.frame import Frame
+
+
+def to_can(frame: Frame) -> can.Message:
+    """An extended data frame as python-can sends and writes it."""
+    return can.Message(
+        arbitration_id=frame.can_id, data=frame.data, is_extended_id=True, timestamp=frame.time
+    )
+
+
+def from_can(message: can.Message, time: float | None = None) -> Frame | None:
+    """A message as J1939 has it; None for 11-bit, CAN FD, remote and error frames.
+
+    Args:
+      message: as python-can gives it.
+      time: stamp for the frame [s]; default the message's own.
+    """
+    foreign = message.is_error_frame or message.is_remote_frame or message.is_fd
+    if foreign or not message.is_extended_id or not 0 <= message.arbitration_id < 1 << 29:
+        return None
+    stamp = message.timestamp if time is None else time
+    return Frame(message.arbitration_id, bytes(message.data)[:8], stamp)
