@@ -24,7 +24,6 @@ from iits_mj.j1939.frame import Frame, make_id
 from iits_mj.j1939.group import NOT_AVAILABLE, Group, Status, Value
 from iits_mj.j1939.layouts import database_path
 from iits_mj.j1939.log_files import LogWriter, read_log
-from iits_mj.j1939.log_files import LogWriter, read_log
 from iits_mj.j1939.quantities import ReferenceTorques
 from iits_mj.j1939.receiver import CommandReceiver, TimeOuts
 from iits_mj.j1939.state import StateReceiver, state_to_frames
