@@ -15,16 +15,17 @@ Other narrow fields (modes, counters) use all their values; the DBC's value tabl
 from __future__ import annotations
 
 import functools
-import math
-from collections.abc import Mapping
+import operator
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
+from typing import cast
 
 import cantools.database.can
 
 from iits_mj.errors import BusError
 from iits_mj.j1939 import groups
 from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame, make_id
-from iits_mj.j1939.group import Group, Status, Value
+from iits_mj.j1939.group import NOT_AVAILABLE, Group, Status, Value
 from iits_mj.j1939.layouts import class_name, layouts
 
 
@@ -49,7 +50,7 @@ class Decoded:
 
 @dataclass(frozen=True, slots=True)
 class _Signal:
-    """A signal's scale and its greatest valid raw number; error and not_available: its codes."""
+    """A signal's scale and raw numbers: top is the greatest valid one, error and missing codes."""
 
     name: str
     length: int
@@ -57,6 +58,7 @@ class _Signal:
     offset: float
     top: int
     error: int | None
+    missing: int
 
     def status(self, raw: int) -> Status:
         """What a raw number above the valid ones says."""
@@ -69,9 +71,11 @@ class _Signal:
     def raw(self, value: Value, saturate: bool) -> int:
         if isinstance(value, Status):
             return self._code(value)
-        if not math.isfinite(value):
-            raise BusError(f"signal {self.name} = {value!r}: a finite number is wanted")
-        raw = round((value - self.offset) / self.scale)
+        try:
+            raw = round((value - self.offset) / self.scale)
+        except (ValueError, OverflowError) as error:
+            wanted = "a finite number is wanted"
+            raise BusError(f"signal {self.name} = {value!r}: {wanted}") from error
         if not 0 <= raw <= self.top:
             if not saturate:
                 low, high = self.offset, self.top * self.scale + self.offset
@@ -81,7 +85,7 @@ class _Signal:
 
     def _code(self, status: Status) -> int:
         if status is Status.NOT_AVAILABLE:
-            return (1 << self.length) - 1
+            return self.missing
         if status is Status.OUT_OF_RANGE or self.error is None:
             raise BusError(f"signal {self.name} has no code for {status.value!r}")
         return self.error
@@ -96,6 +100,10 @@ class _Message:
     source: int
     destination: int
     signals: tuple[_Signal, ...]
+    # The same, flat for speed: top, scale, offset and the signal itself.
+    rules: tuple[tuple[int, float, float, _Signal], ...]
+    # All fields of a group at once.
+    values_of: Callable[[Group], tuple[Value, ...]]
 
 
 def message_names() -> tuple[str, ...]:
@@ -175,7 +183,7 @@ def encode(
       BusError: a number is not finite or out of range, or a code is not in the signal.
     """
     message = _message(group.MESSAGE)
-    can_id = make_id(
+    can_id = _identifier(
         message.priority,
         message.pgn,
         message.source if source is None else source,
@@ -187,7 +195,10 @@ def encode(
 def pack(group: Group, *, saturate: bool = False) -> bytes:
     """The bytes of a group of any length; arguments and errors as in `encode`."""
     message = _message(group.MESSAGE)
-    raw = {s.name: s.raw(getattr(group, s.name), saturate) for s in message.signals}
+    raw = {
+        s.name: s.missing if value is NOT_AVAILABLE else s.raw(value, saturate)
+        for s, value in zip(message.signals, message.values_of(group), strict=True)
+    }
     return bytes(message.layout.encode(raw, scaling=False, padding=True, strict=False))
 
 
@@ -196,9 +207,10 @@ def _unpack(message: _Message, data: bytes) -> Group:
     if len(data) != wanted:
         raise BusError(f"{message.layout.name} has {len(data)} bytes: {wanted} are wanted")
     raw = message.layout.decode(data, decode_choices=False, scaling=False)
+    numbers = cast(Mapping[str, int], raw).values()
     values = [
-        number * signal.scale + signal.offset if number <= signal.top else signal.status(number)
-        for signal, number in zip(message.signals, raw.values(), strict=True)  # type: ignore[union-attr]
+        number * scale + offset if number <= top else signal.status(number)
+        for number, (top, scale, offset, signal) in zip(numbers, message.rules, strict=True)
     ]
     return message.type(*values)
 
@@ -208,6 +220,9 @@ def _message(name: str) -> _Message:
     if message is None:
         raise BusError(f"message {name!r} is not in the DBC; there are {list(_by_name())}")
     return message
+
+
+_identifier = functools.lru_cache(maxsize=4096)(make_id)
 
 
 @functools.lru_cache(maxsize=4096)
@@ -234,6 +249,7 @@ def _flatten(layout: cantools.database.can.Message) -> _Message:
         raise BusError(
             f"groups.py does not have {layout.name}'s fields: run python -m iits_mj.j1939"
         )
+    signals = tuple(_signal(signal) for signal in layout.signals)
     return _Message(
         layout,
         kind,
@@ -241,7 +257,9 @@ def _flatten(layout: cantools.database.can.Message) -> _Message:
         frame.priority,
         frame.source,
         frame.destination if frame.pgn < 0xF000 else GLOBAL_ADDRESS,
-        tuple(_signal(signal) for signal in layout.signals),
+        signals,
+        tuple((s.top, s.scale, s.offset, s) for s in signals),
+        operator.attrgetter(*names),
     )
 
 
@@ -249,11 +267,11 @@ def _signal(signal: cantools.database.can.Signal) -> _Signal:
     width = signal.length
     codes = {str(name): int(raw) for raw, name in (signal.choices or {}).items()}
     error, missing = codes.get("error"), codes.get("not_available")
-    top = (1 << width) - 1
+    top = ones = (1 << width) - 1
     if width >= 8:
         shift = width - 8
         top, error = (0xFB << shift) - 1, 0xFE << shift
     else:
         # The codes are the highest numbers of a field.
         top = min(code - 1 for code in (error, missing, top + 1) if code is not None)
-    return _Signal(signal.name, width, float(signal.scale), float(signal.offset), top, error)
+    return _Signal(signal.name, width, float(signal.scale), float(signal.offset), top, error, ones)
