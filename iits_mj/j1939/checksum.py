@@ -1,7 +1,7 @@
 """Counters' companions: the message checksums of XBR and TSC1.
 
 Both start from the sum of data bytes 1 to 7, the message counter and the four bytes of the CAN
-identifier, as publicly described for SPN 3189 (XBR, 4 bits) and SPN 4207 (TSC1, 3 bits) by brake
+identifier, as publicly described for SPN 3188 (XBR, 4 bits) and SPN 4207 (TSC1, 3 bits) by brake
 and engine makers' integration guides:
 
     XBR    ((sum >> 4) + sum) & 0x0F

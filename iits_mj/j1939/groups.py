@@ -23,8 +23,8 @@ class XBR(Group):
       xbr_priority: SPN 2915.
       xbr_control_mode: SPN 2916.
       xbr_urgency: [%] SPN 4099.
-      xbr_message_counter: SPN 3188.
-      xbr_message_checksum: SPN 3189.
+      xbr_message_counter: SPN 3189.
+      xbr_message_checksum: SPN 3188.
     """
 
     MESSAGE: ClassVar[str] = "XBR"
