@@ -224,7 +224,8 @@ void Powertrain::Step(const Controls& controls, double shaft_speed, double h, St
                   &core->driveline, &engine->speed, &s->work);
   core->shaft_torque = s->work.shaft_torque;
 
-  ReportStep(at, command, retarder_max, controls.levers.pedal, s);
+  ReportStep(at, request, command, retarder_max, controls.levers.pedal, s);
+  ReportGears(s);
   core->fuel_used += h * s->output.fuel_rate;
   const EnduranceGearing after = Gearing(*core);
   s->next_endurance = {

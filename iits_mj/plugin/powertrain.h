@@ -38,9 +38,11 @@ class Powertrain {
 
   // What `compute` found for the present instant, one number a signal; sensors read it.
   struct Output {
-    double gear, shift_in_process, engine_speed, engine_torque;
+    double gear, gear_engaged, shift_in_process, engine_speed, engine_torque;
     double engine_torque_percent, torque_loss_percent;
+    double engine_torque_percent_driver, engine_load_percent, engine_torque_mode;
     double fuel_rate, fuel_used, clutch_engagement;
+    double input_shaft_speed;
     double propeller_shaft_torque, propeller_shaft_speed, accelerator_pedal_position;
     double engine_brake_torque, engine_brake_torque_percent, engine_brake_torque_percent_intended;
     double engine_brake_torque_percent_available;
@@ -87,8 +89,10 @@ class Powertrain {
                     double input_speed, double h) const;
   void Step(const Controls& controls, double shaft_speed, double h, State* s) const;
   void ReportStart(const Core& core, Output* output) const;
-  void ReportStep(const EnginePoint& at, const EnduranceCommand& command, double retarder_max,
-                  double pedal, State* s) const;
+  void ReportStep(const EnginePoint& at, const EngineRequest& request,
+                  const EnduranceCommand& command, double retarder_max, double pedal,
+                  State* s) const;
+  void ReportGears(State* s) const;
 
   Engine engine_;
   Gearbox gearbox_;

@@ -1,6 +1,7 @@
 // Sensors of the powertrain: what its state says, by name.
 #include <mujoco/mujoco.h>
 
+#include <algorithm>
 #include <cstddef>
 #include <string>
 
@@ -18,14 +19,19 @@ const struct {
   size_t place;
 } kSignals[] = {
     IITS_SIGNAL(gear),
+    IITS_SIGNAL(gear_engaged),
     IITS_SIGNAL(shift_in_process),
     IITS_SIGNAL(engine_speed),
     IITS_SIGNAL(engine_torque),
     IITS_SIGNAL(engine_torque_percent),
     IITS_SIGNAL(torque_loss_percent),
+    IITS_SIGNAL(engine_torque_percent_driver),
+    IITS_SIGNAL(engine_load_percent),
+    IITS_SIGNAL(engine_torque_mode),
     IITS_SIGNAL(fuel_rate),
     IITS_SIGNAL(fuel_used),
     IITS_SIGNAL(clutch_engagement),
+    IITS_SIGNAL(input_shaft_speed),
     IITS_SIGNAL(propeller_shaft_torque),
     IITS_SIGNAL(propeller_shaft_speed),
     IITS_SIGNAL(accelerator_pedal_position),
@@ -45,6 +51,15 @@ const struct {
     IITS_SIGNAL(driveline_energy),
 };
 #undef IITS_SIGNAL
+
+// Who has the say in the engine's torque (SPN 899).
+enum TorqueMode { kNoRequest = 0, kAccelerator = 1, kTransmission = 6, kBrakes = 10 };
+
+TorqueMode TorqueModeOf(const EngineRequest& request, double driver_pedal) {
+  if (request.mode != EngineRequest::kPedal) return kTransmission;
+  if (request.pedal < driver_pedal) return kBrakes;
+  return driver_pedal > 0 ? kAccelerator : kNoRequest;
+}
 
 }  // namespace
 
@@ -82,8 +97,9 @@ void Powertrain::ReportStart(const Core& core, Output* o) const {
 
 // Percent torques as J1939 counts them: of the reference torque of engine, engine brake or
 // retarder; braking is negative.
-void Powertrain::ReportStep(const EnginePoint& at, const EnduranceCommand& command,
-                            double retarder_max, double pedal, State* s) const {
+void Powertrain::ReportStep(const EnginePoint& at, const EngineRequest& request,
+                            const EnduranceCommand& command, double retarder_max, double pedal,
+                            State* s) const {
   const Core& core = s->next;
   Output* o = &s->output;
   const double of_reference = 100 / engine_.reference_torque();
@@ -96,6 +112,10 @@ void Powertrain::ReportStep(const EnginePoint& at, const EnduranceCommand& comma
   o->engine_torque = engine_.BrakeTorque(at, core.engine);
   o->engine_torque_percent = of_reference * core.engine.torque;
   o->torque_loss_percent = of_reference * at.drag;
+  o->engine_torque_percent_driver = of_reference * (engine_.PedalTorque(at, pedal) + at.drag);
+  const double greatest = at.limit + at.drag;
+  o->engine_load_percent = greatest > 0 ? 100 * std::min(1.0, core.engine.torque / greatest) : 0;
+  o->engine_torque_mode = TorqueModeOf(request, pedal);
   o->fuel_rate = engine_.FuelRate(at, core.engine);
   o->clutch_engagement = core.driveline.engagement;
   o->propeller_shaft_torque = core.shaft_torque;
@@ -109,6 +129,16 @@ void Powertrain::ReportStep(const EnginePoint& at, const EnduranceCommand& comma
   o->retarder_torque_percent = of_retarder * core.retarder_torque;
   o->retarder_torque_percent_intended = of_retarder * command.retarder_torque;
   o->retarder_torque_percent_available = of_retarder * retarder_max;
+}
+
+// While no gear is in, the gearbox's input turns with the engine, and the gear that was in last is
+// still the current one (SPN 523).
+void Powertrain::ReportGears(State* s) const {
+  const GearboxState& gearbox = s->next.gearbox;
+  const int gear = static_cast<int>(gearbox.gear);
+  Output* o = &s->output;
+  if (gear != 0 || gearbox.phase == Gearbox::kInGear) o->gear_engaged = gear;
+  o->input_shaft_speed = gear ? gearbox_.Ratio(gear) * s->work.shaft_speed : o->engine_speed;
 }
 
 void Powertrain::Sensors(const mjModel* m, mjData* d, int instance) const {

@@ -1,0 +1,76 @@
+"""What the powertrain's control units say about gears and torque in a launch and its shifts."""
+
+import numpy as np
+import pytest
+from vehicle_sled import PARAMETERS, Sled
+
+NAMES = (
+    "gear",
+    "gear_engaged",
+    "shift_in_process",
+    "engine_speed",
+    "input_shaft_speed",
+    "propeller_shaft_speed",
+    "engine_torque_mode",
+    "engine_torque_percent",
+    "engine_torque_percent_driver",
+    "engine_load_percent",
+)
+NO_REQUEST, ACCELERATOR, TRANSMISSION = 0, 1, 6
+
+
+@pytest.fixture(scope="module")
+def launch():
+    """12 s with 60 % pedal from standstill, 19 t: columns by name."""
+    rows = Sled(19_000.0).record(12.0, *NAMES, accelerator_pedal=0.6)
+    return dict(zip(NAMES, rows.T, strict=True))
+
+
+def test_current_gear_is_the_last_one_in_until_the_next_one_is_in(launch):
+    target, engaged = launch["gear"], launch["gear_engaged"]
+    changing = launch["shift_in_process"] > 0
+    assert np.all(engaged[~changing] == target[~changing])
+    # First the gear before, then, while the clutch closes, the new one; never neutral.
+    assert set(np.unique(target[changing] - engaged[changing])) == {0.0, 1.0}
+    assert engaged.min() == 2
+
+
+def test_input_shaft_turns_with_the_propeller_shaft_by_the_ratio_of_the_gear_that_is_in(launch):
+    closed = launch["shift_in_process"] == 0
+    ratio = PARAMETERS.gearbox.ratios[launch["gear_engaged"].astype(int) - 1]
+    geared = ratio * launch["propeller_shaft_speed"]
+    assert launch["input_shaft_speed"][closed] == pytest.approx(geared[closed], rel=1e-9, abs=1e-9)
+
+
+def test_input_shaft_turns_with_the_engine_while_no_gear_is_in(launch):
+    between = (launch["gear_engaged"] != launch["gear"]) & (launch["engine_torque_percent"] < 3.0)
+    same = launch["input_shaft_speed"] == launch["engine_speed"]
+    assert np.count_nonzero(between & same) > 100
+
+
+def test_gearbox_takes_the_torque_in_a_change_and_the_pedal_has_it_otherwise(launch):
+    changing = launch["shift_in_process"] > 0
+    assert set(launch["engine_torque_mode"][changing]) == {TRANSMISSION}
+    assert set(launch["engine_torque_mode"][~changing]) == {ACCELERATOR}
+
+
+def test_torque_never_exceeds_what_the_driver_asks_for_outside_changes(launch):
+    driving = (launch["shift_in_process"] == 0) & (launch["engine_speed"] > 80.0)
+    excess = launch["engine_torque_percent"] - launch["engine_torque_percent_driver"]
+    # The indicated torque falls no faster than the engine's rate when the driver's share falls.
+    assert np.median(excess[driving]) < 0
+    assert excess[driving].max() < 5.0
+
+
+def test_floored_pedal_of_a_laden_truck_ends_at_what_the_driver_asks_for_near_full_load():
+    names = ("engine_torque_percent", "engine_torque_percent_driver", "engine_load_percent")
+    torque, driver, load = Sled(55_000.0, speed=15.0).record(5.0, *names, accelerator_pedal=1.0).T
+    assert load.min() >= 0.0
+    # The pedal map ends a little below the full-load curve.
+    assert 90.0 < load.max() <= 100.0
+    assert torque[-1] == pytest.approx(driver[-1], rel=1e-3)
+
+
+def test_nobody_asks_for_torque_with_the_pedal_up():
+    rows = Sled(19_000.0).record(1.0, "engine_torque_mode", "engine_torque_percent_driver")
+    assert np.all(rows == NO_REQUEST)
