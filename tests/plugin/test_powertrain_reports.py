@@ -64,11 +64,11 @@ def test_torque_never_exceeds_what_the_driver_asks_for_outside_changes(launch):
 
 def test_floored_pedal_of_a_laden_truck_ends_at_what_the_driver_asks_for_near_full_load():
     names = ("engine_torque_percent", "engine_torque_percent_driver", "engine_load_percent")
-    torque, driver, load = Sled(55_000.0, speed=15.0).record(5.0, *names, accelerator_pedal=1.0).T
+    torque, driver, load = Sled(55_000.0, speed=15.0).record(8.0, *names, accelerator_pedal=1.0).T
     assert load.min() >= 0.0
     # The pedal map ends a little below the full-load curve.
     assert 90.0 < load.max() <= 100.0
-    assert torque[-1] == pytest.approx(driver[-1], rel=1e-3)
+    assert torque[-1] == pytest.approx(driver[-1], rel=2e-3)
 
 
 def test_nobody_asks_for_torque_with_the_pedal_up():
