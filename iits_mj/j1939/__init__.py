@@ -23,6 +23,7 @@ from iits_mj.j1939.database import (
 from iits_mj.j1939.frame import Frame, make_id
 from iits_mj.j1939.group import NOT_AVAILABLE, Group, Status, Value
 from iits_mj.j1939.layouts import database_path
+from iits_mj.j1939.link import Link, LinkState
 from iits_mj.j1939.log_files import LogWriter, read_log
 from iits_mj.j1939.quantities import ReferenceTorques
 from iits_mj.j1939.receiver import CommandReceiver, TimeOuts
@@ -35,6 +36,8 @@ __all__ = [
     "Decoded",
     "Frame",
     "Group",
+    "Link",
+    "LinkState",
     "LogWriter",
     "ReferenceTorques",
     "StateReceiver",
