@@ -497,6 +497,106 @@ class VW(Group):
 
 
 @dataclass(frozen=True, slots=True)
+class EC1(Group):
+    """EC1, PGN 65251 (0xFEE3).
+
+    Engine configuration 1, a long message: torque curve (point 1 idle, 6 high idle), reference
+    torque.
+
+    Attributes:
+      engine_speed_point_1_rpm: [rpm] SPN 188.
+      engine_torque_point_1_percent: [%] SPN 539.
+      engine_speed_point_2_rpm: [rpm] SPN 528.
+      engine_torque_point_2_percent: [%] SPN 540.
+      engine_speed_point_3_rpm: [rpm] SPN 529.
+      engine_torque_point_3_percent: [%] SPN 541.
+      engine_speed_point_4_rpm: [rpm] SPN 530.
+      engine_torque_point_4_percent: [%] SPN 542.
+      engine_speed_point_5_rpm: [rpm] SPN 531.
+      engine_torque_point_5_percent: [%] SPN 543.
+      engine_speed_point_6_rpm: [rpm] SPN 532.
+      governor_gain_percent_per_rpm: [%/rpm] SPN 545.
+      reference_engine_torque_nm: [N m] SPN 544.
+      override_speed_point_7_rpm: [rpm] SPN 533.
+      override_time_limit_s: [s] SPN 534.
+      speed_control_lower_limit_rpm: [rpm] SPN 535.
+      speed_control_upper_limit_rpm: [rpm] SPN 536.
+      torque_control_lower_limit_percent: [%] SPN 537.
+      torque_control_upper_limit_percent: [%] SPN 538.
+      extended_speed_control_upper_limit_rpm: [rpm] SPN 1712.
+      engine_moment_of_inertia_kg_m2: [kg m2] SPN 1794.
+      default_torque_limit_nm: [N m] SPN 1846.
+    """
+
+    MESSAGE: ClassVar[str] = "EC1"
+
+    engine_speed_point_1_rpm: Value = NOT_AVAILABLE
+    engine_torque_point_1_percent: Value = NOT_AVAILABLE
+    engine_speed_point_2_rpm: Value = NOT_AVAILABLE
+    engine_torque_point_2_percent: Value = NOT_AVAILABLE
+    engine_speed_point_3_rpm: Value = NOT_AVAILABLE
+    engine_torque_point_3_percent: Value = NOT_AVAILABLE
+    engine_speed_point_4_rpm: Value = NOT_AVAILABLE
+    engine_torque_point_4_percent: Value = NOT_AVAILABLE
+    engine_speed_point_5_rpm: Value = NOT_AVAILABLE
+    engine_torque_point_5_percent: Value = NOT_AVAILABLE
+    engine_speed_point_6_rpm: Value = NOT_AVAILABLE
+    governor_gain_percent_per_rpm: Value = NOT_AVAILABLE
+    reference_engine_torque_nm: Value = NOT_AVAILABLE
+    override_speed_point_7_rpm: Value = NOT_AVAILABLE
+    override_time_limit_s: Value = NOT_AVAILABLE
+    speed_control_lower_limit_rpm: Value = NOT_AVAILABLE
+    speed_control_upper_limit_rpm: Value = NOT_AVAILABLE
+    torque_control_lower_limit_percent: Value = NOT_AVAILABLE
+    torque_control_upper_limit_percent: Value = NOT_AVAILABLE
+    extended_speed_control_upper_limit_rpm: Value = NOT_AVAILABLE
+    engine_moment_of_inertia_kg_m2: Value = NOT_AVAILABLE
+    default_torque_limit_nm: Value = NOT_AVAILABLE
+
+
+@dataclass(frozen=True, slots=True)
+class RC(Group):
+    """RC, PGN 65249 (0xFEE1).
+
+    Retarder configuration, a long message: torque curve (point 1 idle, 2 greatest speed, 5 peak
+    torque), reference torque.
+
+    Attributes:
+      retarder_type: SPN 901.
+      retarder_location: SPN 902.
+      retarder_control_steps: SPN 557.
+      retarder_speed_point_1_rpm: [rpm] SPN 546.
+      retarder_torque_point_1_percent: [%] SPN 551.
+      retarder_speed_point_2_rpm: [rpm] SPN 548.
+      retarder_torque_point_2_percent: [%] SPN 552.
+      retarder_speed_point_3_rpm: [rpm] SPN 549.
+      retarder_torque_point_3_percent: [%] SPN 553.
+      retarder_speed_point_4_rpm: [rpm] SPN 550.
+      retarder_torque_point_4_percent: [%] SPN 554.
+      retarder_speed_point_5_rpm: [rpm] SPN 547.
+      reference_retarder_torque_nm: [N m] SPN 556.
+      retarder_torque_point_5_percent: [%] SPN 555.
+    """
+
+    MESSAGE: ClassVar[str] = "RC"
+
+    retarder_type: Value = NOT_AVAILABLE
+    retarder_location: Value = NOT_AVAILABLE
+    retarder_control_steps: Value = NOT_AVAILABLE
+    retarder_speed_point_1_rpm: Value = NOT_AVAILABLE
+    retarder_torque_point_1_percent: Value = NOT_AVAILABLE
+    retarder_speed_point_2_rpm: Value = NOT_AVAILABLE
+    retarder_torque_point_2_percent: Value = NOT_AVAILABLE
+    retarder_speed_point_3_rpm: Value = NOT_AVAILABLE
+    retarder_torque_point_3_percent: Value = NOT_AVAILABLE
+    retarder_speed_point_4_rpm: Value = NOT_AVAILABLE
+    retarder_torque_point_4_percent: Value = NOT_AVAILABLE
+    retarder_speed_point_5_rpm: Value = NOT_AVAILABLE
+    reference_retarder_torque_nm: Value = NOT_AVAILABLE
+    retarder_torque_point_5_percent: Value = NOT_AVAILABLE
+
+
+@dataclass(frozen=True, slots=True)
 class IitsCommand(Group):
     """IITS_COMMAND, PGN 65280 (0xFF00).
 

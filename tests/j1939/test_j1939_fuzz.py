@@ -17,13 +17,16 @@ from iits_mj.j1939 import (
     message_names,
     pgn_of,
 )
+from iits_mj.j1939.layouts import layouts
 from iits_mj.messages import VehicleCommand, XbrEbiMode, XbrMode
 
 EIGHT_BYTES = st.binary(min_size=8, max_size=8)
+# The others take several frames.
+SHORT = [name for name in message_names() if layouts().get_message_by_name(name).length == 8]
 
 
 @settings(max_examples=400, deadline=None)
-@given(name=st.sampled_from(message_names()), data=EIGHT_BYTES)
+@given(name=st.sampled_from(SHORT), data=EIGHT_BYTES)
 def test_any_eight_bytes_decode_to_finite_numbers_or_a_status(name, data):
     decoded = decode(Frame(make_id(6, pgn_of(name), 0), data))
     assert decoded.name == name
@@ -32,7 +35,7 @@ def test_any_eight_bytes_decode_to_finite_numbers_or_a_status(name, data):
 
 
 @settings(max_examples=400, deadline=None)
-@given(name=st.sampled_from(message_names()), data=EIGHT_BYTES)
+@given(name=st.sampled_from(SHORT), data=EIGHT_BYTES)
 def test_encode_undoes_decode_on_the_grid(name, data):
     first = decode(Frame(make_id(6, pgn_of(name), 0), data))
     known = {k: v for k, v in first.group.items() if v is not Status.OUT_OF_RANGE}
