@@ -42,7 +42,7 @@ class XBR(Group):
 class TSC1(Group):
     """TSC1, PGN 0 (0x0000).
 
-    Torque/speed control, here to a retarder: of the engine (address 15) or of the driveline (16).
+    Torque/speed control 1, here to a retarder: of the engine (address 15) or of the driveline (16).
 
     Attributes:
       override_control_mode: SPN 695.
@@ -73,7 +73,7 @@ class TSC1(Group):
 class EEC2(Group):
     """EEC2, PGN 61443 (0xF003).
 
-    Electronic engine controller 2: accelerator pedal.
+    Electronic engine controller 2: accelerator pedal, load.
 
     Attributes:
       accelerator_pedal_low_idle_switch: SPN 558.
@@ -100,7 +100,7 @@ class EEC2(Group):
 class EEC1(Group):
     """EEC1, PGN 61444 (0xF004).
 
-    Electronic engine controller 1.
+    Electronic engine controller 1: torque and speed.
 
     Attributes:
       engine_torque_mode: SPN 899.
@@ -186,7 +186,7 @@ class ERC1(Group):
 class ETC1(Group):
     """ETC1, PGN 61442 (0xF002).
 
-    Electronic transmission controller 1.
+    Electronic transmission controller 1: shafts, clutch, shift in process.
 
     Attributes:
       driveline_engaged: SPN 560.
@@ -217,7 +217,7 @@ class ETC1(Group):
 class ETC2(Group):
     """ETC2, PGN 61445 (0xF005).
 
-    Electronic transmission controller 2: gear.
+    Electronic transmission controller 2: gears.
 
     Attributes:
       selected_gear: SPN 524.
@@ -240,7 +240,7 @@ class ETC2(Group):
 class CCVS1(Group):
     """CCVS1, PGN 65265 (0xFEF1).
 
-    Cruise control / vehicle speed 1.
+    Cruise control / vehicle speed 1: speed of the drive axles, brake switches.
 
     Attributes:
       two_speed_axle_switch: SPN 69.
@@ -275,7 +275,7 @@ class CCVS1(Group):
 class EBC1(Group):
     """EBC1, PGN 61441 (0xF001).
 
-    Electronic brake controller 1.
+    Electronic brake controller 1: pedal, ABS.
 
     Attributes:
       asr_engine_control_active: SPN 561.
@@ -306,7 +306,7 @@ class EBC1(Group):
 class EBC2(Group):
     """EBC2, PGN 65215 (0xFEBF).
 
-    Wheel speeds.
+    Electronic brake controller 2: wheel speeds of the tractor.
 
     Attributes:
       front_axle_speed_kph: [km/h] SPN 904.
@@ -333,7 +333,7 @@ class EBC2(Group):
 class EBC3(Group):
     """EBC3, PGN 65197 (0xFEAD).
 
-    Brake application pressures.
+    Electronic brake controller 3: brake application pressures of the tractor.
 
     Attributes:
       brake_pressure_front_left_kpa: [kPa] SPN 1091.
@@ -362,7 +362,7 @@ class EBC3(Group):
 class EBC5(Group):
     """EBC5, PGN 64964 (0xFDC4).
 
-    Electronic brake controller 5: XBR state.
+    Electronic brake controller 5: state and limit of XBR.
 
     Attributes:
       brake_temperature_warning: SPN 3839.
@@ -594,6 +594,23 @@ class RC(Group):
     retarder_speed_point_5_rpm: Value = NOT_AVAILABLE
     reference_retarder_torque_nm: Value = NOT_AVAILABLE
     retarder_torque_point_5_percent: Value = NOT_AVAILABLE
+
+
+@dataclass(frozen=True, slots=True)
+class CVW(Group):
+    """CVW, PGN 65136 (0xFE70).
+
+    Combination vehicle weight: of the tractor and of all.
+
+    Attributes:
+      powered_vehicle_weight_kg: [kg] SPN 1585.
+      gross_combination_weight_kg: [kg] SPN 1760.
+    """
+
+    MESSAGE: ClassVar[str] = "CVW"
+
+    powered_vehicle_weight_kg: Value = NOT_AVAILABLE
+    gross_combination_weight_kg: Value = NOT_AVAILABLE
 
 
 @dataclass(frozen=True, slots=True)
