@@ -7,6 +7,7 @@ which control or sensor stands in `signals.csv`.
 """
 
 from iits_mj.j1939.bus import Bus
+from iits_mj.j1939.bus_summary import BusSummary, summarize
 from iits_mj.j1939.command import command_to_frames
 from iits_mj.j1939.database import (
     Decoded,
@@ -20,30 +21,51 @@ from iits_mj.j1939.database import (
     pgn_of,
     unpack,
 )
+from iits_mj.j1939.diagnostics import ActiveFaults, Fault
 from iits_mj.j1939.frame import Frame, make_id
 from iits_mj.j1939.group import NOT_AVAILABLE, Group, Status, Value
+from iits_mj.j1939.identities import (
+    ComponentIdentification,
+    SoftwareIdentification,
+    VehicleIdentification,
+)
 from iits_mj.j1939.layouts import database_path
 from iits_mj.j1939.link import Link, LinkState
 from iits_mj.j1939.log_files import LogWriter, read_log
+from iits_mj.j1939.long_groups import read_group
 from iits_mj.j1939.quantities import ReferenceTorques
+from iits_mj.j1939.readings import BusReader
 from iits_mj.j1939.receiver import CommandReceiver, TimeOuts
 from iits_mj.j1939.state import StateReceiver, state_to_frames
+from iits_mj.j1939.table import write_table
+from iits_mj.j1939.transport import Failure, LongMessage, Reassembler, broadcast
 
 __all__ = [
     "NOT_AVAILABLE",
+    "ActiveFaults",
     "Bus",
+    "BusReader",
+    "BusSummary",
     "CommandReceiver",
+    "ComponentIdentification",
     "Decoded",
+    "Failure",
+    "Fault",
     "Frame",
     "Group",
     "Link",
     "LinkState",
     "LogWriter",
+    "LongMessage",
+    "Reassembler",
     "ReferenceTorques",
+    "SoftwareIdentification",
     "StateReceiver",
     "Status",
     "TimeOuts",
     "Value",
+    "VehicleIdentification",
+    "broadcast",
     "command_to_frames",
     "cycle_time",
     "database_path",
@@ -55,7 +77,10 @@ __all__ = [
     "message_names",
     "pack",
     "pgn_of",
+    "read_group",
     "read_log",
     "state_to_frames",
+    "summarize",
     "unpack",
+    "write_table",
 ]

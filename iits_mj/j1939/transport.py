@@ -30,9 +30,10 @@ _MIN_LENGTH = 9
 _PRIORITY = 7
 _FREE = 0xFF
 _SPACINGS = (0.05, 0.2)
-# T1: between two packets; T2, T3: either side waits for the other's answer [s].
+# T1, between two packets of a broadcast [s].
 _PACKET_TIME_OUT = 0.75
-_ANSWER_TIME_OUT = 1.25
+# T2 and T3, in which either side waits, and Tr, in which it then says that it gives up [s].
+_ANSWER_TIME_OUT = 1.25 + 0.2
 # Of the frames' time stamps [s].
 _RESOLUTION = 1e-6
 
@@ -187,10 +188,7 @@ class Reassembler:
             self.failures[Failure.NO_SESSION if session is None else Failure.HEADER] += 1
             return None
         number, content = frame.data[0], frame.data[1:]
-        if session.whole:
-            # The receiver asked for them again; we have them.
-            return None
-        if number != session.wanted:
+        if session.whole or number != session.wanted:
             self._unwanted(key, session, number, content)
             return None
         session.data += content
@@ -199,8 +197,6 @@ class Reassembler:
         self._heard(key, frame.time, _PACKET_TIME_OUT if to_all else _ANSWER_TIME_OUT)
         if not session.whole:
             return None
-        if to_all:
-            del self._sessions[key]
         self.messages += 1
         data = bytes(session.data[: session.length])
         return LongMessage(session.pgn, *key, data, session.started, frame.time)
@@ -208,10 +204,10 @@ class Reassembler:
     def _unwanted(
         self, key: tuple[int, int], session: _Session, number: int, content: bytes
     ) -> None:
-        """A packet out of turn: the one before once more, or the transfer is lost."""
+        """A packet out of turn: once more what we have, or the transfer is lost."""
         start = (number - 1) * _PACKET
         known = number >= 1 and bytes(session.data[start : start + _PACKET]) == content
-        if number == session.wanted - 1 and known:
+        if session.whole or (number == session.wanted - 1 and known):
             self.failures[Failure.REPEATED] += 1
         else:
             self._drop(key, Failure.SEQUENCE)

@@ -1,0 +1,136 @@
+"""What was on a bus: groups by sender, how often, and within which bounds their signals were."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from iits_mj.j1939.frame import Frame
+from iits_mj.j1939.readings import INVALID, BusReader, Entry, Reading
+from iits_mj.j1939.transport import Reassembler
+
+_SHOWN_TEXTS = 3
+_MAX_TEXTS = 100
+
+
+@dataclass(slots=True)
+class SignalRange:
+    """A signal over the log.
+
+    Attributes:
+      unit: of its numbers; minimum, maximum: of them, infinite while there was none.
+      texts: the different texts, at most 100.
+      missing: how often it carried no value.
+    """
+
+    unit: str
+    minimum: float = math.inf
+    maximum: float = -math.inf
+    texts: list[str] = field(default_factory=list)
+    missing: int = 0
+
+    def add(self, entry: Entry) -> None:
+        """Takes the signal's next value."""
+        if isinstance(entry.value, float):
+            self.minimum = min(self.minimum, entry.value)
+            self.maximum = max(self.maximum, entry.value)
+        elif entry.value is None:
+            self.missing += 1
+        elif entry.value not in self.texts and len(self.texts) < _MAX_TEXTS:
+            self.texts.append(entry.value)
+
+    def __str__(self) -> str:
+        if self.minimum <= self.maximum:
+            return f"{self.minimum:g} .. {self.maximum:g} {self.unit}".rstrip()
+        more = ", ..." if len(self.texts) > _SHOWN_TEXTS else ""
+        return ", ".join(map(repr, self.texts[:_SHOWN_TEXTS])) + more
+
+
+@dataclass(slots=True)
+class Traffic:
+    """A group of one sender.
+
+    Attributes:
+      message: its name, empty when not known; count: of its frames or long messages.
+      first, last: times [s]; invalid: how many were of the wrong length.
+      signals: by name; empty for what is not decoded.
+    """
+
+    message: str
+    first: float
+    last: float
+    count: int = 0
+    invalid: int = 0
+    signals: dict[str, SignalRange] = field(default_factory=dict)
+
+    @property
+    def period(self) -> float:
+        """Mean time between two [s]; NaN for a single one."""
+        return (self.last - self.first) / (self.count - 1) if self.count > 1 else math.nan
+
+
+class BusSummary:
+    """Counts readings.
+
+    Attributes:
+      traffic: by PGN, source and destination.
+      transport: the reassembly of the long messages, once the log has ended.
+    """
+
+    def __init__(self) -> None:
+        self.traffic: dict[tuple[int, int, int], Traffic] = {}
+        self.transport: Reassembler | None = None
+
+    def add(self, reading: Reading) -> None:
+        """Takes the next reading."""
+        key = (reading.pgn, reading.source, reading.destination)
+        traffic = self.traffic.get(key)
+        if traffic is None:
+            traffic = Traffic(reading.message, reading.time, reading.time)
+            self.traffic[key] = traffic
+        traffic.count += 1
+        traffic.last = reading.time
+        for entry in reading.entries:
+            _add(traffic, entry)
+
+    def text(self) -> str:
+        """The summary as a table for people, in the order of the PGNs."""
+        lines = [f"{'PGN':>6} {'message':<14} {'from':>4} {'to':>4} {'count':>8} {'period':>10}"]
+        for (pgn, source, destination), traffic in sorted(self.traffic.items()):
+            period = "" if traffic.count < 2 else f"{traffic.period * 1e3:.1f} ms"
+            wrong = f"  {traffic.invalid} of the wrong length" if traffic.invalid else ""
+            lines.append(
+                f"{pgn:>6} {traffic.message or '-':<14} {source:>4} {destination:>4} "
+                f"{traffic.count:>8} {period:>10}{wrong}"
+            )
+            lines += [f"{'':>8}{n:<40} {s}" for n, s in traffic.signals.items() if str(s)]
+        return "\n".join(lines + self._transport_lines())
+
+    def _transport_lines(self) -> list[str]:
+        if self.transport is None:
+            return []
+        lines = [f"long messages put together: {self.transport.messages}"]
+        failures = sorted(self.transport.failures.items(), key=lambda item: item[0].name)
+        return lines + [f"long messages, {why.value}: {count}" for why, count in failures]
+
+
+def summarize(frames: Iterable[Frame]) -> BusSummary:
+    """The summary of a log's frames; BusError where they cannot be read."""
+    reader, summary = BusReader(), BusSummary()
+    for frame in frames:
+        for reading in reader.read(frame):
+            summary.add(reading)
+    reader.transport.finish()
+    summary.transport = reader.transport
+    return summary
+
+
+def _add(traffic: Traffic, entry: Entry) -> None:
+    if entry.unit == "hex":
+        traffic.invalid += entry.status == INVALID
+        return
+    signal = traffic.signals.get(entry.signal)
+    if signal is None:
+        signal = traffic.signals[entry.signal] = SignalRange(entry.unit)
+    signal.add(entry)
