@@ -9,21 +9,31 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import iits_mj
 from iits_mj import options as option_fields
 from iits_mj.commands.output import prepare_folder, progress_bar, write_json
 from iits_mj.errors import RenderError
+from iits_mj.j1939 import CommandReceiver
+from iits_mj.j1939.log_files import WRITTEN
 from iits_mj.options import option
 from iits_mj.render import plots
 from iits_mj.render.cameras import CAMERAS
 from iits_mj.render.report import Report
 from iits_mj.render.video import VideoObserver
+from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveSummary, Observer, Simulation, Telemetry
+from iits_mj.simulation.bus_log import BusLog
+from iits_mj.simulation.driver import Driver
 from iits_mj.simulation.figures import drive_figures
+from iits_mj.simulation.log_driver import LogDriver
+from iits_mj.simulation.summary import to_text
+from iits_mj.truck import Truck
 
 CAPTIONS = {
     "longitudinal": "Speed, gear, brake pressure and grade",
@@ -34,72 +44,135 @@ INTERRUPTED = 130
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(DriveConfig):
-    """Flags of `iits-mj drive`: the drive itself and what is kept of it."""
+class Kept:
+    """Flags of what is kept of a drive."""
 
     out: Path = option(Path("out"), help="folder for everything that is made", metavar="DIR")
     video: bool = option(True, help="make drive.mp4")
     size: tuple[int, int] = option((960, 540), help="picture size", metavar="WxH")
     camera: str = option("chase", help="view of the video", choices=CAMERAS)
     fps: int = option(20, help="pictures per second of the video", low=5, high=50)
+    can_log: Path | None = option(
+        None,
+        help="write what is said on the truck's bus, commands and reports; the suffix is the "
+        f"format, one of {', '.join(WRITTEN)}",
+        metavar="FILE",
+    )
     json: bool = option(False, help="print the summary as one JSON object")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Kept, DriveConfig):
+    """Flags of `iits-mj drive`: the drive itself and what is kept of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """A drive to be made and shown.
+
+    Attributes:
+      command: its name; options: its flags; config: the drive; kept: what is kept of it.
+      driver: who drives; None: the stack.
+      duration: how long it takes as far as known [s].
+    """
+
+    command: str
+    options: Any
+    config: DriveConfig
+    kept: Kept
+    driver: Callable[[Route, Truck], Driver] | None = None
+    duration: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What there is to show of a drive, finished or interrupted."""
+    """What there is to show of a drive, finished or interrupted.
+
+    Attributes:
+      summary, telemetry: of the drive; video: where it lies, or None; notes: for the report.
+      receiver: of the truck's commands, where they came as frames; logged: frames written.
+    """
 
     summary: DriveSummary
     telemetry: Telemetry
     video: Path | None
     notes: tuple[str, ...]
+    receiver: CommandReceiver | None
+    logged: int
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Name and value of every figure, for tables that people read."""
+        rows = self.summary.rows()
+        if self.receiver is not None:
+            rows.append(("frames accepted", _counts(self.receiver.accepted)))
+            rows.append(("frames rejected", _counts(self.receiver.rejected)))
+        return rows
 
 
 def run(options: Options) -> int:
     """Drives, writes everything and prints the summary."""
-    prepare_folder(options.out)
-    outcome, interrupted = _drive(options)
-    pages = _write(options, outcome)
-    summary = outcome.summary
-    if options.json:
-        print(json.dumps(_summary_object(options, outcome), allow_nan=False))
+    return perform(Job("drive", options, options, options, duration=options.duration))
+
+
+def perform(job: Job) -> int:
+    """Makes a drive, writes everything and prints the summary; the exit code."""
+    prepare_folder(job.kept.out)
+    outcome, interrupted = _drive(job)
+    pages = _write(job, outcome)
+    if job.kept.json:
+        print(json.dumps(_summary_object(job, outcome), allow_nan=False))
     else:
-        print(summary.to_text())
+        print(to_text(outcome.rows()))
         for name, path in pages:
             print(f"{name}: {path}")
     if interrupted:
         return INTERRUPTED
-    return 1 if summary.collision else 0
+    return 1 if outcome.summary.collision else 0
 
 
-def _drive(options: Options) -> tuple[Outcome, bool]:
+def _drive(job: Job) -> tuple[Outcome, bool]:
     """Runs the simulation; True when it was interrupted."""
-    interrupted = False
+    interrupted, kept = False, job.kept
     with ExitStack() as stack:
-        simulation = stack.enter_context(Simulation(options, visuals=options.video))
-        telemetry = stack.enter_context(Telemetry(options.out / "telemetry.csv"))
-        film, notes = _open_film(options, simulation)
+        simulation = stack.enter_context(
+            Simulation(job.config, driver=job.driver, visuals=kept.video)
+        )
+        telemetry = stack.enter_context(Telemetry(kept.out / "telemetry.csv"))
+        film, notes = _open_film(kept, simulation)
         observers: list[Observer] = [telemetry]
         if film is not None:
             observers.append(stack.enter_context(film))
+        log = None
+        if kept.can_log is not None:
+            log = stack.enter_context(BusLog(kept.can_log, simulation))
+            observers.append(log)
+        if isinstance(simulation.driver, LogDriver):
+            observers.append(simulation.driver)
         try:
-            with progress_bar(options.duration) as progress:
+            with progress_bar(job.duration) as progress:
                 summary = simulation.run(observers, progress)
         except KeyboardInterrupt:
             interrupted = True
             summary = simulation.summary("interrupted")
-    return Outcome(summary, telemetry, film.path if film else None, notes), interrupted
+    video = film.path if film else None
+    logged = log.count if log else 0
+    return Outcome(summary, telemetry, video, notes, _receiver(simulation), logged), interrupted
 
 
-def _open_film(
-    options: Options, simulation: Simulation
-) -> tuple[VideoObserver | None, tuple[str, ...]]:
+def _receiver(simulation: Simulation) -> CommandReceiver | None:
+    """The truck's side of the bus, where its commands came as frames."""
+    if isinstance(simulation.driver, LogDriver):
+        return simulation.driver.receiver
+    return simulation.path.receiver if simulation.path.over_bytes else None
+
+
+def _open_film(kept: Kept, simulation: Simulation) -> tuple[VideoObserver | None, tuple[str, ...]]:
     """The video's writer; None, with a note that says why, where pictures cannot be made."""
-    if not options.video:
+    if not kept.video:
         return None, ()
     try:
         film = VideoObserver(
-            options.out / "drive.mp4", simulation.truck, options.size, options.camera, options.fps
+            kept.out / "drive.mp4", simulation.truck, kept.size, kept.camera, kept.fps
         )
     except RenderError as error:
         print(f"iits-mj: driving without a video: {error}", file=sys.stderr)
@@ -107,33 +180,36 @@ def _open_film(
     return film, ()
 
 
-def _write(options: Options, outcome: Outcome) -> list[tuple[str, Path]]:
+def _write(job: Job, outcome: Outcome) -> list[tuple[str, Path]]:
     """Writes plots, report and summary; the list of what lies where."""
-    out = options.out
+    out = job.kept.out
     images = []
     for name, panels in drive_figures(outcome.telemetry).items():
         images.append((CAPTIONS[name], plots.save(panels, out / f"{name}.png")))
-    write_json(out / "summary.json", _summary_object(options, outcome))
+    write_json(out / "summary.json", _summary_object(job, outcome))
     summary = outcome.summary
-    where = options.map.name if options.map is not None else "the built-in highway"
+    road = job.config.map
+    where = road.name if road is not None else "the built-in highway"
     Report(
-        title="iits-mj drive",
+        title=f"iits-mj {job.command}",
         lead=f"{summary.distance / 1e3:.2f} km in {summary.duration:.0f} s on {where}; "
         f"{summary.ended}",
-        rows=summary.rows(),
+        rows=outcome.rows(),
         video=outcome.video,
         images=images,
-        settings=[*_settings(options), ("version", iits_mj.__version__)],
+        settings=[*_settings(job.options), ("version", iits_mj.__version__)],
         notes=outcome.notes,
     ).write(out / "report.html")
     pages = [
         ("report", out / "report.html"),
         ("telemetry", out / "telemetry.csv"),
     ]
+    if job.kept.can_log is not None:
+        pages.append((f"CAN log, {outcome.logged} frames", job.kept.can_log))
     return [*pages, ("video", outcome.video)] if outcome.video is not None else pages
 
 
-def _settings(options: Options) -> list[tuple[str, str]]:
+def _settings(options: Any) -> list[tuple[str, str]]:
     rows = []
     for field in dataclasses.fields(options):
         rule = option_fields.of(field)
@@ -146,12 +222,20 @@ def _settings(options: Options) -> list[tuple[str, str]]:
     return rows
 
 
-def _summary_object(options: Options, outcome: Outcome) -> dict[str, object]:
-    return {
-        "command": "drive",
+def _summary_object(job: Job, outcome: Outcome) -> dict[str, object]:
+    found: dict[str, object] = {
+        "command": job.command,
         "version": iits_mj.__version__,
-        "seed": options.seed,
+        "seed": job.config.seed,
         "summary": outcome.summary.as_dict(),
-        "settings": dict(_settings(options)),
+        "settings": dict(_settings(job.options)),
         "notes": list(outcome.notes),
     }
+    if outcome.receiver is not None:
+        found["accepted"] = dict(outcome.receiver.accepted)
+        found["rejected"] = dict(outcome.receiver.rejected)
+    return found
+
+
+def _counts(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} x {name}" for name, count in sorted(counts.items())) or "none"

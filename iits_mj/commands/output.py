@@ -47,18 +47,21 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
 
 
 @contextlib.contextmanager
-def progress_bar(duration: float) -> Iterator[Callable[[Frame], None]]:
-    """A bar on stderr over the simulated time [s]; silent when stderr is not a terminal."""
-    bar = tqdm(
-        total=round(duration, 1),
-        unit="s",
-        disable=None,
-        bar_format="{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s [{elapsed}<{remaining}]",
-    )
+def progress_bar(duration: float | None) -> Iterator[Callable[[Frame], None]]:
+    """A bar on stderr over the simulated time [s]; silent when stderr is not a terminal.
+
+    Without a duration it only counts, for a drive that ends with something else.
+    """
+    form = "{desc} {n:.0f} s [{elapsed}]"
+    if duration is not None:
+        form = "{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s [{elapsed}<{remaining}]"
+    total = None if duration is None else round(duration, 1)
+    bar = tqdm(total=total, unit="s", disable=None, bar_format=form)
 
     def progress(frame: Frame) -> None:
         bar.set_description_str(f"{frame.ego.speed * 3.6:3.0f} km/h", refresh=False)
-        bar.update(max(0.0, min(frame.time, bar.total) - bar.n))
+        time = frame.time if total is None else min(frame.time, total)
+        bar.update(max(0.0, time - bar.n))
 
     with bar:
         yield progress

@@ -11,11 +11,12 @@ from iits_mj.options import option
 
 DENSITIES = ("dense", "medium", "sparse", "empty")
 TRAFFIC_MODES = ("inter", "pure", "none")
+COMMAND_PATHS = ("direct", "j1939")
 
 
 @dataclass(frozen=True, kw_only=True)
-class DriveConfig:
-    """A drive of the truck with its stack over a route in traffic.
+class TruckStart:
+    """Which truck stands where: what every drive begins with.
 
     Every field is checked when an instance is made.
 
@@ -37,6 +38,32 @@ class DriveConfig:
         high=3.0,
         metavar="M",
     )
+    start_station: float = option(
+        60.0,
+        help="where the steer axle starts, along the route",
+        unit="m",
+        low=0.0,
+        high=1e6,
+        metavar="M",
+    )
+    start_lane: int = option(0, help="lane to start in, 0 being the right one", low=0, high=10)
+    start_speed: float = option(
+        15.0,
+        help="speed to start with, at most the reference and the limit there",
+        unit="m/s",
+        low=0.0,
+        high=30.0,
+        metavar="MPS",
+    )
+
+    def __post_init__(self) -> None:
+        options.check(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveConfig(TruckStart):
+    """A drive of the truck with its stack over a route in traffic."""
+
     density: str = option("dense", help="how much traffic there is", choices=DENSITIES)
     traffic_speed: float = option(
         12.5, help="speed limit of the traffic", unit="m/s", low=3.0, high=40.0, metavar="MPS"
@@ -61,27 +88,13 @@ class DriveConfig:
         metavar="MPS",
     )
     decision: str = option("mobil", help="who decides on lane changes", choices=decision.NAMES)
+    commands: str = option(
+        "direct",
+        help="how commands reach the truck; direct: as they are; j1939: as frames at their rates, "
+        "through the truck's receiver",
+        choices=COMMAND_PATHS,
+    )
     duration: float = option(
         120.0, help="time to drive", unit="s", low=1.0, high=86_400.0, metavar="S"
     )
-    start_station: float = option(
-        60.0,
-        help="where the steer axle starts, along the route",
-        unit="m",
-        low=0.0,
-        high=1e6,
-        metavar="M",
-    )
-    start_lane: int = option(0, help="lane to start in, 0 being the right one", low=0, high=10)
-    start_speed: float = option(
-        15.0,
-        help="speed to start with, at most the reference and the limit there",
-        unit="m/s",
-        low=0.0,
-        high=30.0,
-        metavar="MPS",
-    )
     seed: int = option(0, help="the one seed of everything random", low=0, high=2**31 - 1)
-
-    def __post_init__(self) -> None:
-        options.check(self)

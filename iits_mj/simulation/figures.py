@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from iits_mj.results import Line, Panel
@@ -12,12 +14,25 @@ STATION = "station [m]"
 
 
 def drive_figures(telemetry: Telemetry) -> dict[str, list[Panel]]:
-    """Figures by name: "longitudinal", "lateral" and "traffic"."""
-    return {
+    """Figures by name: "longitudinal", "lateral" and "traffic".
+
+    A quantity that the drive did not have, as the plan of a drive by a log, is not drawn.
+    """
+    figures = {
         "longitudinal": longitudinal(telemetry),
         "lateral": lateral(telemetry),
         "traffic": traffic(telemetry),
     }
+    return {name: _known(panels) for name, panels in figures.items()}
+
+
+def _known(panels: list[Panel]) -> list[Panel]:
+    """The panels with those lines that have a value, and at least one of them."""
+    found = []
+    for panel in panels:
+        lines = tuple(line for line in panel.lines if np.isfinite(line.y).any())
+        found.append(dataclasses.replace(panel, lines=lines or panel.lines[:1]))
+    return found
 
 
 def longitudinal(telemetry: Telemetry) -> list[Panel]:

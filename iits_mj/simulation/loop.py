@@ -17,7 +17,9 @@ from iits_mj.errors import Error, InputError
 from iits_mj.messages import EgoState, Scene, TrackedVehicle, VehicleCommand
 from iits_mj.road import Route
 from iits_mj.simulation import gaps
+from iits_mj.simulation.command_path import CommandPath
 from iits_mj.simulation.config import DriveConfig
+from iits_mj.simulation.driver import Driver
 from iits_mj.simulation.frame import Frame, Observer
 from iits_mj.simulation.parts import load_map, make_stack, make_traffic
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
@@ -39,13 +41,16 @@ class Simulation(Closing):
 
     Args:
       config: what to drive.
+      driver: who drives, made for the simulation's route; default: the stack of the configuration.
       edit_spec: called on the model's `MjSpec` before it is compiled, for cameras and the size of
         the offscreen buffer.
       record: keep the traffic for `save_recording`.
       visuals: adds what is only seen (road, landscape); the physics is the same without.
 
     Attributes:
-      config, route, truck, mirror, traffic, stack: the parts; vehicles: the traffic now.
+      config, route, truck, mirror, traffic: the parts; vehicles: the traffic now.
+      driver: who drives, which is the stack unless it is told otherwise; path: the way of its
+        commands to the truck.
       ended: why the drive is over, "" while it is not.
 
     Raises:
@@ -57,6 +62,7 @@ class Simulation(Closing):
         self,
         config: DriveConfig,
         *,
+        driver: Callable[[Route, Truck], Driver] | None = None,
         edit_spec: Callable[[mujoco.MjSpec], None] | None = None,
         record: bool = False,
         visuals: bool = True,
@@ -79,7 +85,11 @@ class Simulation(Closing):
             edit_spec=edit,
         )
         self._check_start()
-        self.stack: Stack = make_stack(config, self.route, self.truck.parameters)
+        if driver is None:
+            self.driver: Driver = make_stack(config, self.route, self.truck.parameters)
+        else:
+            self.driver = driver(self.route, self.truck)
+        self.path = CommandPath(over_bytes=config.commands == "j1939")
         self.traffic = make_traffic(config, self.route, self.truck.footprint, record=record)
         try:
             self.reset()
@@ -114,7 +124,8 @@ class Simulation(Closing):
             speed=min(config.start_speed, config.speed, limit),
         )
         self.mirror.bind(self.truck.model)
-        self.stack.reset()
+        self.driver.reset()
+        self.path.reset()
         self.vehicles: tuple[TrackedVehicle, ...] = ()
         if self.traffic is not None:
             self.vehicles = tuple(self.traffic.reset(ego))
@@ -132,6 +143,17 @@ class Simulation(Closing):
         return self.frame
 
     @property
+    def stack(self) -> Stack:
+        """The stack that drives.
+
+        Raises:
+          InputError: somebody else drives.
+        """
+        if not isinstance(self.driver, Stack):
+            raise InputError(f"no stack drives here, but a {type(self.driver).__name__}")
+        return self.driver
+
+    @property
     def time(self) -> float:
         """Time since the start [s], exact multiples of the time step."""
         return self._steps * TIMESTEP
@@ -147,7 +169,7 @@ class Simulation(Closing):
         for _ in range(CYCLE_STEPS // CONTROL_STEPS):
             ego = self.truck.observe()
             self._drive_on(ego)
-            self._command = self.stack.control(ego)
+            self._command = self.path.pass_on(self.driver.control(ego), self.time)
             self.truck.command(self._command)
             end = self._steps + CONTROL_STEPS
             while self._steps < end:
@@ -253,7 +275,7 @@ class Simulation(Closing):
 
     def _plan(self, ego: EgoState) -> None:
         self.scene = Scene(ego.time, ego, self.vehicles, self.truck.footprint)
-        self.trajectory = self.stack.plan(self.scene)
+        self.trajectory = self.driver.plan(self.scene)
 
     def _mirror(self, *, new: bool = False) -> None:
         """Moves the traffic's bodies to where they are now; `new` after a step of the traffic.
@@ -280,19 +302,19 @@ class Simulation(Closing):
             scene=self.scene,
             trajectory=self.trajectory,
             command=self._command,
-            decision=self.stack.last_decision,
+            decision=self.driver.last_decision,
             lane=lane,
             lane_count=int(route.lane_count(ego.station)),
             grade=float(point.grade),
             curvature=float(point.curvature),
             speed_limit=float(route.speed_limit(ego.station, max(lane, 0))),
-            reference_speed=self.stack.reference_speed(ego.station),
+            reference_speed=self.driver.reference_speed(ego.station),
             gap_ahead=ahead,
             gap_behind=behind,
             box_distance=gaps.nearest_box_distance(ego, self.vehicles, self.truck.parameters),
             distance=self._distance,
-            lane_changes=self.stack.lane_changes,
-            refused=self.stack.refused,
+            lane_changes=self.driver.lane_changes,
+            refused=self.driver.refused,
         )
 
     def _contacts(self) -> list[tuple[str, str]]:

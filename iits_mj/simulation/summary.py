@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -76,9 +77,7 @@ class DriveSummary:
 
     def to_text(self) -> str:
         """The rows as aligned plain text."""
-        rows = self.rows()
-        width = max(len(name) for name, _ in rows)
-        return "\n".join(f"  {name.ljust(width)}  {value}" for name, value in rows)
+        return to_text(self.rows())
 
     def as_dict(self) -> dict[str, Any]:
         """Everything for JSON, units in the names; a figure that is not finite becomes None."""
@@ -99,6 +98,12 @@ class DriveSummary:
             key: None if isinstance(value, float) and not math.isfinite(value) else value
             for key, value in named.items()
         }
+
+
+def to_text(rows: Sequence[tuple[str, str]]) -> str:
+    """Names and values as aligned plain text."""
+    width = max(len(name) for name, _ in rows)
+    return "\n".join(f"  {name.ljust(width)}  {value}" for name, value in rows)
 
 
 def _metres(value: float, otherwise: str) -> str:

@@ -1,0 +1,85 @@
+"""Drive the truck with the commands of a CAN log, or decode the log into a table.
+
+The log's first frame is the start of the drive, on an empty road, and the log's end is its end.
+Give the map, payload and start of the drive that wrote the log, and the same drive follows. Leaves
+in --out what 'iits-mj drive' leaves there. A log without steering commands needs --keep-lane.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from iits_mj.commands import drive
+from iits_mj.errors import InputError
+from iits_mj.j1939 import Frame, read_log
+from iits_mj.options import option
+from iits_mj.road import Route
+from iits_mj.simulation import DriveConfig
+from iits_mj.simulation.config import TruckStart
+from iits_mj.simulation.log_driver import LogDriver
+from iits_mj.simulation.parts import make_stack
+from iits_mj.truck import Truck
+
+# Greatest values that a drive takes: the log decides how long and how fast.
+_LONGEST = 86_400.0
+_FASTEST = 30.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(drive.Kept, TruckStart):
+    """Flags of `iits-mj replay-can`."""
+
+    file: Path = option(
+        help="CAN log: .asc, .blf, .log, .csv, .trc, candump's text",
+        metavar="FILE",
+        positional=True,
+    )
+    duration: float | None = option(
+        None,
+        help="time to drive; without it to the end of the log",
+        unit="s",
+        low=1.0,
+        high=_LONGEST,
+        metavar="S",
+    )
+    source: int | None = option(
+        None,
+        help="obey this sender only, for instance 0, a recorded truck's engine, whose EEC2 holds "
+        "its pedal; without it whoever may command",
+        low=0,
+        high=253,
+        metavar="ADDRESS",
+    )
+    keep_lane: bool = option(False, help="steer in the lane, whatever the log says of steering")
+    video: bool = option(False, help="make drive.mp4")
+    decode: Path | None = option(
+        None, help="write all decoded signals into this table, and do not drive", metavar="FILE.csv"
+    )
+
+
+def run(options: Options) -> int:
+    """Decodes, or drives as `iits-mj drive` does."""
+    if options.decode is not None:
+        raise InputError("decode is not there yet")
+    start = {f.name: getattr(options, f.name) for f in dataclasses.fields(TruckStart)}
+    config = DriveConfig(
+        **start,
+        speed=_FASTEST,
+        duration=options.duration or _LONGEST,
+        traffic_mode="none",
+        decision="keep",
+    )
+
+    def driver(route: Route, truck: Truck) -> LogDriver:
+        keeper = make_stack(config, route, truck.parameters) if options.keep_lane else None
+        return LogDriver(read, route, options.source, keeper)
+
+    def read() -> Iterable[Frame]:
+        return read_log(options.file)
+
+    return drive.perform(
+        drive.Job("replay-can", options, config, options, driver, options.duration)
+    )

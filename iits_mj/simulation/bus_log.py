@@ -1,0 +1,54 @@
+"""The bus of a drive as a log file: commands and the truck's reports at their rates."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from iits_mj.closing import Closing
+from iits_mj.j1939 import Frame as BusFrame
+from iits_mj.j1939 import LogWriter, ReferenceTorques, state_to_frames
+from iits_mj.simulation.frame import Frame
+
+if TYPE_CHECKING:
+    from iits_mj.simulation.loop import Simulation
+
+
+class BusLog(Closing):
+    """Observer that writes what is said on the truck's bus; used as a context manager.
+
+    Frames stand in the order of time, which begins with the drive at 0. At one instant reports come
+    first, then the command that answers them.
+
+    Args:
+      path: of the file; its suffix chooses the format.
+      simulation: whose bus it is.
+
+    Attributes:
+      count: frames written.
+
+    Raises:
+      BusError: the file cannot be written, or there is no such format.
+    """
+
+    period = 0.01
+
+    def __init__(self, path: Path, simulation: Simulation) -> None:
+        self.path = path
+        self.count = 0
+        self._references = ReferenceTorques.of(simulation.truck.parameters)
+        self._writer = LogWriter(path)
+        simulation.path.listen(self._write)
+
+    def observe(self, simulation: Simulation, frame: Frame) -> None:
+        """Writes the reports that are due."""
+        for report in state_to_frames(frame.ego, simulation.truck.report(), self._references):
+            self._write(report)
+
+    def close(self) -> None:
+        """Finishes the file."""
+        self._writer.close()
+
+    def _write(self, frame: BusFrame) -> None:
+        self._writer.write(frame)
+        self.count += 1

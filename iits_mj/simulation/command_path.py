@@ -1,0 +1,58 @@
+"""The way of a command from who drives to the truck: straight, or as bytes over J1939."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from iits_mj.j1939 import CommandReceiver, Frame, command_to_frames
+from iits_mj.messages import VehicleCommand
+
+FrameListener = Callable[[Frame], None]
+
+
+class CommandPath:
+    """Passes commands on, and tells listeners the frames that carry them.
+
+    Straight, the truck gets the command as it is, and the frames are what would be said. Over
+    bytes, the truck gets what its `CommandReceiver` makes of the frames, each sent at the rate of
+    its message, so that a listener hears what was obeyed.
+
+    Attributes:
+      over_bytes: whether the truck obeys the frames.
+      receiver: the truck's side; it has heard nothing where commands go straight.
+    """
+
+    def __init__(self, *, over_bytes: bool) -> None:
+        self.over_bytes = over_bytes
+        self._listeners: list[FrameListener] = []
+        self.reset()
+
+    def reset(self) -> None:
+        """Ready for a new drive; listeners stay."""
+        self.receiver = CommandReceiver()
+        self._counter = 0
+
+    def listen(self, listener: FrameListener) -> None:
+        """Calls `listener` with every command frame from now on, in the order of sending."""
+        self._listeners.append(listener)
+
+    def pass_on(self, command: VehicleCommand, time: float) -> VehicleCommand:
+        """What reaches the truck of a command given at this time [s].
+
+        Raises:
+          InputError: the command cannot be put into frames.
+        """
+        if not (self.over_bytes or self._listeners):
+            return command
+        # Log files keep microseconds: what is obeyed now must be obeyed again from the log.
+        time = round(time, 6)
+        frames = command_to_frames(command, self._counter, time)
+        self._counter += 1
+        for frame in frames:
+            for listener in self._listeners:
+                listener(frame)
+        if not self.over_bytes:
+            return command
+        for frame in frames:
+            self.receiver.receive(frame)
+        return self.receiver.command(time)

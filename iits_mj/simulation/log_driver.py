@@ -1,0 +1,152 @@
+"""Drives as a bus log says: the commands of the log, through the truck's receiver."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from controllers.stack import Stack
+from iits_mj.errors import InputError
+from iits_mj.j1939 import CommandReceiver, command_to_frames, pgn_of
+from iits_mj.j1939 import Frame as BusFrame
+from iits_mj.messages import Decision, EgoState, Scene, Trajectory, VehicleCommand
+from iits_mj.road import Route
+from iits_mj.simulation.frame import Frame
+
+if TYPE_CHECKING:
+    from iits_mj.simulation.loop import Simulation
+
+_LANE_KEEPER = "IITS_COMMAND"
+
+
+class LogDriver:
+    """A `Driver` that sends what a log holds, and an observer that ends the drive with the log.
+
+    The log's first frame is the beginning of the drive. Each 20 ms the receiver hears the frames up
+    to that instant, so that a log of `iits-mj drive` gives the drive again, while frames of
+    somebody else's log are obeyed up to 20 ms late. Nothing is planned: the trajectory and the
+    reference speed are not a number.
+
+    Args:
+      read: opens the log and gives its frames, in the order of time [s].
+      route: the truck's road.
+      source: whose commands are obeyed; default: everybody's who may command the truck.
+      keeper: steers in place of the log, for logs without steering commands.
+
+    Attributes:
+      receiver: the truck's side, which counts what it accepted and rejected.
+      heard: frames read so far; lane_changes: changes of the lane, from one to another.
+    """
+
+    period = 0.1
+    last_decision = Decision.KEEP
+    refused = 0
+
+    def __init__(
+        self,
+        read: Callable[[], Iterable[BusFrame]],
+        route: Route,
+        source: int | None = None,
+        keeper: Stack | None = None,
+    ) -> None:
+        self._read = read
+        self._route = route
+        self._source = source
+        self._keeper = keeper
+        self._left: Iterator[BusFrame] = iter(())
+        self._next: BusFrame | None = None
+        self.receiver = CommandReceiver()
+        self.heard = self.lane_changes = 0
+
+    def reset(self) -> None:
+        """Back to the beginning of the log.
+
+        Raises:
+          InputError: the log has no frame.
+        """
+        self.receiver = CommandReceiver()
+        self.heard = self.lane_changes = 0
+        self._lane: int | None = None
+        self._left = iter(self._read())
+        self._next = next(self._left, None)
+        if self._next is None:
+            raise InputError("the CAN log has no J1939 frame: nothing to drive by")
+        self._start = self._next.time
+        self._counter = 0
+        if self._keeper is not None:
+            self._keeper.reset()
+
+    def plan(self, scene: Scene) -> Trajectory:
+        """Follows nothing; counts the lanes."""
+        lane = int(self._route.lane_at(scene.ego.station, scene.ego.offset))
+        if lane >= 0:
+            self.lane_changes += self._lane not in (None, lane)
+            self._lane = lane
+        self._hear(round(scene.time, 6))
+        if self._keeper is not None:
+            return self._keeper.plan(scene)
+        return _nothing(scene.time)
+
+    def control(self, ego: EgoState) -> VehicleCommand:
+        """The command in force by the frames heard until now."""
+        time = round(ego.time, 6)
+        self._hear(time)
+        if self._keeper is not None:
+            self._steer(self._keeper, ego, time)
+        return self.receiver.command(time)
+
+    def reference_speed(self, station: float) -> float:
+        """Not a number: the log does not tell."""
+        del station
+        return math.nan
+
+    def observe(self, simulation: Simulation, frame: Frame) -> None:
+        """Ends the drive when the log has no more frames."""
+        del frame
+        if self._next is None:
+            simulation.stop("reached the end of the log")
+
+    def _hear(self, time: float) -> None:
+        while self._next is not None:
+            frame = self._next
+            stamp = round(frame.time - self._start, 6)
+            if stamp > time:
+                return
+            self.heard += 1
+            if self._source in (None, frame.source) and not self._kept(frame):
+                self.receiver.receive(BusFrame(frame.can_id, frame.data, stamp))
+            self._next = next(self._left, None)
+
+    def _kept(self, frame: BusFrame) -> bool:
+        """Whether the frame is a steering command while somebody else steers."""
+        return self._keeper is not None and frame.pgn == pgn_of(_LANE_KEEPER)
+
+    def _steer(self, keeper: Stack, ego: EgoState, time: float) -> None:
+        angle = keeper.control(ego).steering_wheel_angle
+        wanted = VehicleCommand(steering_wheel_angle=angle)
+        for frame in command_to_frames(wanted, self._counter, time):
+            if self._kept(frame):
+                self.receiver.receive(frame)
+        self._counter += 1
+
+
+def _nothing(time: float) -> Trajectory:
+    """A plan of which nothing is known but its time."""
+    unknown = np.full(2, np.nan)
+    return Trajectory(
+        time=np.array([time, time + 1.0]),
+        station=unknown,
+        offset=unknown,
+        x=unknown,
+        y=unknown,
+        z=unknown,
+        yaw=unknown,
+        curvature=unknown,
+        speed=unknown,
+        acceleration=unknown,
+        reason="a log drives",
+        target_lane=-1,
+    )

@@ -1,0 +1,218 @@
+"""The truck as a device under test: it obeys a CAN bus and reports on it, in soft real time.
+
+A tick lasts 10 ms. At the instant when it is due, the truck's reports of that instant go out; then
+what the bus has brought since the last tick is obeyed for the 10 ms that follow.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable
+
+from controllers.safe_stop import SafeStop
+from iits_mj.closing import Closing
+from iits_mj.j1939 import CommandReceiver, Link, LinkState, LogWriter, ReferenceTorques
+from iits_mj.messages import EgoState, VehicleCommand
+from iits_mj.simulation.loop import TIMESTEP
+from iits_mj.simulation.pace import Pace
+from iits_mj.simulation.parts import load_map
+from iits_mj.simulation.serve_config import ServeConfig
+from iits_mj.simulation.serve_summary import ServeSummary
+from iits_mj.simulation.start import END_MARGIN, check_start
+from iits_mj.simulation.truck_bus import TruckBus
+from iits_mj.truck import Truck
+
+TICK = 0.01
+TICK_STEPS = round(TICK / TIMESTEP)
+
+
+class Server(Closing):
+    """A truck on a CAN bus; a context manager.
+
+    Args:
+      config: which truck, where, on which bus.
+      tell: called with a line of text when the bus or the commands are lost or come back.
+      clock: monotonic time [s]; sleep: waits for so many seconds.
+
+    Attributes:
+      config, route, truck, pace: the parts; receiver: of the commands; bus: the truck's end of it.
+      state: what the truck observes now; command: what it obeys.
+      silent: True while the commands that it cannot do without stay away.
+      ended: why it is over, "" while it is not.
+
+    Raises:
+      MapError: the map cannot be read. InputError: the start is not on the route.
+      BusError: the bus cannot be opened, or the log cannot be written.
+    """
+
+    def __init__(
+        self,
+        config: ServeConfig,
+        *,
+        tell: Callable[[str], None] | None = None,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self.config = config
+        self.route = load_map(config.map).route()
+        self.truck = Truck.load(
+            config.payload,
+            payload_height=config.payload_height,
+            route=self.route,
+            timestep=TIMESTEP,
+            visuals=False,
+        )
+        check_start(config, self.route, self.truck.footprint)
+        self.state: EgoState = self.truck.reset(
+            station=config.start_station,
+            offset=float(self.route.lane_offset(config.start_lane, config.start_station)),
+            speed=config.start_speed,
+        )
+        self._stop = SafeStop(self.route, self.truck.parameters)
+        self._stop.prepare(self.state)
+        self.receiver = CommandReceiver()
+        self.pace = Pace(TICK, clock=clock, sleep=sleep)
+        self.command = VehicleCommand()
+        self.silent = True
+        self.ended = ""
+        self._tell = tell or (lambda _line: None)
+        self._clock = clock
+        self._ticks = self._silences = self._silent_ticks = self._told = 0
+        self._distance = 0.0
+        self._max_speed = self.state.speed
+        self._heard, self._heard_at = 0, float("-inf")
+        self.bus = self._join()
+        self.bus.prepare(self.state, self.truck.report())
+
+    def _join(self) -> TruckBus:
+        config = self.config
+        log = None if config.can_log is None else LogWriter(config.can_log)
+        try:
+            link = Link(config.bus, config.channel, clock=self._clock)
+        except BaseException:
+            if log is not None:
+                log.close()
+            raise
+        return TruckBus(link, self.receiver, ReferenceTorques.of(self.truck.parameters), log)
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s], exact multiples of a tick."""
+        return self._ticks * TICK
+
+    def tick(self) -> None:
+        """Waits until the next tick is due and serves it.
+
+        Raises:
+          Error: the simulation diverged. BusError: the log cannot be written.
+        """
+        self.pace.wait()
+        self.bus.exchange(self.time)
+        self._tell_of_bus()
+        self.command = self._decide()
+        self.truck.command(self.command)
+        self.truck.step(TICK_STEPS)
+        self._ticks += 1
+        last, self.state = self.state, self.truck.observe()
+        self._distance += 0.5 * (last.speed + self.state.speed) * TICK
+        self._max_speed = max(self._max_speed, self.state.speed)
+        self.bus.prepare(self.state, self.truck.report())
+        self._judge_end()
+
+    def run(self) -> ServeSummary:
+        """Serves until the end of the time or of the road, or until `stop` is called."""
+        wall, processor = self._clock(), time.process_time()
+        while not self.ended:
+            self.tick()
+        elapsed = self._clock() - wall
+        return self.summary((time.process_time() - processor) / elapsed if elapsed > 0.0 else 0.0)
+
+    def stop(self, reason: str) -> None:
+        """Ends serving after the present tick; may be called from a signal handler or a thread."""
+        self.ended = self.ended or reason
+
+    def summary(self, processor_load: float = 0.0) -> ServeSummary:
+        """The figures so far."""
+        link, pace = self.bus.link, self.pace
+        return ServeSummary(
+            ended=self.ended or "still serving",
+            duration=self.time,
+            distance=self._distance,
+            mean_speed=self._distance / self.time if self._ticks else 0.0,
+            max_speed=self._max_speed,
+            last_speed=self.state.speed,
+            accepted=dict(self.receiver.accepted),
+            rejected=dict(self.receiver.rejected),
+            silences=self._silences,
+            silent_time=self._silent_ticks * TICK,
+            sent=link.sent,
+            received=link.received,
+            dropped=link.dropped,
+            ignored=dict(link.ignored),
+            requests=dict(self.bus.units.counts),
+            bus_failures=link.failures,
+            bus_restarts=link.restarts,
+            bus_state=link.state.value,
+            ticks=pace.ticks,
+            late_ticks=pace.late,
+            worst_lateness=pace.worst,
+            mean_lateness=pace.mean,
+            slips=pace.slips,
+            slipped=pace.slipped,
+            processor_load=processor_load,
+        )
+
+    def close(self) -> None:
+        """Leaves the bus and finishes the log."""
+        self.bus.close()
+
+    def _decide(self) -> VehicleCommand:
+        """What the truck obeys now: the bus, or its safe state."""
+        command = self.receiver.command(self.time)
+        self._listen()
+        if not self.receiver.accepted and self.config.start_speed == 0.0:
+            # Nobody is there yet: the truck stays where it is parked.
+            return dataclasses.replace(command, parking_brake=1.0)
+        if self.silent and self.config.on_silence == "stop":
+            return self._stop.command(self.state, self.command)
+        limit = self.truck.parameters.steering.angle_max
+        angle = min(max(command.steering_wheel_angle, -limit), limit)
+        return dataclasses.replace(command, steering_wheel_angle=angle)
+
+    def _listen(self) -> None:
+        """Notices when the steering command is lost or comes back."""
+        heard = self.receiver.accepted["IITS_COMMAND"]
+        if heard != self._heard:
+            self._heard, self._heard_at = heard, self.time
+        silent = self.time - self._heard_at > self.receiver.time_outs.body + 1e-9
+        self._silent_ticks += silent and heard > 0
+        if silent == self.silent:
+            return
+        self.silent = silent
+        if silent:
+            self._silences += 1
+            self._tell(f"commands lost at t = {self.time:.2f} s")
+        else:
+            self._stop.reset()
+            self._tell(f"commands obeyed from t = {self.time:.2f} s")
+
+    def _tell_of_bus(self) -> None:
+        """Passes on what has happened to the link since the last tick."""
+        link = self.bus.link
+        changes = link.failures + link.restarts
+        if changes == self._told:
+            return
+        self._told = changes
+        last = link.changes[-1]
+        why = f": {last.reason}" if last.reason else ""
+        again = " again" if link.state is LinkState.UP else ", will be opened again"
+        self._tell(f"CAN bus {link.name} is {last.state.value}{again}{why}")
+
+    def _judge_end(self) -> None:
+        duration = self.config.duration
+        front = self.state.station + self.truck.footprint.front_overhang
+        if duration is not None and self.time >= duration - 0.5 * TICK:
+            self.stop("reached the end of the time")
+        elif front >= self.route.length - END_MARGIN:
+            self.stop("reached the end of the road")

@@ -1,0 +1,94 @@
+"""The truck's end of a bus: what it says, hears and answers at one instant."""
+
+from __future__ import annotations
+
+from iits_mj.closing import Closing
+from iits_mj.j1939 import CommandReceiver, Frame, Link, LogWriter, ReferenceTorques
+from iits_mj.j1939.database import cycle_time, decode
+from iits_mj.j1939.frame import GLOBAL_ADDRESS
+from iits_mj.j1939.network import ControlUnits, unit_names
+from iits_mj.j1939.state import state_to_frames
+from iits_mj.messages import EgoState, TruckReport
+
+
+class TruckBus(Closing):
+    """Reports a truck on a link, answers requests, and passes commands to a receiver.
+
+    Args:
+      link: the bus; it is closed with this.
+      receiver: gets every frame that is heard.
+      references: of the percent torques.
+      log: gets every frame, both ways; it is closed with this.
+
+    Attributes:
+      link, receiver: as given; units: the truck's control units in the network.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        receiver: CommandReceiver,
+        references: ReferenceTorques,
+        log: LogWriter | None = None,
+    ) -> None:
+        self.link = link
+        self.receiver = receiver
+        self._references = references
+        self._log = log
+        self._state, self._report = EgoState(), TruckReport()
+        self._due: list[Frame] = []
+        # Claimed before anything else is sent, and again whenever the bus was opened anew.
+        self._claimed_at_restart = -1
+        groups = state_to_frames(self._state, self._report, references)
+        self.units = ControlUnits(unit_names({frame.source for frame in groups}))
+
+    def prepare(self, state: EgoState, report: TruckReport) -> None:
+        """Makes the frames that are due at the state's time, so that `exchange` can send at once.
+
+        Raises:
+          BusError: a value is not finite.
+        """
+        self._state, self._report = state, report
+        tick = round(state.time * 100)
+        self._due = [frame for frame in self._all() if _is_due(frame, tick)]
+
+    def exchange(self, time: float) -> None:
+        """Sends what was prepared, hears what has come, answers it and hands it to the receiver.
+
+        Args:
+          time: of everything that is sent and heard [s].
+        """
+        if self._claimed_at_restart != self.link.restarts:
+            self._claimed_at_restart = self.link.restarts
+            self._send(self.units.claims(time))
+        self._send([frame for frame in self._due if self.units.owns(frame)])
+        self._due = []
+        heard = self.link.receive(time)
+        for frame in heard:
+            if self._log is not None:
+                self._log.write(frame)
+            self.receiver.receive(frame)
+        self._send(self.units.answer(heard, self._groups, time))
+
+    def close(self) -> None:
+        """Leaves the bus and finishes the log."""
+        self.link.close()
+        if self._log is not None:
+            self._log.close()
+
+    def _all(self) -> list[Frame]:
+        return state_to_frames(self._state, self._report, self._references)
+
+    def _groups(self, pgn: int, source: int) -> list[Frame]:
+        """What a unit (255: all of them) says now with a group."""
+        return [f for f in self._all() if f.pgn == pgn and source in (GLOBAL_ADDRESS, f.source)]
+
+    def _send(self, frames: list[Frame]) -> None:
+        for frame in frames:
+            if self.link.send(frame) and self._log is not None:
+                self._log.write(frame)
+
+
+def _is_due(frame: Frame, tick: int) -> bool:
+    decoded = decode(frame)
+    return decoded is not None and tick % round(cycle_time(decoded.name) * 100) == 0
