@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from iits_mj.commands import drive
-from iits_mj.errors import InputError
 from iits_mj.j1939 import Frame, read_log
+from iits_mj.j1939.table import write_table
 from iits_mj.options import option
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig
@@ -56,14 +56,20 @@ class Options(drive.Kept, TruckStart):
     keep_lane: bool = option(False, help="steer in the lane, whatever the log says of steering")
     video: bool = option(False, help="make drive.mp4")
     decode: Path | None = option(
-        None, help="write all decoded signals into this table, and do not drive", metavar="FILE.csv"
+        None,
+        help="do not drive, but write every signal of the log into this table and say what was on "
+        "the bus",
+        metavar="FILE.csv",
+    )
+    all_signals: bool = option(
+        False, help="with --decode: those that say 'not available', too, which most do"
     )
 
 
 def run(options: Options) -> int:
     """Decodes, or drives as `iits-mj drive` does."""
     if options.decode is not None:
-        raise InputError("decode is not there yet")
+        return _decode(options, options.decode)
     start = {f.name: getattr(options, f.name) for f in dataclasses.fields(TruckStart)}
     config = DriveConfig(
         **start,
@@ -83,3 +89,11 @@ def run(options: Options) -> int:
     return drive.perform(
         drive.Job("replay-can", options, config, options, driver, options.duration)
     )
+
+
+def _decode(options: Options, path: Path) -> int:
+    """Writes the table; prints what was on the bus, or nothing but one JSON object."""
+    summary = write_table(read_log(options.file), path, only_values=not options.all_signals)
+    print(summary.text())
+    print(f"table: {path}")
+    return 0
