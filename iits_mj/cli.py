@@ -28,6 +28,8 @@ COMMANDS = {
     "evaluate": "compare decision makers over the paper's traffic cells",
     "record": "run traffic and store what it did",
     "replay": "drive in stored traffic",
+    "serve": "the truck on a CAN bus in real time, for somebody's own controller",
+    "replay-can": "drive the truck with the commands of a CAN log, or decode it",
     "bench": "measure what a step costs",
     "doctor": "show versions, plugin, OpenGL and SUMO, each with a remedy",
 }
@@ -66,7 +68,7 @@ def dispatch(argv: Sequence[str]) -> int:
         return 0
     if name not in COMMANDS:
         raise InputError(f"command {name[:60]!r} is not known; use one of: {', '.join(COMMANDS)}")
-    module = importlib.import_module(f"iits_mj.commands.{name}")
+    module = _module(name)
     return int(module.run(_options(module, name, rest)))
 
 
@@ -74,10 +76,14 @@ def understood(argv: Sequence[str]) -> bool:
     """True when a command line would be accepted; nothing is run."""
     try:
         name, rest = argv[0], argv[1:]
-        _options(importlib.import_module(f"iits_mj.commands.{name}"), name, rest)
+        _options(_module(name), name, rest)
     except (Error, IndexError, ImportError):
         return False
     return True
+
+
+def _module(name: str) -> ModuleType:
+    return importlib.import_module(f"iits_mj.commands.{name.replace('-', '_')}")
 
 
 def _options(module: ModuleType, name: str, words: Sequence[str]) -> Any:

@@ -1,0 +1,63 @@
+"""Serve the truck on a CAN bus: it obeys the frames of somebody's own controller and reports.
+
+Ends with its time, at the end of the road, or with Ctrl-C or SIGTERM, and prints what was obeyed.
+Exit code 0 however it ends, 2 on wrong use.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from types import FrameType
+
+import iits_mj
+from iits_mj.options import option
+from iits_mj.simulation.serve_config import ServeConfig
+from iits_mj.simulation.server import Server
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(ServeConfig):
+    """Flags of `iits-mj serve`."""
+
+    json: bool = option(False, help="print the summary as one JSON object")
+
+
+def run(options: Options) -> int:
+    """Serves and prints the summary."""
+    # What python-can has to say of a failing bus is in our own messages.
+    logging.getLogger("can").addHandler(logging.NullHandler())
+    with Server(options, tell=_tell) as server, _signals(server.stop):
+        _tell(f"serving on CAN bus {server.bus.link.name}; Ctrl-C ends it")
+        summary = server.run()
+    if options.json:
+        content = {"command": "serve", "version": iits_mj.__version__}
+        print(json.dumps(content | {"summary": summary.as_dict()}, allow_nan=False))
+    else:
+        print(summary.to_text())
+    return 0
+
+
+@contextlib.contextmanager
+def _signals(stop: Callable[[str], None]) -> Iterator[None]:
+    """Ctrl-C and SIGTERM end the serving instead of the program."""
+
+    def end(number: int, _frame: FrameType | None) -> None:
+        stop(f"ended by {signal.Signals(number).name}")
+
+    kinds = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(kind, end) for kind in kinds]
+    try:
+        yield
+    finally:
+        for kind, handler in zip(kinds, before, strict=True):
+            signal.signal(kind, handler)
+
+
+def _tell(line: str) -> None:
+    print(f"iits-mj: {line}", file=sys.stderr, flush=True)
