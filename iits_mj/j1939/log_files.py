@@ -41,6 +41,8 @@ _GZIP = b"\x1f\x8b"
 _FIRST_DATE = 631_152_000.0
 _FIRST_YEAR = 1990
 _BY_PATH = ("db", "mf4")
+# Without a frame, too, these have a header.
+_HEADED = (".bin", ".blf", ".db", ".mf4")
 _READERS: dict[str, Callable[..., Any]] = {
     "blf": can.BLFReader,
     "csv": can.CSVReader,
@@ -158,9 +160,9 @@ def _frames(path: Path) -> Iterator[Frame]:
         head = file.read(_HEAD)
     kind = format_of(head)
     if kind is None:
-        if not head.strip():
+        if not head.strip() and path.suffix.lower() not in _HEADED:
             return
-        raise BusError(f"its content is none of: {_READABLE}")
+        raise BusError(f"its content is none of: {_READABLE}" if head.strip() else "it is empty")
     if kind in _BY_PATH:
         yield from _messages(_READERS[kind](str(path)))
         return

@@ -38,7 +38,12 @@ _SIGNS: tuple[tuple[str, re.Pattern[bytes]], ...] = (
     ("db", re.compile(rb"SQLite format 3\0")),
     ("csv", re.compile(rb"timestamp,arbitration_id,")),
     ("trc", re.compile(rb";\$FILEVERSION=|;#{20,}|;-{4,}\+|\s*\d+\)\s+\d")),
-    ("asc", re.compile(rb"date\s+\w+\s|base\s+(hex|dec)\b|begin\s+triggerblock\b", re.IGNORECASE)),
+    (
+        "asc",
+        re.compile(
+            rb"(//.*\s+)*(date\s+\w+\s|base\s+(hex|dec)\b|begin\s+triggerblock\b)", re.IGNORECASE
+        ),
+    ),
     ("log", re.compile(rb"\(\d+(\.\d+)?\)\s+\S+\s+[0-9A-Fa-f]+#")),
     ("console", re.compile(rb"\([-\d: .]+\)\s+\S+\s+.*\[\d{1,2}\]")),
 )
