@@ -147,10 +147,18 @@ class TruckReport:
 
     Attributes:
       accelerator_pedal, brake_pedal: positions in force, 0 to 1; parking_brake: 1 when applied.
+      engine_brake, retarder: the driver's levers, 0 to 1.
       xbr_mode: XBR control mode in force, see `XbrMode`.
+      xbr_acceleration_limit: the lowest acceleration that XBR may ask for [m/s2].
       engine_torque_percent: indicated, of the reference torque (SPN 513).
       torque_loss_percent: friction, of the reference torque (SPN 514).
-      clutch_engagement: 0 open to 1 closed; propeller_shaft_speed: [rad/s].
+      engine_torque_percent_driver: what the pedal asks for, as indicated (SPN 512).
+      engine_load_percent: indicated torque, of the greatest at this speed (SPN 92).
+      engine_torque_mode: who decides on the torque, as numbered in SPN 899.
+      clutch_engagement: 0 open to 1 closed.
+      input_shaft_speed, propeller_shaft_speed: of the gearbox's two ends [rad/s].
+      gear_engaged: the gear that is in; during a change the one before, see `EgoState.gear`.
+      gear_ratio: of that gear, a magnitude; None in neutral.
       engine_brake_torque: braking, at the crankshaft, zero or positive [N m].
       retarder_torque: braking, at the propeller shaft, zero or positive [N m].
       engine_brake_torque_percent_intended, engine_brake_torque_percent_available: of the greatest
@@ -158,17 +166,30 @@ class TruckReport:
       reservoir_pressure_front, reservoir_pressure_rear, reservoir_pressure_trailer: [Pa].
       compressor_active: 1 while the compressor fills the reservoirs.
       abs_active, xbr_active: 1 while ABS modulates, while an XBR demand is being answered.
+      brake_pressure_rear2_left, brake_pressure_rear2_right: of the second drive axle [Pa].
+      wheel_based_speed: of the drive axles' tires, a magnitude, as their sensor has no sign [m/s].
+      wheel_speeds: the same of the tractor's wheel ends, front to rear, left before right [m/s].
+      tractor_mass, trailer_mass, cargo_mass: [kg]; the trailer's includes the cargo.
       axle_loads: vertical tire forces of the axles, front to rear [N].
     """
 
     accelerator_pedal: float | None = None
     brake_pedal: float | None = None
     parking_brake: float | None = None
+    engine_brake: float | None = None
+    retarder: float | None = None
     xbr_mode: float | None = None
+    xbr_acceleration_limit: float | None = None
     engine_torque_percent: float | None = None
     torque_loss_percent: float | None = None
+    engine_torque_percent_driver: float | None = None
+    engine_load_percent: float | None = None
+    engine_torque_mode: float | None = None
     clutch_engagement: float | None = None
+    input_shaft_speed: float | None = None
     propeller_shaft_speed: float | None = None
+    gear_engaged: float | None = None
+    gear_ratio: float | None = None
     engine_brake_torque: float | None = None
     engine_brake_torque_percent_intended: float | None = None
     engine_brake_torque_percent_available: float | None = None
@@ -181,6 +202,13 @@ class TruckReport:
     compressor_active: float | None = None
     abs_active: float | None = None
     xbr_active: float | None = None
+    brake_pressure_rear2_left: float | None = None
+    brake_pressure_rear2_right: float | None = None
+    wheel_based_speed: float | None = None
+    wheel_speeds: tuple[float, ...] = ()
+    tractor_mass: float | None = None
+    trailer_mass: float | None = None
+    cargo_mass: float | None = None
     axle_loads: tuple[float, ...] = ()
 
 

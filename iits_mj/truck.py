@@ -28,11 +28,9 @@ from iits_mj.model.road_table import add_road_table
 from iits_mj.parameters import TruckParameters
 from iits_mj.plugin_library import register
 from iits_mj.road import Route
+from iits_mj.truck_report import Reporter
 
 COMMAND_FIELDS = tuple(field.name for field in dataclasses.fields(VehicleCommand))
-_REPORT_FIELDS = tuple(
-    field.name for field in dataclasses.fields(TruckReport) if field.name != "axle_loads"
-)
 _COMMAND_INDEX = {name: index for index, name in enumerate(COMMAND_FIELDS)}
 BRAKE_PRESSURES = tuple(
     f"brake_pressure_{place}"
@@ -86,6 +84,7 @@ class Truck:
         sensors = [model.sensor(i) for i in range(model.nsensor)]
         self._address = {sensor.name: int(sensor.adr[0]) for sensor in sensors}
         self._ranges = model.actuator_ctrlrange[: len(COMMAND_FIELDS)].tolist()
+        self._reporter = Reporter(model, parameters, payload)
         self._station_hint: float | None = None
         self._trailer_hint: float | None = None
         self.reset()
@@ -286,15 +285,7 @@ class Truck:
 
         A quantity for which this model has neither sensor nor control is None.
         """
-        controls = dict(zip(COMMAND_FIELDS, map(float, self.data.ctrl), strict=False))
-        known = {name: self.read(name) for name in _REPORT_FIELDS if name in self._address}
-        known |= {name: controls[name] for name in _REPORT_FIELDS if name in controls}
-        loads = tuple(
-            sum(self.read(f"{axle.name}_{side}_tire_force", 2) for side in ("left", "right"))
-            for axle in self.parameters.axles
-        )
-        pedal = self.read("accelerator_pedal_position")
-        return TruckReport(**known | {"accelerator_pedal": pedal}, axle_loads=loads)
+        return self._reporter.read(self.data)
 
     def _place(self, station: float, offset: float, speed: float) -> None:
         """Poses the combination on the road: tractor by its axles, trailer by its own."""

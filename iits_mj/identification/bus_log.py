@@ -18,7 +18,7 @@ from iits_mj.parameters import TruckParameters
 FloatArray = NDArray[np.float64]
 
 # Signals of the log that the bus calls otherwise, and those that only help to find others.
-_BUS_NAMES = {"ground_speed": "speed_of_wheels"}
+_BUS_NAMES = {"wheel_based_speed": "speed_of_wheels"}
 _PARTS = (
     "speed_of_wheels",
     "engine_torque_percent",

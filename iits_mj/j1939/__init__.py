@@ -36,7 +36,8 @@ from iits_mj.j1939.long_groups import read_group
 from iits_mj.j1939.quantities import ReferenceTorques
 from iits_mj.j1939.readings import BusReader
 from iits_mj.j1939.receiver import CommandReceiver, TimeOuts
-from iits_mj.j1939.state import StateReceiver, state_to_frames
+from iits_mj.j1939.state import StateSender, state_to_frames
+from iits_mj.j1939.state_receiver import StateReceiver
 from iits_mj.j1939.table import write_table
 from iits_mj.j1939.transport import Failure, LongMessage, Reassembler, broadcast
 
@@ -61,6 +62,7 @@ __all__ = [
     "ReferenceTorques",
     "SoftwareIdentification",
     "StateReceiver",
+    "StateSender",
     "Status",
     "TimeOuts",
     "Value",

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import cantools.database
@@ -12,8 +13,10 @@ import cantools.database
 from iits_mj.j1939.database import message_names, pgn_of
 from iits_mj.j1939.frame import Frame
 from iits_mj.j1939.layouts import layouts
-from iits_mj.j1939.mapping import Mapping, commands, reports
+from iits_mj.j1939.mapping import Mapping, commands, reports, sender
 
+# More sensors than this are named by the first and the last.
+_MOST_NAMES = 3
 PAGE = Path(__file__).with_name("README.md")
 
 
@@ -23,7 +26,9 @@ def tables() -> dict[str, str]:
     return {
         "messages": _messages(),
         "commands": _commands(),
+        "paper": _paper(),
         "reports": _reports(),
+        "silent": _silent(),
         "layouts": "\n\n".join(_layout(name) for name in own),
     }
 
@@ -39,37 +44,70 @@ def fill(page: str) -> str:
 
 
 def _messages() -> str:
-    rows = ["| message | PGN | period | |", "|---|---|---|---|"]
+    rows = ["| message | PGN | priority | from | period | |", "|---|---|---|---|---|---|"]
     for name in message_names():
         message = layouts().get_message_by_name(name)
-        rows.append(f"| `{name}` | {pgn_of(name)} | {message.cycle_time} ms | {message.comment} |")
+        head = Frame(message.frame_id, b"")
+        period = f"{message.cycle_time} ms" if message.cycle_time else "on request"
+        senders = sorted({sender(row) for row in reports() if row.message == name})
+        source = ", ".join(map(str, senders or [head.source]))
+        rows.append(
+            f"| `{name}` | {head.pgn} | {head.priority} | {source} | {period} | {message.comment} |"
+        )
     return "\n".join(rows)
 
 
 def _commands() -> str:
-    rows = [
-        "| control | message, signal | SPN | to | step | the paper's |",
-        "|---|---|---|---|---|---|",
-    ]
+    rows = ["| control | message, signal | SPN | to | step |", "|---|---|---|---|---|"]
     for row in commands():
         address = "all" if row.address is None else row.address
-        paper = f"`{row.paper}`" if row.paper else ""
         rows.append(
-            f"| `{row.element}` | `{row.message}`, `{row.signal}` | {_spn(row)} | {address} | "
-            f"{_step(row)} | {paper} |"
+            f"| {_elements(row)} | `{row.message}`, `{row.signal}` | {_spn(row)} | {address} | "
+            f"{_step(row)} |"
         )
     return "\n".join(rows)
 
 
+def _paper() -> str:
+    """The paper's inputs and outputs, numbered, and what its release has more."""
+    rows = [
+        "| | the paper's | message, signal | SPN | control or sensor |",
+        "|---|---|---|---|---|",
+    ]
+    for way, table in (("in", commands()), ("out", reports())):
+        named = [(paper, row) for row in table for paper in row.paper]
+        for paper, row in sorted(named, key=lambda item: item[0].number or math.inf):
+            number = "more" if paper.number is None else f"{way} {paper.number}"
+            rows.append(
+                f"| {number} | {paper.name} | `{row.message}`, `{row.signal}` | {_spn(row)} | "
+                f"{_elements(row)} |"
+            )
+    return "\n".join(rows)
+
+
 def _reports() -> str:
-    rows = ["| quantity | sensor | message, signal | SPN | from | step | the paper's |"]
-    rows.append("|---|---|---|---|---|---|---|")
+    rows = ["| quantity | control or sensor | message, signal | SPN | from | step |"]
+    rows.append("|---|---|---|---|---|---|")
     for row in reports():
-        source = _source(row.message) if row.address is None else row.address
         rows.append(
-            f"| {row.quantity.replace('_', ' ')} | `{row.element}` | `{row.message}`, "
-            f"`{row.signal}` | {_spn(row)} | {source} | {_step(row)} | {row.paper} |"
+            f"| {row.quantity.replace('_', ' ')} | {_elements(row)} | `{row.message}`, "
+            f"`{row.signal}` | {_spn(row)} | {sender(row)} | {_step(row)} |"
         )
+    return "\n".join(rows)
+
+
+def _silent() -> str:
+    """What stays "not available" in the messages that the truck sends."""
+    rows = ["| message | signals |", "|---|---|"]
+    sent = {(row.message, row.signal) for row in reports()} | {("VW", "axle_location")}
+    for name in dict.fromkeys(row.message for row in reports()):
+        missing = [
+            f"`{signal.name}`"
+            for signal in layouts().get_message_by_name(name).signals
+            if (name, signal.name) not in sent
+        ]
+        if missing:
+            rows.append(f"| `{name}` | {', '.join(missing)} |")
     return "\n".join(rows)
 
 
@@ -84,8 +122,10 @@ def _layout(name: str) -> str:
     return "\n".join(rows)
 
 
-def _source(message: str) -> int:
-    return Frame(layouts().get_message_by_name(message).frame_id, b"").source
+def _elements(row: Mapping) -> str:
+    if len(row.elements) > _MOST_NAMES:
+        return f"`{row.elements[0]}` ... `{row.elements[-1]}`"
+    return ", ".join(f"`{element}`" for element in row.elements) or "the truck's parameters"
 
 
 def _spn(row: Mapping) -> str:

@@ -11,7 +11,9 @@ import functools
 from dataclasses import dataclass
 from pathlib import Path
 
-from iits_mj.units import KMH, RPM
+from iits_mj.j1939.frame import Frame
+from iits_mj.j1939.layouts import layouts
+from iits_mj.units import GRAVITY, KMH, RPM
 
 # EN 590 diesel fuel at 15 C lies at 820 to 845 kg/m3.
 DIESEL_DENSITY = 832.0
@@ -28,7 +30,24 @@ _UNITS = {
     "kPa": 1e3,
     "L": _LITRE,
     "L/h": _LITRE / 3600.0,
+    # Metres a kilogram of fuel.
+    "km/L": 1e3 / _LITRE,
+    # A weight force in newtons is sent as the mass that it belongs to.
+    "kg of weight": GRAVITY,
 }
+
+
+@dataclass(frozen=True, slots=True)
+class PaperSignal:
+    """What the paper or its release calls a signal.
+
+    Attributes:
+      name: the paper's for its inputs, a description for the outputs, which it does not name.
+      number: 1 to 4 of the inputs, 1 to 16 of the outputs; None for what the release has more.
+    """
+
+    name: str
+    number: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +59,9 @@ class Mapping:
       message, signal: names in the DBC.
       scale: SI units in one unit of the signal.
       address: of the unit that obeys, or sends; None: as the DBC says.
-      element: control or sensor of the model; a name that ends in `*` stands for several.
+      elements: controls or sensors of the model.
       back: whether `StateReceiver` reads the quantity from this signal.
-      paper: the paper's name of it, "yes" for an output that it does not name, or "".
+      paper: the paper's inputs or outputs that it is, or a part of.
     """
 
     quantity: str
@@ -50,9 +69,9 @@ class Mapping:
     signal: str
     scale: float
     address: int | None
-    element: str
+    elements: tuple[str, ...]
     back: bool
-    paper: str
+    paper: tuple[PaperSignal, ...]
 
 
 def commands() -> tuple[Mapping, ...]:
@@ -61,8 +80,18 @@ def commands() -> tuple[Mapping, ...]:
 
 
 def reports() -> tuple[Mapping, ...]:
-    """What the truck sends, but for the axle weights, of which there is a frame an axle."""
+    """What the truck sends. Rows of VW stand for a frame an axle."""
     return _table()["out"]
+
+
+def sender(row: Mapping) -> int:
+    """Address of the control unit that sends a report."""
+    return _default_sender(row.message) if row.address is None else row.address
+
+
+@functools.cache
+def _default_sender(message: str) -> int:
+    return Frame(layouts().get_message_by_name(message).frame_id, b"").source
 
 
 @functools.cache
@@ -78,9 +107,15 @@ def _table() -> dict[str, tuple[Mapping, ...]]:
                 row["signal"],
                 _UNITS[row["unit"]],
                 int(row["address"]) if row["address"] else None,
-                row["element"],
+                tuple(row["elements"].split()),
                 row["back"] == "1",
-                row["paper"],
+                tuple(_paper(item) for item in row["paper"].split(";") if item),
             )
         )
     return {way: tuple(rows) for way, rows in found.items()}
+
+
+def _paper(item: str) -> PaperSignal:
+    """From "3 engine speed", or "fuel rate" for what has no number."""
+    first, _, rest = item.strip().partition(" ")
+    return PaperSignal(rest, int(first)) if first.isdigit() else PaperSignal(item.strip(), None)

@@ -1,12 +1,17 @@
-"""The quantities that the truck reports, flat and by name, and back."""
+"""The quantities that the truck reports, by name, and back.
+
+A quantity is a field of `EgoState` or `TruckReport`, or follows from them as a control unit would
+find it. What the truck does not know is None: "not available".
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+import operator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 from iits_mj.errors import BusError
 from iits_mj.messages import EgoState, TruckReport, XbrMode
@@ -14,10 +19,26 @@ from iits_mj.parameters import TruckParameters
 
 _PLACES = ("front_left", "front_right", "rear_left", "rear_right", "trailer")
 PRESSURES = tuple(f"brake_pressure_{place}" for place in _PLACES)
-_EGO = tuple(f.name for f in dataclasses.fields(EgoState) if f.name != "brake_pressures")
-_REPORT = tuple(f.name for f in dataclasses.fields(TruckReport) if f.name != "axle_loads")
+_WHEELS = ("front_left", "front_right", "rear1_left", "rear1_right", "rear2_left", "rear2_right")
+_RELATIVE_SPEEDS = tuple(f"relative_speed_{wheel}" for wheel in _WHEELS)
+_TUPLES = ("brake_pressures", "wheel_speeds", "axle_loads")
+_EGO = tuple(f.name for f in dataclasses.fields(EgoState) if f.name not in _TUPLES)
+_REPORT = tuple(f.name for f in dataclasses.fields(TruckReport) if f.name not in _TUPLES)
 # SPN 2918: 1 the driver's demand, 2 XBR in addition mode, 3 XBR in maximum mode.
+_DRIVER = 1.0
 _EXECUTION = {XbrMode.ADDITION: 2.0, XbrMode.MAXIMUM: 3.0}
+# SPN 900: who decides on a retarder's torque.
+_NO_REQUEST, _OPERATOR, _BRAKES = 0.0, 1.0, 10.0
+# Travel above which a pedal counts as pressed.
+_PRESSED = 1e-3
+# Distance over fuel in overrun [m/kg]: beyond every signal's range.
+_ENDLESS = 1e9
+# Where a message that this truck sends is missing, what a real one has instead.
+_INSTEAD = {
+    "speed": ("front_axle_speed", "wheel_based_speed"),
+    "acceleration": ("longitudinal_acceleration",),
+    "gear": ("gear_engaged",),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,36 +66,81 @@ class ReferenceTorques:
         )
 
 
-def flatten(
-    state: EgoState, report: TruckReport, references: ReferenceTorques
-) -> dict[str, float | None]:
-    """All quantities of `signals.csv` by name, SI units; None is "not available".
+Quantity: TypeAlias = Callable[[EgoState, TruckReport, ReferenceTorques], float | None]
+
+
+def quantities() -> dict[str, Quantity]:
+    """How to find every quantity of `signals.csv`, in SI units."""
+    found: dict[str, Quantity] = {name: _of_state(name) for name in _EGO}
+    found |= {name: _of_report(name) for name in _REPORT}
+    found |= {name: _pressure(place) for place, name in enumerate(PRESSURES)}
+    found |= {name: _relative_speed(wheel) for wheel, name in enumerate(_RELATIVE_SPEEDS)}
+    return found | {
+        "heading": lambda s, _r, _t: math.remainder(s.yaw, 2.0 * math.pi),
+        "longitudinal_acceleration": lambda s, _r, _t: s.acceleration,
+        "front_axle_speed": lambda _s, r, _t: _front_axle_speed(r),
+        # Their sensors count teeth: they do not know the sense of rotation.
+        "propeller_shaft_speed": lambda _s, r, _t: _magnitude(r.propeller_shaft_speed),
+        "input_shaft_speed": lambda _s, r, _t: _magnitude(r.input_shaft_speed),
+        "clutch_slip": lambda s, r, _t: _slip(s.engine_speed, r.input_shaft_speed),
+        "driveline_engaged": lambda _s, r, _t: _test(r.clutch_engagement, 0.999),
+        "accelerator_released": lambda _s, r, _t: _test(r.accelerator_pedal, _PRESSED, above=False),
+        "brake_pedal_pressed": lambda _s, r, _t: _test(r.brake_pedal, _PRESSED),
+        "fuel_economy": lambda s, r, _t: _economy(r.wheel_based_speed, s.fuel_rate),
+        "friction_braking": lambda s, _r, _t: float(max(s.brake_pressures) > 0.0),
+        "xbr_execution": lambda _s, r, _t: _execution(r),
+        # This truck takes any demand at any time (SPN 2917), and its ABS never fails (SPN 1243).
+        "xbr_system_state": lambda _s, r, _t: None if r.xbr_active is None else 0.0,
+        "abs_operational": lambda _s, r, _t: None if r.abs_active is None else 1.0,
+        # SPN 1812: the angle is absolute.
+        "steering_sensor_type": lambda _s, _r, _t: 1.0,
+        "engine_brake_percent": lambda _s, r, t: _percent(r.engine_brake_torque, t.engine_brake),
+        "engine_brake_torque_percent_driver": lambda _s, r, _t: _driver_percent(
+            r.engine_brake, r.engine_brake_torque_percent_available
+        ),
+        "engine_brake_mode": lambda _s, r, _t: _mode(
+            r.engine_brake,
+            r.engine_brake_torque_percent_available,
+            r.engine_brake_torque_percent_intended,
+        ),
+        "retarder_percent": lambda _s, r, t: _percent(r.retarder_torque, t.retarder),
+        "retarder_torque_percent_driver": lambda _s, r, _t: _driver_percent(
+            r.retarder, r.retarder_torque_percent_available
+        ),
+        "retarder_mode": lambda _s, r, _t: _mode(
+            r.retarder, r.retarder_torque_percent_available, r.retarder_torque_percent_intended
+        ),
+    }
+
+
+_numbers_of_state = operator.attrgetter(*_EGO)
+_numbers_of_report = operator.attrgetter(*_REPORT)
+
+
+def check_finite(state: EgoState, report: TruckReport) -> None:
+    """Nothing that is not a number gets past here.
 
     Raises:
-      BusError: a number is not finite.
+      BusError: a field of state or report is not finite.
     """
-    found: dict[str, float | None] = {name: getattr(state, name) for name in _EGO}
-    found |= zip(PRESSURES, state.brake_pressures, strict=True)
-    found |= {name: getattr(report, name) for name in _REPORT}
-    for name, value in (*found.items(), *(("axle_loads", x) for x in report.axle_loads)):
+    # A sum is finite only if all its terms are; None and 0 need no term.
+    total = sum(_numbers_of_state(state)) + sum(state.brake_pressures)
+    total += sum(filter(None, _numbers_of_report(report)))
+    total += sum(report.wheel_speeds) + sum(report.axle_loads)
+    if math.isfinite(total):
+        return
+    for name, value in _flat(state, report):
         if value is not None and not math.isfinite(value):
             raise BusError(f"state {name} = {value!r}: a finite number is wanted")
-    braking = max(state.brake_pressures) > 0.0
-    return found | {
-        "heading": math.remainder(state.yaw, 2.0 * math.pi),
-        "ground_speed": abs(state.speed),
-        "friction_braking": float(braking),
-        "driveline_engaged": _test(report.clutch_engagement, 0.999),
-        "brake_pedal_pressed": _test(report.brake_pedal, 1e-3),
-        "xbr_execution": _execution(report),
-        "engine_brake_percent": _percent(report.engine_brake_torque, references.engine_brake),
-        "retarder_percent": _percent(report.retarder_torque, references.retarder),
-    }
 
 
 def to_state(found: Mapping[str, float], references: ReferenceTorques, base: EgoState) -> EgoState:
     """The state with the quantities that were heard; the rest is `base`'s."""
     values: dict[str, Any] = {name: found[name] for name in _EGO if name in found}
+    for name, others in _INSTEAD.items():
+        heard = [found[other] for other in others if other in found]
+        if name not in found and heard:
+            values[name] = heard[0]
     if "heading" in found:
         values["yaw"] = found["heading"]
     if "gear" in values:
@@ -102,11 +168,68 @@ def to_report(
         values["engine_brake_torque"] = share * references.engine_brake
     if "retarder_percent" in found:
         values["retarder_torque"] = -0.01 * found["retarder_percent"] * references.retarder
+    relative = [found[name] for name in _RELATIVE_SPEEDS if name in found]
+    if "front_axle_speed" in found and len(relative) == len(_WHEELS):
+        values["wheel_speeds"] = tuple(found["front_axle_speed"] + speed for speed in relative)
     return TruckReport(**values, axle_loads=axle_loads)
 
 
-def _test(value: float | None, limit: float) -> float | None:
-    return None if value is None else float(value > limit)
+def _flat(state: EgoState, report: TruckReport) -> Iterator[tuple[str, float | None]]:
+    for message in (state, report):
+        for field in dataclasses.fields(message):
+            value = getattr(message, field.name)
+            for number in value if isinstance(value, tuple) else (value,):
+                yield field.name, number
+
+
+def _of_state(name: str) -> Quantity:
+    get = operator.attrgetter(name)
+    return lambda state, _report, _references: get(state)
+
+
+def _of_report(name: str) -> Quantity:
+    get = operator.attrgetter(name)
+    return lambda _state, report, _references: get(report)
+
+
+def _pressure(place: int) -> Quantity:
+    return lambda state, _report, _references: state.brake_pressures[place]
+
+
+def _relative_speed(wheel: int) -> Quantity:
+    def relative(_s: EgoState, report: TruckReport, _t: ReferenceTorques) -> float | None:
+        front = _front_axle_speed(report)
+        speeds = report.wheel_speeds
+        return None if front is None or wheel >= len(speeds) else speeds[wheel] - front
+
+    return relative
+
+
+def _front_axle_speed(report: TruckReport) -> float | None:
+    speeds = report.wheel_speeds
+    return 0.5 * (speeds[0] + speeds[1]) if len(speeds) > 1 else None
+
+
+def _magnitude(value: float | None) -> float | None:
+    return None if value is None else abs(value)
+
+
+def _test(value: float | None, limit: float, *, above: bool = True) -> float | None:
+    return None if value is None else float((value > limit) is above)
+
+
+def _slip(engine_speed: float, input_speed: float | None) -> float | None:
+    """SPN 522: what the gearbox's input lags behind the engine, as a share of its speed."""
+    if input_speed is None or engine_speed <= 0.0:
+        return None
+    return min(max(1.0 - abs(input_speed) / engine_speed, 0.0), 1.0)
+
+
+def _economy(speed: float | None, fuel_rate: float) -> float | None:
+    """Distance over fuel at this moment [m/kg]."""
+    if speed is None:
+        return None
+    return min(speed / fuel_rate, _ENDLESS) if fuel_rate > 0.0 else _ENDLESS
 
 
 def _percent(torque: float | None, reference: float) -> float | None:
@@ -114,9 +237,24 @@ def _percent(torque: float | None, reference: float) -> float | None:
     return None if torque is None or reference <= 0.0 else -100.0 * torque / reference
 
 
+def _driver_percent(lever: float | None, available: float | None) -> float | None:
+    """What the driver's lever asks of a retarder, as a (negative) percentage like `available`."""
+    return None if lever is None or available is None else lever * available
+
+
+def _mode(lever: float | None, available: float | None, intended: float | None) -> float | None:
+    driver = _driver_percent(lever, available)
+    if driver is None or intended is None:
+        return None
+    # Half a bit of the percentages.
+    if intended > -0.5:
+        return _NO_REQUEST
+    return _BRAKES if intended < driver - 0.5 else _OPERATOR
+
+
 def _execution(report: TruckReport) -> float | None:
     if report.xbr_active is None or report.xbr_mode is None:
         return None
     if report.xbr_active > 0.5:
         return _EXECUTION.get(XbrMode(round(report.xbr_mode)), 0.0)
-    return float((report.brake_pedal or 0.0) > 1e-3)
+    return _DRIVER if (report.brake_pedal or 0.0) > _PRESSED else 0.0

@@ -1,21 +1,42 @@
-"""`EgoState` and `TruckReport` to frames and back: what the truck reports."""
+"""`EgoState` and `TruckReport` to frames: what the truck reports, and when."""
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
+from dataclasses import dataclass
 
-from iits_mj.errors import BusError
-from iits_mj.j1939.database import decode, encode, make_group
-from iits_mj.j1939.frame import Frame
-from iits_mj.j1939.group import Status
-from iits_mj.j1939.groups import VW
-from iits_mj.j1939.mapping import Mapping, reports
-from iits_mj.j1939.quantities import ReferenceTorques, flatten, to_report, to_state
+from iits_mj.j1939.database import cycle_time, encode, pgn_of
+from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame
+from iits_mj.j1939.group import Group
+from iits_mj.j1939.group_maker import GroupMaker
+from iits_mj.j1939.mapping import Mapping, reports, sender
+from iits_mj.j1939.quantities import ReferenceTorques, check_finite, quantities
+from iits_mj.j1939.schedule import Schedule, spread
 from iits_mj.messages import EgoState, TruckReport
-from iits_mj.units import GRAVITY
 
 _NOTHING = TruckReport()
 _REFERENCES = ReferenceTorques()
+# Frames of VW at a time.
+_AXLES = 6
+
+
+@dataclass(frozen=True, slots=True)
+class _Report:
+    """A message that one control unit sends, and how its groups are made."""
+
+    message: str
+    pgn: int
+    source: int
+    groups: Callable[[EgoState, TruckReport, ReferenceTorques], list[Group]]
+
+    def frames(
+        self, state: EgoState, report: TruckReport, references: ReferenceTorques, time: float
+    ) -> list[Frame]:
+        return [
+            encode(group, time=time, source=self.source, saturate=True)
+            for group in self.groups(state, report, references)
+        ]
 
 
 def state_to_frames(
@@ -23,7 +44,7 @@ def state_to_frames(
     report: TruckReport = _NOTHING,
     references: ReferenceTorques = _REFERENCES,
 ) -> list[Frame]:
-    """The frames that report a state; what the truck does not know is sent as "not available".
+    """All frames that report a state; what the truck does not know is sent as "not available".
 
     Args:
       state: as `Truck.observe` gives it.
@@ -33,82 +54,113 @@ def state_to_frames(
     Raises:
       BusError: a value is not finite.
     """
-    quantities = flatten(state, report, references)
-    messages: dict[tuple[str, int | None], dict[str, float]] = {}
-    for row in reports():
-        value = quantities[row.quantity]
-        signals = messages.setdefault((row.message, row.address), {})
-        if value is not None:
-            signals[row.signal] = value / row.scale
-    frames = [
-        encode(make_group(name, signals), time=state.time, source=source, saturate=True)
-        for (name, source), signals in messages.items()
+    check_finite(state, report)
+    return [
+        frame for sent in _reports() for frame in sent.frames(state, report, references, state.time)
     ]
-    # The axle's number stands in the high nibble of its location.
-    weights = [
-        VW(axle_location=i << 4, axle_weight_kg=load / GRAVITY)
-        for i, load in enumerate(report.axle_loads)
-    ]
-    return frames + [encode(w, time=state.time, saturate=True) for w in weights]
 
 
-class StateReceiver:
-    """Builds the truck's state from its frames, for a controller on the other end of a bus.
+class StateSender:
+    """The truck's reports, each at its own rate, as its control units send them.
+
+    The rates are the DBC's. Groups of the standard are spread over ticks of 10 ms; our own, which
+    together describe the truck's motion, go out at the same instant. The first call sends what
+    has no offset, the first 0.1 s everything once.
 
     Args:
-      mass: of the combination [kg], which no message carries as such.
       references: of the percent torques.
     """
 
-    def __init__(self, mass: float = 55_000.0, references: ReferenceTorques = _REFERENCES) -> None:
-        self._base = EgoState(mass=mass)
+    def __init__(self, references: ReferenceTorques = _REFERENCES) -> None:
         self._references = references
-        self._found: dict[str, float] = {}
-        self._axle_loads: dict[int, float] = {}
+        periods = [cycle_time(sent.message) for sent in _reports()]
+        self._schedule = Schedule(periods, _offsets())
 
-    def receive(self, frame: Frame) -> bool:
-        """Takes one frame; returns True when it told something about the state.
+    def frames(self, state: EgoState, report: TruckReport = _NOTHING) -> list[Frame]:
+        """The frames that are due at the state's time, none twice.
 
         Raises:
-          BusError: the frame of a known group is too short.
+          BusError: a value is not finite.
+          InputError: the state's time is not finite.
         """
-        decoded = decode(frame)
-        if decoded is None:
-            return False
-        told = False
-        for row in _rows_back().get(decoded.name, ()):
-            if row.address not in (None, decoded.source):
-                continue
-            value = getattr(decoded.group, row.signal)
-            if not isinstance(value, Status):
-                self._found[row.quantity] = value * row.scale
-                told = True
-        if isinstance(decoded.group, VW):
-            try:
-                axle = int(decoded.group.number("axle_location")) >> 4
-                self._axle_loads[axle] = decoded.group.number("axle_weight_kg") * GRAVITY
-                told = True
-            except BusError:
-                return False
-        if told:
-            self._found["time"] = frame.time
-        return told
+        due = self._schedule.due(state.time)
+        check_finite(state, report)
+        sent = _reports()
+        return [
+            frame
+            for place in due
+            for frame in sent[place].frames(state, report, self._references, state.time)
+        ]
 
-    def state(self) -> EgoState:
-        """The state as far as frames have told it; fields never reported keep their defaults."""
-        return to_state(self._found, self._references, self._base)
+    def answer(
+        self,
+        pgn: int,
+        address: int,
+        state: EgoState,
+        report: TruckReport = _NOTHING,
+    ) -> list[Frame]:
+        """The frames that answer a request (PGN 59904), none for a group that is not sent.
 
-    def report(self) -> TruckReport:
-        """The same for what the control units say beside; None where nothing was heard."""
-        loads = tuple(self._axle_loads[axle] for axle in sorted(self._axle_loads))
-        return to_report(self._found, self._references, loads)
+        Args:
+          pgn: that is asked for.
+          address: of the control unit that is asked; 255 asks all.
+          state: as it is now.
+          report: as it is now.
+
+        Raises:
+          BusError: a value is not finite.
+        """
+        check_finite(state, report)
+        return [
+            frame
+            for sent in _reports()
+            if sent.pgn == pgn and address in (sent.source, GLOBAL_ADDRESS)
+            for frame in sent.frames(state, report, self._references, state.time)
+        ]
 
 
 @functools.cache
-def _rows_back() -> dict[str, tuple[Mapping, ...]]:
-    """Rows from which quantities are read back, by message."""
-    rows = [row for row in reports() if row.back]
-    return {
-        name: tuple(row for row in rows if row.message == name)
-        for name in dict.fromkeys(row.message for row in rows)
-    }
+def _reports() -> tuple[_Report, ...]:
+    """Every message of every sender, in the order of `signals.csv`."""
+    found = []
+    for message, address in dict.fromkeys((row.message, sender(row)) for row in reports()):
+        rows = [r for r in reports() if (r.message, sender(r)) == (message, address)]
+        groups = _weights(rows) if message == "VW" else _single(rows)
+        found.append(_Report(message, pgn_of(message), address, groups))
+    return tuple(found)
+
+
+@functools.cache
+def _offsets() -> tuple[float, ...]:
+    """Of the reports [s]. Our own count as one message, so that they stay together."""
+    own = [sent.message for sent in _reports() if sent.message.startswith("IITS_")]
+    others = [sent.message for sent in _reports() if sent.message not in own]
+    weights = [len(own), *(_AXLES if message == "VW" else 1 for message in others)]
+    first, *rest = spread([cycle_time(message) for message in (own[0], *others)], weights)
+    offsets = iter(rest)
+    return tuple(first if sent.message in own else next(offsets) for sent in _reports())
+
+
+def _single(rows: list[Mapping]) -> Callable[..., list[Group]]:
+    make = GroupMaker(rows[0].message, rows, quantities())
+    return lambda *sources: [make(*sources)]
+
+
+def _weights(rows: list[Mapping]) -> Callable[..., list[Group]]:
+    """VW: a group an axle, whose number from the front stands in the high nibble of its place."""
+    load = next(row for row in rows if row.quantity == "axle_load")
+    make = GroupMaker("VW", [row for row in rows if row is not load], quantities())
+
+    def groups(state: EgoState, report: TruckReport, references: ReferenceTorques) -> list[Group]:
+        return [
+            make(
+                state,
+                report,
+                references,
+                axle_location=axle << 4,
+                axle_weight_kg=force / load.scale,
+            )
+            for axle, force in enumerate(report.axle_loads)
+        ]
+
+    return groups

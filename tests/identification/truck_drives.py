@@ -9,7 +9,7 @@ import numpy as np
 from iits_mj.identification.replay import graded_road
 from iits_mj.j1939 import command_to_frames, encode, make_group, pgn_of
 from iits_mj.j1939.mapping import reports
-from iits_mj.j1939.quantities import ReferenceTorques, flatten
+from iits_mj.j1939.quantities import ReferenceTorques, quantities
 from iits_mj.messages import VehicleCommand, XbrMode
 from iits_mj.truck import Truck
 
@@ -46,6 +46,7 @@ def frames(rows, parameters, messages, *, noise=0.01, seed=0, commands=True):
       seed: of the noise.
       commands: sends the pedal and the brake demand, too.
     """
+    known_quantities = quantities()
     heard = {pgn_of("EEC2"), pgn_of("XBR")}
     references = ReferenceTorques.of(parameters)
     rng = np.random.default_rng(seed)
@@ -56,7 +57,7 @@ def frames(rows, parameters, messages, *, noise=0.01, seed=0, commands=True):
             found += [f for f in command_to_frames(command, tick, state.time) if f.pgn in heard]
         factor = 1.0 + noise * rng.standard_normal()
         noisy = dataclasses.replace(state, speed=state.speed * factor)
-        values = flatten(noisy, report, references)
+        values = {name: q(noisy, report, references) for name, q in known_quantities.items()}
         for name, period in messages.items():
             if tick % round(period / PERIOD) == 0:
                 known = {

@@ -54,7 +54,7 @@ def test_command_survives_the_bus_up_to_the_signals_steps():
 def test_every_field_of_the_command_has_its_row_in_the_order_of_the_controls():
     names = [field.name for field in dataclasses.fields(VehicleCommand)]
     assert [row.quantity for row in commands()] == names
-    assert [row.element for row in commands()] == names
+    assert [row.elements[0] for row in commands()] == names
 
 
 def test_every_selector_and_the_parking_brake_survive():

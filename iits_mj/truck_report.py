@@ -1,0 +1,77 @@
+"""What the truck's control units say beside its state: sensors and controls, read at once."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from iits_mj.messages import TruckReport
+from iits_mj.parameters import Axle, TruckParameters
+
+_FIELDS = tuple(field.name for field in dataclasses.fields(TruckReport))
+# Where a field's number stands when its sensor has another name.
+_SENSORS = {
+    "accelerator_pedal": ("accelerator_pedal_position", 0),
+    "brake_pressure_rear2_left": ("brake_pressures", 4),
+    "brake_pressure_rear2_right": ("brake_pressures", 5),
+}
+_SIDES = ("left", "right")
+# Vertical part of a tire's force.
+_VERTICAL = 2
+
+
+class Reporter:
+    """Reads the `TruckReport` out of a model's data.
+
+    Args:
+      model: a compiled truck.
+      parameters: what it was built from.
+      payload: that it carries [kg].
+    """
+
+    def __init__(self, model: mujoco.MjModel, parameters: TruckParameters, payload: float) -> None:
+        sensors = [model.sensor(i) for i in range(model.nsensor)]
+        address = {sensor.name: int(sensor.adr[0]) for sensor in sensors}
+        controls = {model.actuator(i).name: i for i in range(model.nactuator)}
+        places = {name: _SENSORS.get(name, (name, 0)) for name in _FIELDS}
+        sensed = {name: address[s] + i for name, (s, i) in places.items() if s in address}
+        commanded = {n: controls[n] for n in _FIELDS if n in controls and n not in sensed}
+        tractor, gearbox = parameters.tractor, parameters.gearbox
+
+        def wheel_ends(axles: Iterable[Axle], signal: str) -> list[int]:
+            return [address[f"{a.name}_{side}_{signal}"] for a in axles for side in _SIDES]
+
+        self._names = (*sensed, *commanded)
+        self._sensed = np.array(list(sensed.values()))
+        self._commanded = np.array(list(commanded.values()))
+        self._spins = np.array(wheel_ends(tractor.axles, "wheel_speed"))
+        self._radii = np.repeat([parameters.tires[a.tire].rolling_radius for a in tractor.axles], 2)
+        self._forces = np.array(wheel_ends(parameters.axles, "tire_force")) + _VERTICAL
+        drive = parameters.tires[tractor.axles[1].tire]
+        self._meters_per_radian = drive.rolling_radius / gearbox.final_drive
+        self._ratios = {-1: gearbox.reverse_ratio} | dict(enumerate(gearbox.ratios.tolist(), 1))
+        self._constants = {
+            "xbr_acceleration_limit": float(model.actuator("xbr_demand").ctrlrange[0]),
+            "tractor_mass": tractor.mass,
+            "trailer_mass": parameters.semitrailer.mass + payload,
+            "cargo_mass": payload,
+        }
+
+    def read(self, data: mujoco.MjData) -> TruckReport:
+        """The report, as at the last step or observation; what the model lacks is None."""
+        readings = data.sensordata
+        numbers = readings[self._sensed].tolist() + data.ctrl[self._commanded].tolist()
+        known: dict[str, Any] = dict(zip(self._names, numbers, strict=True))
+        loads = readings[self._forces].reshape(-1, 2).sum(axis=1)
+        return TruckReport(
+            **known,
+            **self._constants,
+            gear_ratio=self._ratios.get(round(known["gear_engaged"])),
+            wheel_based_speed=abs(known["propeller_shaft_speed"]) * self._meters_per_radian,
+            wheel_speeds=tuple(np.abs(readings[self._spins] * self._radii).tolist()),
+            axle_loads=tuple(loads.tolist()),
+        )
