@@ -1,6 +1,7 @@
 """Typed groups to bytes and back, by our DBC file, with J1939-71's "error" and "not available".
 
-cantools takes the bytes apart and puts them together; what the raw numbers mean is J1939's:
+cantools reads the layouts, the bit fields are taken apart and put together by bitstruct, which
+cantools uses, too; what the raw numbers mean is J1939's:
 
 | width | valid | out of range | error | not available |
 |---|---|---|---|---|
@@ -18,8 +19,8 @@ import functools
 import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from typing import cast
 
+import bitstruct
 import cantools.database.can
 
 from iits_mj.errors import BusError
@@ -27,6 +28,12 @@ from iits_mj.j1939 import groups
 from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame, make_id
 from iits_mj.j1939.group import NOT_AVAILABLE, Group, Status, Value
 from iits_mj.j1939.layouts import class_name, layouts
+
+try:
+    from bitstruct.c import compile as _compile
+except ImportError:
+    # Slower, where there is no C extension.
+    from bitstruct import compile as _compile
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +109,8 @@ class _Message:
     signals: tuple[_Signal, ...]
     # The same, flat for speed: top, scale, offset and the signal itself.
     rules: tuple[tuple[int, float, float, _Signal], ...]
+    # The bit fields of the bytes in reverse, from the last signal to the first.
+    bits: bitstruct.CompiledFormat
     # All fields of a group at once.
     values_of: Callable[[Group], tuple[Value, ...]]
 
@@ -195,19 +204,18 @@ def encode(
 def pack(group: Group, *, saturate: bool = False) -> bytes:
     """The bytes of a group of any length; arguments and errors as in `encode`."""
     message = _message(group.MESSAGE)
-    raw = {
-        s.name: s.missing if value is NOT_AVAILABLE else s.raw(value, saturate)
+    raw = [
+        s.missing if value is NOT_AVAILABLE else s.raw(value, saturate)
         for s, value in zip(message.signals, message.values_of(group), strict=True)
-    }
-    return bytes(message.layout.encode(raw, scaling=False, padding=True, strict=False))
+    ]
+    return bytes(message.bits.pack(*reversed(raw))[::-1])
 
 
 def _unpack(message: _Message, data: bytes) -> Group:
     wanted = message.layout.length
     if len(data) != wanted:
         raise BusError(f"{message.layout.name} has {len(data)} bytes: {wanted} are wanted")
-    raw = message.layout.decode(data, decode_choices=False, scaling=False)
-    numbers = cast(Mapping[str, int], raw).values()
+    numbers = reversed(message.bits.unpack(data[::-1]))
     values = [
         number * scale + offset if number <= top else signal.status(number)
         for number, (top, scale, offset, signal) in zip(numbers, message.rules, strict=True)
@@ -259,8 +267,27 @@ def _flatten(layout: cantools.database.can.Message) -> _Message:
         frame.destination if frame.pgn < 0xF000 else GLOBAL_ADDRESS,
         signals,
         tuple((s.top, s.scale, s.offset, s) for s in signals),
+        _bits(layout),
         operator.attrgetter(*names),
     )
+
+
+def _bits(layout: cantools.database.can.Message) -> bitstruct.CompiledFormat:
+    """The fields of a little-endian message, unused bits being ones as J1939 has them.
+
+    Raises:
+      BusError: the DBC holds a signal that is not an unsigned little-endian field.
+    """
+    fields_down, free = "", 8 * layout.length
+    for signal in reversed(layout.signals):
+        gap = free - signal.start - signal.length
+        if signal.is_signed or signal.is_float or signal.byte_order != "little_endian" or gap < 0:
+            raise BusError(
+                f"{layout.name}.{signal.name}: an unsigned field of Intel order is wanted"
+            )
+        fields_down += (f"P{gap}" if gap else "") + f"u{signal.length}"
+        free = signal.start
+    return _compile(fields_down + (f"P{free}" if free else ""))
 
 
 def _signal(signal: cantools.database.can.Signal) -> _Signal:
