@@ -141,7 +141,7 @@ def test_a_line_cut_off_by_a_power_cut_is_dropped_and_one_in_the_middle_is_an_er
 
 def block(records):
     rows = [
-        struct.pack("<IIII8s", 1_477_899_735 + i, 0, 0x0800_0000 | 250_000, 0x18F0010B, bytes(8))
+        struct.pack("<IIII8s", 1_700_000_000 + i, 0, 0x0800_0000 | 250_000, 0x18FEF10B, bytes(8))
         for i in range(records)
     ]
     return (struct.pack("<I", records) + b"".join(rows)).ljust(508, b"\x00") + b"\x5a" * 4
@@ -152,7 +152,7 @@ def test_a_loggers_blocks_are_read_with_their_microseconds(tmp_path):
     path.write_bytes(block(21) + block(3))
     frames = list(read_log(path))
     assert len(frames) == 24
-    assert frames[2] == Frame(0x18F0010B, bytes(8), 1_477_899_737.25)
+    assert frames[2] == Frame(0x18FEF10B, bytes(8), 1_700_000_002.25)
     path.write_bytes(block(21) + block(3)[:-1])
     with pytest.raises(BusError, match="block 1 is cut off after 511"):
         list(read_log(path))

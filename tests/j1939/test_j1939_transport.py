@@ -50,12 +50,12 @@ def test_broadcast_of_any_length_comes_back_as_it_was(length):
 
 
 def test_broadcast_is_known_to_the_byte():
-    frames = broadcast(65260, b"2NKHHM6X2EM406412*", 0)
+    frames = broadcast(65260, b"TESTVIN0123456789*", 0)
     assert [(frame.can_id, frame.data.hex()) for frame in frames] == [
         (0x1CECFF00, "20120003ffecfe00"),
-        (0x1CEBFF00, "01324e4b48484d36"),
-        (0x1CEBFF00, "025832454d343036"),
-        (0x1CEBFF00, "033431322affffff"),
+        (0x1CEBFF00, "015445535456494e"),
+        (0x1CEBFF00, "0230313233343536"),
+        (0x1CEBFF00, "033738392affffff"),
     ]
 
 

@@ -1,0 +1,158 @@
+import csv
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from iits_mj.errors import BusError
+from iits_mj.j1939 import (
+    BusReader,
+    Failure,
+    Frame,
+    Status,
+    VehicleIdentification,
+    broadcast,
+    encode,
+    make_id,
+    summarize,
+    write_table,
+)
+from iits_mj.j1939.groups import EEC1, VW
+from iits_mj.j1939.table import COLUMNS
+
+
+def log():
+    frames = [
+        encode(EEC1(engine_speed_rpm=600.0 + 0.125 * i, engine_torque_mode=1.0), time=0.02 * i)
+        for i in range(11)
+    ]
+    frames.append(encode(EEC1(engine_speed_rpm=Status.ERROR), time=0.22))
+    frames.append(Frame(make_id(6, 65000, 0x17), b"\x01\xab", 0.23))
+    frames.append(Frame(make_id(3, 61444, 0), b"\x00" * 3, 0.24))
+    return frames + broadcast(65260, VehicleIdentification("1ABC" * 4).to_bytes(), 0, time=0.3)
+
+
+def table(tmp_path, frames, **options):
+    path = tmp_path / "table.csv"
+    summary = write_table(frames, path, **options)
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file)), summary
+
+
+def test_every_signal_of_every_frame_is_a_row(tmp_path):
+    rows, _ = table(tmp_path, log())
+    assert tuple(rows[0]) == COLUMNS
+    speeds = [row for row in rows if row["signal"] == "engine_speed_rpm"]
+    assert [row["value"] for row in speeds] == [f"{600 + 0.125 * i:g}" for i in range(11)] + [""]
+    assert speeds[1] == {
+        "time_s": "0.020000",
+        "priority": "3",
+        "pgn": "61444",
+        "message": "EEC1",
+        "source": "0",
+        "destination": "255",
+        "signal": "engine_speed_rpm",
+        "spn": "190",
+        "value": "600.125",
+        "unit": "rpm",
+        "status": "ok",
+    }
+    assert speeds[-1]["status"] == "error"
+
+
+def test_what_is_not_known_passes_with_its_bytes(tmp_path):
+    rows, _ = table(tmp_path, log())
+    (row,) = [row for row in rows if row["pgn"] == "65000"]
+    assert (row["message"], row["signal"], row["value"], row["unit"]) == ("", "data", "01ab", "hex")
+    assert row["status"] == "unknown group"
+    (row,) = [row for row in rows if row["status"] == "wrong length"]
+    assert (row["message"], row["value"]) == ("EEC1", "000000")
+
+
+def test_a_long_message_comes_after_its_last_packet(tmp_path):
+    rows, summary = table(tmp_path, log())
+    row = rows[-1]
+    assert (row["message"], row["pgn"], row["priority"], row["spn"]) == ("VI", "65260", "", "237")
+    assert row["value"] == "1ABC" * 4
+    assert row["time_s"] == "0.450000"
+    packets = [r for r in rows if r["status"] == "part of a long message"]
+    assert [r["message"] for r in packets] == ["TP.CM", "TP.DT", "TP.DT", "TP.DT"]
+    assert summary.transport.messages == 1
+
+
+def test_signals_without_a_value_can_be_left_out(tmp_path):
+    rows, _ = table(tmp_path, log(), only_values=True)
+    assert all(row["value"] for row in rows)
+    assert {row["signal"] for row in rows if row["message"] == "EEC1"} == {
+        "engine_torque_mode",
+        "engine_speed_rpm",
+        "data",
+    }
+
+
+def test_numbers_of_the_table_are_those_of_the_bus(tmp_path):
+    frames = [encode(VW(axle_location=16.0, axle_weight_kg=9677.5), time=1_753_900_000.123456)]
+    rows, _ = table(tmp_path, frames)
+    assert rows[0]["time_s"] == "1753900000.123456"
+    assert {row["signal"]: row["value"] for row in rows if row["value"]} == {
+        "axle_location": "16",
+        "axle_weight_kg": "9677.5",
+    }
+
+
+def test_summary_tells_count_period_and_bounds_by_sender():
+    frames = [*log(), encode(EEC1(engine_speed_rpm=900.0), source=0x31, time=1.0)]
+    summary = summarize(frames)
+    engine = summary.traffic[61444, 0, 255]
+    assert (engine.message, engine.count, engine.invalid) == ("EEC1", 13, 1)
+    assert engine.period == pytest.approx(0.02)
+    speed = engine.signals["engine_speed_rpm"]
+    assert (speed.minimum, speed.maximum, speed.unit, speed.missing) == (600.0, 601.25, "rpm", 1)
+    assert summary.traffic[61444, 0x31, 255].count == 1
+    text = summary.text()
+    assert "600 .. 601.25 rpm" in text
+    assert "1 of the wrong length" in text
+    assert "'1ABC1ABC1ABC1ABC'" in text
+    assert "long messages put together: 1" in text
+
+
+def test_summary_tells_what_the_transport_lost():
+    summary = summarize(log()[:-1])
+    assert summary.transport.failures == {Failure.TIME_OUT: 1}
+    assert "long messages, time-out: 1" in summary.text()
+
+
+def test_summary_of_an_empty_log_is_empty():
+    summary = summarize([])
+    assert summary.traffic == {}
+    assert len(summary.text().splitlines()) == 2
+
+
+def test_a_table_that_cannot_be_written_or_read_to_its_end_leaves_no_file(tmp_path):
+    with pytest.raises(BusError, match=r"table .*cannot be written"):
+        write_table(log(), tmp_path / "missing" / "table.csv")
+
+    def broken():
+        yield log()[0]
+        raise BusError("cut off")
+
+    with pytest.raises(BusError, match="cut off"):
+        write_table(broken(), tmp_path / "table.csv")
+    assert not list(tmp_path.iterdir())
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.builds(
+        lambda pgn, source, data, time: Frame(make_id(6, pgn, source), data, time),
+        st.sampled_from([61444, 65226, 65242, 65251, 65259, 65260, 0xEB00, 0xEC00])
+        | st.integers(0, 0x3FFFF),
+        st.integers(0, 255),
+        st.binary(max_size=8),
+        st.floats(0.0, 1e6),
+    )
+)
+def test_any_frame_can_be_read(frame):
+    (reading,) = BusReader().read(frame)
+    assert (reading.pgn, reading.source) == (frame.pgn, frame.source)
+    assert reading.entries or reading.message == "SOFT"
