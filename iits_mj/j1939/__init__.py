@@ -8,7 +8,7 @@ which control or sensor stands in `signals.csv`.
 
 from iits_mj.j1939.bus import Bus
 from iits_mj.j1939.bus_summary import BusSummary, summarize
-from iits_mj.j1939.command import command_to_frames
+from iits_mj.j1939.command import CommandSender, command_to_frames
 from iits_mj.j1939.database import (
     Decoded,
     cycle_time,
@@ -35,10 +35,12 @@ from iits_mj.j1939.log_files import LogWriter, read_log
 from iits_mj.j1939.long_groups import read_group
 from iits_mj.j1939.quantities import ReferenceTorques
 from iits_mj.j1939.readings import BusReader
-from iits_mj.j1939.receiver import CommandReceiver, TimeOuts
+from iits_mj.j1939.receiver import CommandReceiver
+from iits_mj.j1939.rejection import Reason
 from iits_mj.j1939.state import StateSender, state_to_frames
 from iits_mj.j1939.state_receiver import StateReceiver
 from iits_mj.j1939.table import write_table
+from iits_mj.j1939.time_outs import Heard, Loss, TimeOuts
 from iits_mj.j1939.transport import Failure, LongMessage, Reassembler, broadcast
 
 __all__ = [
@@ -48,16 +50,20 @@ __all__ = [
     "BusReader",
     "BusSummary",
     "CommandReceiver",
+    "CommandSender",
     "ComponentIdentification",
     "Decoded",
     "Failure",
     "Fault",
     "Frame",
     "Group",
+    "Heard",
     "Link",
     "LinkState",
     "LogWriter",
     "LongMessage",
+    "Loss",
+    "Reason",
     "Reassembler",
     "ReferenceTorques",
     "SoftwareIdentification",

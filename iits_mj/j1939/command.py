@@ -7,15 +7,19 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import fields
+import operator
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 
 from iits_mj.errors import BusError, InputError
-from iits_mj.j1939.addresses import DRIVELINE_RETARDER, ENGINE_RETARDER
+from iits_mj.j1939.addresses import CONTROLLER, DRIVELINE_RETARDER, ENGINE_RETARDER
 from iits_mj.j1939.checksum import tsc1_checksum, with_byte8, xbr_checksum
-from iits_mj.j1939.database import encode
+from iits_mj.j1939.database import cycle_time, encode
 from iits_mj.j1939.frame import Frame
-from iits_mj.j1939.groups import EEC2, TSC1, XBR, IitsCommand
-from iits_mj.j1939.mapping import Mapping, commands
+from iits_mj.j1939.group import Group
+from iits_mj.j1939.group_maker import GroupMaker
+from iits_mj.j1939.mapping import commands
+from iits_mj.j1939.schedule import Schedule
 from iits_mj.messages import VehicleCommand
 
 # SPN 2920's operational range is +/-10 m/s2; this truck takes decelerations only.
@@ -26,82 +30,139 @@ _SHARES = ("accelerator_pedal", "engine_brake", "retarder", "brake_pedal")
 # SPN 2915: second of four, below an emergency brake.
 _XBR_PRIORITY = 1
 _STEERING_ON = 1
+_FIELDS = fields(VehicleCommand)
+_numbers = operator.attrgetter(*(field.name for field in _FIELDS))
 
 
-def command_to_frames(command: VehicleCommand, counter: int, time: float = 0.0) -> list[Frame]:
+@dataclass(frozen=True, slots=True)
+class _Order:
+    """A message of a command: how its group is made and its last byte sealed.
+
+    Attributes:
+      message: name in the DBC; destination: address, None for everybody.
+      group: from the command and the message's counter.
+      counters: how many numbers the counter has; checksum: None for a message without either.
+    """
+
+    message: str
+    destination: int | None
+    group: Callable[[VehicleCommand, int], Group]
+    counters: int = 16
+    checksum: Callable[[Frame], int] | None = xbr_checksum
+
+    def frame(self, command: VehicleCommand, counter: int, time: float, source: int) -> Frame:
+        number = counter % self.counters
+        group = self.group(command, number)
+        frame = encode(group, time=time, source=source, destination=self.destination)
+        if self.checksum is None:
+            return frame
+        return with_byte8(frame, number, self.checksum(frame))
+
+
+def command_to_frames(
+    command: VehicleCommand, counter: int, time: float = 0.0, *, source: int = CONTROLLER
+) -> list[Frame]:
     """The five frames of a command: EEC2, XBR, TSC1 to either retarder, IITS_COMMAND.
 
     Args:
       command: what the truck shall do.
       counter: number of the cycle; the messages' own counters are taken from it.
       time: of the frames [s].
+      source: the controller's address.
 
     Raises:
       InputError: a field is not finite or outside its range.
     """
-    for field in fields(command):
-        value = float(getattr(command, field.name))
+    _check(command)
+    return [_frame(order, command, counter, time, source) for order in _orders()]
+
+
+class CommandSender:
+    """A controller's commands, each message at its own rate with its own counter.
+
+    The rates are the DBC's: XBR and IITS_COMMAND every 20 ms, EEC2 and TSC1 every 50 ms. The first
+    call sends all of them.
+
+    Args:
+      source: the controller's address.
+    """
+
+    def __init__(self, source: int = CONTROLLER) -> None:
+        self._source = source
+        self._schedule = Schedule([cycle_time(order.message) for order in _orders()])
+        self._counters = [0] * len(_orders())
+
+    def frames(self, command: VehicleCommand, time: float) -> list[Frame]:
+        """The frames of this command that are due at this time [s].
+
+        Raises:
+          InputError: the time or a field is not finite, or a field is outside its range.
+        """
+        _check(command)
+        found = []
+        for place in self._schedule.due(time):
+            counter = self._counters[place]
+            found.append(_frame(_orders()[place], command, counter, time, self._source))
+            self._counters[place] = counter + 1
+        return found
+
+
+def _frame(order: _Order, command: VehicleCommand, counter: int, time: float, source: int) -> Frame:
+    try:
+        return order.frame(command, counter, time, source)
+    except BusError as error:
+        raise InputError(f"command cannot be sent: {error}") from error
+
+
+def _check(command: VehicleCommand) -> None:
+    for field, value in zip(_FIELDS, _numbers(command), strict=True):
         if not math.isfinite(value):
             raise InputError(f"command {field.name} = {value!r}: a finite number is wanted")
     for name in _SHARES:
         _within(name, getattr(command, name), 0.0, 1.0)
     _within("xbr_demand", command.xbr_demand, XBR_DEMAND_MIN, 0.0)
-    try:
-        return [
-            encode(EEC2(**_signals(command, "EEC2")), time=time),
-            _xbr(command, counter, time),
-            _retarder(command, ENGINE_RETARDER, counter, time),
-            _retarder(command, DRIVELINE_RETARDER, counter, time),
-            _body(command, counter, time),
-        ]
-    except BusError as error:
-        raise InputError(f"command cannot be sent: {error}") from error
-
-
-def _xbr(command: VehicleCommand, counter: int, time: float) -> Frame:
-    signals = _signals(command, "XBR")
-    group = XBR(**signals, xbr_priority=_XBR_PRIORITY, xbr_message_counter=counter % 16)
-    frame = encode(group, time=time)
-    return with_byte8(frame, counter % 16, xbr_checksum(frame))
-
-
-def _retarder(command: VehicleCommand, address: int, counter: int, time: float) -> Frame:
-    signals = _signals(command, "TSC1", address)
-    braking = signals["requested_torque_percent"] != 0.0
-    group = TSC1(
-        **signals,
-        override_control_mode=TORQUE_CONTROL if braking else 0,
-        tsc1_message_counter=counter % 8,
-    )
-    frame = encode(group, time=time, destination=address)
-    return with_byte8(frame, counter % 8, tsc1_checksum(frame))
-
-
-def _body(command: VehicleCommand, counter: int, time: float) -> Frame:
-    signals = _signals(command, "IITS_COMMAND")
-    signals["parking_brake_request"] = float(command.parking_brake >= 0.5)
-    group = IitsCommand(
-        **signals,
-        steering_control_mode=_STEERING_ON,
-        command_message_counter=counter % 16,
-    )
-    frame = encode(group, time=time)
-    return with_byte8(frame, counter % 16, xbr_checksum(frame))
-
-
-def _signals(command: VehicleCommand, message: str, address: int | None = None) -> dict[str, float]:
-    """The command's part in a message (to one address), in the units of the signals."""
-    return {
-        row.signal: float(getattr(command, row.quantity)) / row.scale
-        for row in _rows(message, address)
-    }
 
 
 @functools.cache
-def _rows(message: str, address: int | None) -> tuple[Mapping, ...]:
-    return tuple(
-        row for row in commands() if row.message == message and address in (None, row.address)
+def _orders() -> tuple[_Order, ...]:
+    xbr, body, pedal = (_maker(message) for message in ("XBR", "IITS_COMMAND", "EEC2"))
+    return (
+        _Order("EEC2", None, lambda command, _counter: pedal(command), checksum=None),
+        _Order(
+            "XBR",
+            None,
+            lambda command, counter: xbr(
+                command, xbr_priority=_XBR_PRIORITY, xbr_message_counter=counter
+            ),
+        ),
+        _retarder(ENGINE_RETARDER, "engine_brake"),
+        _retarder(DRIVELINE_RETARDER, "retarder"),
+        _Order(
+            "IITS_COMMAND",
+            None,
+            lambda command, counter: body(
+                command,
+                parking_brake_request=float(command.parking_brake >= 0.5),
+                steering_control_mode=_STEERING_ON,
+                command_message_counter=counter,
+            ),
+        ),
     )
+
+
+def _retarder(address: int, share: str) -> _Order:
+    make, wanted = _maker("TSC1", address), operator.attrgetter(share)
+
+    def group(command: VehicleCommand, counter: int) -> Group:
+        mode = TORQUE_CONTROL if wanted(command) != 0.0 else 0
+        return make(command, override_control_mode=mode, tsc1_message_counter=counter)
+
+    return _Order("TSC1", address, group, counters=8, checksum=tsc1_checksum)
+
+
+def _maker(message: str, address: int | None = None) -> GroupMaker:
+    rows = [r for r in commands() if r.message == message and address in (None, r.address)]
+    return GroupMaker(message, rows, {f.name: operator.attrgetter(f.name) for f in _FIELDS})
 
 
 def _within(name: str, value: float, low: float, high: float) -> None:

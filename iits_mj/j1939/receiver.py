@@ -2,207 +2,173 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Iterable
 
-from iits_mj.errors import BusError, InputError
+from iits_mj.errors import InputError
 from iits_mj.j1939.addresses import BRAKES, DRIVELINE_RETARDER, ENGINE_RETARDER
-from iits_mj.j1939.checksum import counter_and_checksum, tsc1_checksum, xbr_checksum
-from iits_mj.j1939.command import TORQUE_CONTROL, XBR_DEMAND_MIN
-from iits_mj.j1939.database import Decoded, decode
+from iits_mj.j1939.checksum import tsc1_checksum, xbr_checksum
+from iits_mj.j1939.database import pgn_of
 from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame
-from iits_mj.j1939.group import NOT_AVAILABLE
-from iits_mj.j1939.groups import IitsCommand
-from iits_mj.messages import TransmissionMode, VehicleCommand, XbrEbiMode, XbrMode
+from iits_mj.j1939.group import Group
+from iits_mj.j1939.rejection import Reason, RejectedError
+from iits_mj.j1939.requests import (
+    BodyRequest,
+    PedalRequest,
+    read_body,
+    read_pedal,
+    read_retarder,
+    read_xbr,
+)
+from iits_mj.j1939.senders import checked_sources, everybody_else
+from iits_mj.j1939.time_outs import Loss, TimeOuts
+from iits_mj.j1939.unit import Unit, strongest_share, strongest_xbr
+from iits_mj.messages import VehicleCommand
 
-
-@dataclass(frozen=True, slots=True)
-class TimeOuts:
-    """Longest silence [s] before a message's command falls back to its safe value.
-
-    Attributes:
-      pedal: EEC2; xbr: XBR; body: IITS_COMMAND.
-      engine_retarder, driveline_retarder: TSC1 to the one and to the other.
-    """
-
-    pedal: float = 0.25
-    xbr: float = 0.1
-    engine_retarder: float = 0.1
-    driveline_retarder: float = 0.1
-    body: float = 0.1
-
-
-@dataclass(frozen=True, slots=True)
-class _Listener:
-    """A control unit that obeys a message: its name, address and reader of the message."""
-
-    name: str
-    message: str
-    address: int
-    read: Callable[[str, Frame, Decoded], dict[str, float]]
+# The steering wheel's end stops: `steering.angle_max` of the truck's parameters.
+STEERING_ANGLE_MAX = math.radians(900.0)
 
 
 class CommandReceiver:
     """Frames in, a safe `VehicleCommand` out.
 
     Control units listen by message and address: TSC1 to the engine's retarder (15) and TSC1 to the
-    driveline's (16) have their own counters, values and time-outs; a message to the global address
-    reaches every unit that understands it. A frame with a wrong checksum, a repeated counter, an
-    error or not-available code, or a number out of range is rejected and counted in `rejected`, and
-    the last good command stays until its time-out. Safe values: pedal 0; XBR released; retarders 0;
-    steering angle, brake pedal, parking brake and selector held as they are, with the accelerator
-    at 0, since nobody steers. With `stop_deceleration` the truck also brakes smoothly, at that
-    deceleration, while steering commands are missing.
+    driveline's (16) have their own counters, values and time-outs, and so has each sender; a
+    message to the global address reaches every unit that understands it. A frame that is not sound
+    is counted in `rejected`, one that is not to be obeyed in `ignored`, and the last good command
+    stays until its time-out.
+
+    Several senders: of the XBR demands in force, and of the requests to a retarder, the one of the
+    highest priority counts (SPN 2915, SPN 897), among equals the strongest. The accelerator and
+    IITS_COMMAND belong to the sender that was first, until it has been silent for their time-out.
+
+    Safe values: pedal 0; XBR released; retarders 0; steering angle, brake pedal, parking brake and
+    selector held as they are, with the accelerator at 0, since nobody steers. `loss` tells what is
+    missing, for who can do better (`controllers.fallback`).
+
+    Args:
+      time_outs: of the messages.
+      sources: addresses that may command; default: all but the truck's own, see `senders`.
+      steering_angle_max: end stops of the steering wheel [rad]; more is out of range.
 
     Attributes:
-      rejected: reasons and how often; accepted: frames taken, by listener: `EEC2`, `XBR`,
-        `TSC1 to 15`, `TSC1 to 16`, `IITS_COMMAND`.
+      accepted: frames taken, by unit: `EEC2`, `XBR`, `TSC1 to 15`, `TSC1 to 16`, `IITS_COMMAND`.
+      rejected, ignored: frames not acted upon, as "unit: reason", see `Reason`.
+
+    Raises:
+      InputError: a setting is not usable.
     """
 
-    def __init__(self, time_outs: TimeOuts | None = None, stop_deceleration: float = 0.0) -> None:
-        if not 0.0 <= stop_deceleration <= -XBR_DEMAND_MIN:
-            raise InputError(f"stop_deceleration {stop_deceleration!r} m/s2: use 0 to 10")
+    def __init__(
+        self,
+        time_outs: TimeOuts | None = None,
+        *,
+        sources: Iterable[int] | None = None,
+        steering_angle_max: float = STEERING_ANGLE_MAX,
+    ) -> None:
+        if not (math.isfinite(steering_angle_max) and steering_angle_max > 0.0):
+            raise InputError(
+                f"steering_angle_max = {steering_angle_max!r} rad: must be finite and positive"
+            )
+        self.sources = everybody_else() if sources is None else checked_sources(sources)
         self.time_outs = time_outs or TimeOuts()
-        self.stop_deceleration = stop_deceleration
-        self.rejected: Counter[str] = Counter()
+        self.steering_angle_max = steering_angle_max
         self.accepted: Counter[str] = Counter()
-        self._values: dict[str, float] = {}
-        self._times: dict[str, float] = {}
-        self._counters: dict[str, int] = {}
-        self._listeners = (
-            _Listener("EEC2", "EEC2", GLOBAL_ADDRESS, _read_pedal),
-            _Listener("XBR", "XBR", BRAKES, self._read_xbr),
-            _Listener("TSC1 to 15", "TSC1", ENGINE_RETARDER, self._read_retarder),
-            _Listener("TSC1 to 16", "TSC1", DRIVELINE_RETARDER, self._read_retarder),
-            _Listener("IITS_COMMAND", "IITS_COMMAND", GLOBAL_ADDRESS, self._read_body),
+        self.rejected: Counter[str] = Counter()
+        self.ignored: Counter[str] = Counter()
+        self._left = VehicleCommand()
+        self._pedal = Unit("EEC2", "EEC2", GLOBAL_ADDRESS, read_pedal, self.time_outs.pedal)
+        self._xbr = Unit(
+            "XBR", "XBR", BRAKES, read_xbr, self.time_outs.xbr, xbr_checksum, 16, shared=True
         )
-        self._messages = {listener.message for listener in self._listeners}
+        self._engine_retarder = _retarder(ENGINE_RETARDER, self.time_outs.engine_retarder)
+        self._retarder = _retarder(DRIVELINE_RETARDER, self.time_outs.driveline_retarder)
+        self._body = Unit(
+            "IITS_COMMAND",
+            "IITS_COMMAND",
+            GLOBAL_ADDRESS,
+            self._read_body,
+            self.time_outs.body,
+            xbr_checksum,
+            16,
+        )
+        self._units: dict[int, list[Unit]] = {}
+        for unit in (self._pedal, self._xbr, self._engine_retarder, self._retarder, self._body):
+            self._units.setdefault(pgn_of(unit.message), []).append(unit)
 
     def receive(self, frame: Frame) -> bool:
-        """Takes one frame of the bus; returns True when it changed the command.
+        """Takes one frame of the bus; returns True when it is obeyed.
 
-        Frames that are not commands to this truck pass untouched and uncounted.
+        Frames that are not commands pass untouched and uncounted.
         """
-        try:
-            decoded = decode(frame)
-        except BusError as error:
-            self.rejected[str(error)] += 1
+        units = self._units.get(frame.pgn)
+        if units is None:
             return False
-        if decoded is None or decoded.name not in self._messages:
+        addressed = [u for u in units if frame.destination in (u.address, GLOBAL_ADDRESS)]
+        reason = Reason.ADDRESS if not addressed else Reason.SENDER
+        if not addressed or frame.source not in self.sources:
+            self.ignored[f"{units[0].message}: {reason.value}"] += 1
             return False
-        taken = [self._take(u, frame, decoded) for u in self._listeners if _hears(u, decoded)]
+        taken = [self._take(unit, frame) for unit in addressed]
         return any(taken)
-
-    def _take(self, listener: _Listener, frame: Frame, decoded: Decoded) -> bool:
-        try:
-            values = listener.read(listener.name, frame, decoded)
-        except BusError as error:
-            self.rejected[str(error)] += 1
-            return False
-        self._values.update(values)
-        self._times[listener.name] = frame.time
-        self.accepted[listener.name] += 1
-        return True
 
     def command(self, time: float) -> VehicleCommand:
         """The command in force at this time [s], with the safe value of every silent message."""
-        limits, value = self.time_outs, self._values.get
-        steered = self._alive("IITS_COMMAND", time, limits.body)
-        pedal = self._alive("EEC2", time, limits.pedal) and steered
-        braked = self._alive("XBR", time, limits.xbr)
-        engine_brake = self._alive("TSC1 to 15", time, limits.engine_retarder)
-        retarder = self._alive("TSC1 to 16", time, limits.driveline_retarder)
-        demand = value("xbr_demand", 0.0) if braked else 0.0
-        mode = XbrMode(int(value("xbr_mode", 0))) if braked else XbrMode.OFF
-        ebi_mode = XbrEbiMode(int(value("xbr_ebi_mode", 0))) if braked else XbrEbiMode.FRICTION_ONLY
-        if not steered and self.stop_deceleration > 0.0:
-            wanted = demand if mode is not XbrMode.OFF else 0.0
-            demand, mode = min(wanted, -self.stop_deceleration), XbrMode.MAXIMUM
-            # The stop must not hang on endurance brakes alone.
-            if ebi_mode is XbrEbiMode.ENDURANCE_ONLY:
-                ebi_mode = XbrEbiMode.INTEGRATION
+        xbr = strongest_xbr(self._xbr.requests(time))
+        pedal = self._pedal.held(time)
+        steered = self._body.held(time) is not None
+        pressed = pedal.position if steered and isinstance(pedal, PedalRequest) else 0.0
         return VehicleCommand(
-            accelerator_pedal=value("accelerator_pedal", 0.0) if pedal else 0.0,
-            xbr_demand=demand,
-            xbr_mode=mode,
-            steering_wheel_angle=value("steering_wheel_angle", 0.0),
-            parking_brake=value("parking_brake", 0.0),
-            engine_brake=value("TSC1 to 15", 0.0) if engine_brake else 0.0,
-            transmission_mode=TransmissionMode(int(value("transmission_mode", 0))),
-            retarder=value("TSC1 to 16", 0.0) if retarder else 0.0,
-            brake_pedal=value("brake_pedal", 0.0),
-            xbr_ebi_mode=ebi_mode,
+            accelerator_pedal=pressed,
+            xbr_demand=xbr.demand,
+            xbr_mode=xbr.mode,
+            steering_wheel_angle=self._left.steering_wheel_angle,
+            parking_brake=self._left.parking_brake,
+            engine_brake=strongest_share(self._engine_retarder.requests(time)),
+            transmission_mode=self._left.transmission_mode,
+            retarder=strongest_share(self._retarder.requests(time)),
+            brake_pedal=self._left.brake_pedal,
+            xbr_ebi_mode=xbr.ebi_mode,
         )
 
-    def _alive(self, name: str, time: float, time_out: float) -> bool:
-        last = self._times.get(name)
-        # A hair of slack: 0.1 s after a frame is still in time whatever the rounding.
-        return last is not None and time - last <= time_out + 1e-9
+    def loss(self, time: float) -> Loss:
+        """Which commands are missing at this time [s]."""
+        return Loss(
+            pedal=self._pedal.heard(time),
+            xbr=self._xbr.heard(time),
+            engine_retarder=self._engine_retarder.heard(time),
+            driveline_retarder=self._retarder.heard(time),
+            body=self._body.heard(time),
+        )
 
-    def _read_xbr(self, name: str, frame: Frame, decoded: Decoded) -> dict[str, float]:
-        self._check_sum(frame, name, xbr_checksum(frame))
-        mode = int(decoded.group.number("xbr_control_mode"))
-        if mode not in tuple(XbrMode):
-            raise BusError(f"XBR.xbr_control_mode = {mode}: allowed is 0, 1 or 2")
-        values = {"xbr_mode": float(mode), "xbr_demand": 0.0, "xbr_ebi_mode": 0.0}
-        if mode != XbrMode.OFF:
-            demand = decoded.group.number("external_acceleration_demand")
-            # Zero lies 12 um/s2 off the grid of 1/2048.
-            if not XBR_DEMAND_MIN <= demand <= 1e-3:
-                raise BusError("XBR.external_acceleration_demand is outside -10 to 0 m/s2")
-            ebi_mode = int(decoded.group.number("xbr_ebi_mode"))
-            if ebi_mode not in tuple(XbrEbiMode):
-                raise BusError(f"XBR.xbr_ebi_mode = {ebi_mode}: allowed is 0, 1 or 2")
-            values |= {"xbr_demand": min(demand, 0.0), "xbr_ebi_mode": float(ebi_mode)}
-        self._check_counter(frame, name)
-        return values
+    def _take(self, unit: Unit, frame: Frame) -> bool:
+        try:
+            request = unit.take(frame)
+        except RejectedError as error:
+            count = self.ignored if error.reason is Reason.HELD else self.rejected
+            count[f"{unit.name}: {error.reason.value}"] += 1
+            return False
+        if isinstance(request, BodyRequest):
+            self._left = _after(self._left, request)
+        self.accepted[unit.name] += 1
+        return True
 
-    def _read_retarder(self, name: str, frame: Frame, decoded: Decoded) -> dict[str, float]:
-        self._check_sum(frame, name, tsc1_checksum(frame))
-        share = 0.0
-        if int(decoded.group.number("override_control_mode")) == TORQUE_CONTROL:
-            share = -0.01 * decoded.group.number("requested_torque_percent")
-            if not 0.0 <= share <= 1.0:
-                raise BusError(f"{name}: requested_torque_percent is outside -100 to 0 %")
-        self._check_counter(frame, name)
-        return {name: share}
-
-    def _read_body(self, name: str, frame: Frame, decoded: Decoded) -> dict[str, float]:
-        self._check_sum(frame, name, xbr_checksum(frame))
-        group = decoded.group
-        assert isinstance(group, IitsCommand)
-        values = {"parking_brake": decoded.group.number("parking_brake_request")}
-        # Without a driver's pedal on board the field is "not available".
-        if group.driver_brake_pedal_percent is not NOT_AVAILABLE:
-            pedal = decoded.group.number("driver_brake_pedal_percent")
-            values["brake_pedal"] = min(0.01 * pedal, 1.0)
-        selector = int(decoded.group.number("transmission_mode_request"))
-        if selector not in tuple(TransmissionMode):
-            raise BusError(f"IITS_COMMAND.transmission_mode_request = {selector}: use 0, 1 or 2")
-        values["transmission_mode"] = float(selector)
-        if int(decoded.group.number("steering_control_mode")) == 1:
-            values["steering_wheel_angle"] = decoded.group.number("steering_wheel_angle_request")
-        self._check_counter(frame, name)
-        return values
-
-    def _check_sum(self, frame: Frame, name: str, wanted: int) -> None:
-        if counter_and_checksum(frame)[1] != wanted:
-            raise BusError(f"{name}: wrong checksum")
-
-    def _check_counter(self, frame: Frame, name: str) -> None:
-        counter = counter_and_checksum(frame)[0]
-        if self._counters.get(name) == counter:
-            raise BusError(f"{name}: counter repeated")
-        self._counters[name] = counter
+    def _read_body(self, group: Group) -> BodyRequest:
+        return read_body(group, self.steering_angle_max)
 
 
-def _read_pedal(_name: str, _frame: Frame, decoded: Decoded) -> dict[str, float]:
-    pedal = decoded.group.number("accelerator_pedal_position_percent")
-    return {"accelerator_pedal": min(0.01 * pedal, 1.0)}
+def _retarder(address: int, time_out: float) -> Unit:
+    name = f"TSC1 to {address}"
+    return Unit(name, "TSC1", address, read_retarder, time_out, tsc1_checksum, 8, shared=True)
 
 
-def _hears(listener: _Listener, decoded: Decoded) -> bool:
-    return decoded.name == listener.message and (
-        decoded.destination in (listener.address, GLOBAL_ADDRESS)
+def _after(left: VehicleCommand, request: BodyRequest) -> VehicleCommand:
+    """What steering, pedal and switches are left at; what a request leaves out stays."""
+    angle, pedal = request.steering_wheel_angle, request.brake_pedal
+    return VehicleCommand(
+        steering_wheel_angle=left.steering_wheel_angle if angle is None else angle,
+        parking_brake=request.parking_brake,
+        transmission_mode=request.transmission_mode,
+        brake_pedal=left.brake_pedal if pedal is None else pedal,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING
@@ -10,16 +11,16 @@ import numpy as np
 
 from controllers.stack import Stack
 from iits_mj.errors import InputError
-from iits_mj.j1939 import CommandReceiver, command_to_frames, pgn_of
+from iits_mj.j1939 import CommandReceiver
 from iits_mj.j1939 import Frame as BusFrame
+from iits_mj.j1939.addresses import CONTROLLER
+from iits_mj.j1939.receiver import STEERING_ANGLE_MAX
 from iits_mj.messages import Decision, EgoState, Scene, Trajectory, VehicleCommand
 from iits_mj.road import Route
 from iits_mj.simulation.frame import Frame
 
 if TYPE_CHECKING:
     from iits_mj.simulation.loop import Simulation
-
-_LANE_KEEPER = "IITS_COMMAND"
 
 
 class LogDriver:
@@ -33,7 +34,9 @@ class LogDriver:
     Args:
       read: opens the log and gives its frames, in the order of time [s].
       route: the truck's road.
-      source: whose commands are obeyed; default: everybody's who may command the truck.
+      steering_angle_max: of the truck's steering wheel [rad].
+      source: whose commands are obeyed; default: everybody's who may command the truck, which the
+        truck's own control units may not.
       keeper: steers in place of the log, for logs without steering commands.
 
     Attributes:
@@ -49,17 +52,27 @@ class LogDriver:
         self,
         read: Callable[[], Iterable[BusFrame]],
         route: Route,
+        *,
+        steering_angle_max: float = STEERING_ANGLE_MAX,
         source: int | None = None,
         keeper: Stack | None = None,
     ) -> None:
         self._read = read
         self._route = route
-        self._source = source
+        self._steering_angle_max = steering_angle_max
+        self._sources = None if source is None else (source,)
         self._keeper = keeper
         self._left: Iterator[BusFrame] = iter(())
         self._next: BusFrame | None = None
-        self.receiver = CommandReceiver()
+        self.receiver = self._make_receiver()
         self.heard = self.lane_changes = 0
+
+    def _make_receiver(self) -> CommandReceiver:
+        if self._source is None:
+            return CommandReceiver()
+        # The keeper's steering command comes from where commands come from.
+        steering = {CONTROLLER} if self._keeper is not None else set()
+        return CommandReceiver(sources={self._source} | steering)
 
     def reset(self) -> None:
         """Back to the beginning of the log.
@@ -67,7 +80,7 @@ class LogDriver:
         Raises:
           InputError: the log has no frame.
         """
-        self.receiver = CommandReceiver()
+        self.receiver = self._make_receiver()
         self.heard = self.lane_changes = 0
         self._lane: int | None = None
         self._left = iter(self._read())
@@ -75,7 +88,6 @@ class LogDriver:
         if self._next is None:
             raise InputError("the CAN log has no J1939 frame: nothing to drive by")
         self._start = self._next.time
-        self._counter = 0
         if self._keeper is not None:
             self._keeper.reset()
 
@@ -94,9 +106,11 @@ class LogDriver:
         """The command in force by the frames heard until now."""
         time = round(ego.time, 6)
         self._hear(time)
-        if self._keeper is not None:
-            self._steer(self._keeper, ego, time)
-        return self.receiver.command(time)
+        command = self.receiver.command(time)
+        if self._keeper is None:
+            return command
+        angle = self._keeper.control(ego).steering_wheel_angle
+        return dataclasses.replace(command, steering_wheel_angle=angle)
 
     def reference_speed(self, station: float) -> float:
         """Not a number: the log does not tell."""
@@ -116,21 +130,15 @@ class LogDriver:
             if stamp > time:
                 return
             self.heard += 1
-            if self._source in (None, frame.source) and not self._kept(frame):
-                self.receiver.receive(BusFrame(frame.can_id, frame.data, stamp))
+            self.receiver.receive(BusFrame(frame.can_id, frame.data, stamp))
             self._next = next(self._left, None)
 
-    def _kept(self, frame: BusFrame) -> bool:
-        """Whether the frame is a steering command while somebody else steers."""
-        return self._keeper is not None and frame.pgn == pgn_of(_LANE_KEEPER)
-
-    def _steer(self, keeper: Stack, ego: EgoState, time: float) -> None:
-        angle = keeper.control(ego).steering_wheel_angle
-        wanted = VehicleCommand(steering_wheel_angle=angle)
-        for frame in command_to_frames(wanted, self._counter, time):
-            if self._kept(frame):
-                self.receiver.receive(frame)
-        self._counter += 1
+    def _new_receiver(self) -> CommandReceiver:
+        return CommandReceiver(
+            sources=self._sources,
+            steering_angle_max=self._steering_angle_max,
+            needs_steering=self._keeper is None,
+        )
 
 
 def _nothing(time: float) -> Trajectory:

@@ -158,23 +158,6 @@ def test_every_way_of_integrating_endurance_brakes_survives(mode):
     assert receiver.command(0.0).xbr_ebi_mode is mode
 
 
-def test_smooth_stop_does_not_hang_on_endurance_brakes_alone():
-    command = dataclasses.replace(COMMAND, xbr_ebi_mode=XbrEbiMode.ENDURANCE_ONLY)
-    receiver = CommandReceiver(TimeOuts(body=0.01), stop_deceleration=2.0)
-    _send(receiver, command, 0, 0.0)
-    assert receiver.command(0.0).xbr_ebi_mode is XbrEbiMode.ENDURANCE_ONLY
-    stopping = receiver.command(0.05)
-    assert (stopping.xbr_demand, stopping.xbr_ebi_mode) == (-2.0, XbrEbiMode.INTEGRATION)
-
-
-def test_smooth_stop_when_so_configured():
-    receiver = CommandReceiver(stop_deceleration=1.0)
-    _send(receiver, dataclasses.replace(COMMAND, xbr_mode=XbrMode.OFF), 0, 0.0)
-    assert receiver.command(0.05).xbr_mode is XbrMode.OFF
-    stopping = receiver.command(1.0)
-    assert (stopping.xbr_mode, stopping.xbr_demand) == (XbrMode.MAXIMUM, -1.0)
-
-
 def test_repeated_counter_is_rejected_and_counted():
     receiver = CommandReceiver()
     _send(receiver, COMMAND, 3, 0.0)
