@@ -106,6 +106,7 @@ class Outcome:
         if self.receiver is not None:
             rows.append(("frames accepted", _counts(self.receiver.accepted)))
             rows.append(("frames rejected", _counts(self.receiver.rejected)))
+            rows.append(("frames ignored", _counts(self.receiver.ignored)))
         return rows
 
 
@@ -234,6 +235,7 @@ def _summary_object(job: Job, outcome: Outcome) -> dict[str, object]:
     if outcome.receiver is not None:
         found["accepted"] = dict(outcome.receiver.accepted)
         found["rejected"] = dict(outcome.receiver.rejected)
+        found["ignored"] = dict(outcome.receiver.ignored)
     return found
 
 

@@ -81,7 +81,13 @@ def run(options: Options) -> int:
 
     def driver(route: Route, truck: Truck) -> LogDriver:
         keeper = make_stack(config, route, truck.parameters) if options.keep_lane else None
-        return LogDriver(read, route, options.source, keeper)
+        return LogDriver(
+            read,
+            route,
+            steering_angle_max=truck.parameters.steering.angle_max,
+            source=options.source,
+            keeper=keeper,
+        )
 
     def read() -> Iterable[Frame]:
         return read_log(options.file)

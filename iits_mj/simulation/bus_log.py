@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from iits_mj.closing import Closing
 from iits_mj.j1939 import Frame as BusFrame
-from iits_mj.j1939 import LogWriter, ReferenceTorques, state_to_frames
+from iits_mj.j1939 import LogWriter, ReferenceTorques, StateSender
 from iits_mj.simulation.frame import Frame
 
 if TYPE_CHECKING:
@@ -36,13 +37,15 @@ class BusLog(Closing):
     def __init__(self, path: Path, simulation: Simulation) -> None:
         self.path = path
         self.count = 0
-        self._references = ReferenceTorques.of(simulation.truck.parameters)
+        self._sender = StateSender(ReferenceTorques.of(simulation.truck.parameters))
         self._writer = LogWriter(path)
         simulation.path.listen(self._write)
 
     def observe(self, simulation: Simulation, frame: Frame) -> None:
         """Writes the reports that are due."""
-        for report in state_to_frames(frame.ego, simulation.truck.report(), self._references):
+        # Log files keep microseconds, and the sum of many steps is not exact.
+        state = dataclasses.replace(frame.ego, time=round(frame.time, 6))
+        for report in self._sender.frames(state, simulation.truck.report()):
             self._write(report)
 
     def close(self) -> None:

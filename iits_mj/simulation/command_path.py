@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from iits_mj.j1939 import CommandReceiver, Frame, command_to_frames
+from iits_mj.j1939.receiver import STEERING_ANGLE_MAX
 from iits_mj.messages import VehicleCommand
 
 FrameListener = Callable[[Frame], None]
@@ -17,19 +18,24 @@ class CommandPath:
     bytes, the truck gets what its `CommandReceiver` makes of the frames, each sent at the rate of
     its message, so that a listener hears what was obeyed.
 
+    Args:
+      over_bytes: see below.
+      steering_angle_max: of the truck's steering wheel [rad].
+
     Attributes:
       over_bytes: whether the truck obeys the frames.
       receiver: the truck's side; it has heard nothing where commands go straight.
     """
 
-    def __init__(self, *, over_bytes: bool) -> None:
+    def __init__(self, *, over_bytes: bool, steering_angle_max: float = STEERING_ANGLE_MAX) -> None:
         self.over_bytes = over_bytes
+        self._steering_angle_max = steering_angle_max
         self._listeners: list[FrameListener] = []
         self.reset()
 
     def reset(self) -> None:
         """Ready for a new drive; listeners stay."""
-        self.receiver = CommandReceiver()
+        self.receiver = CommandReceiver(steering_angle_max=self._steering_angle_max)
         self._counter = 0
 
     def listen(self, listener: FrameListener) -> None:

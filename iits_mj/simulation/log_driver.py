@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING
@@ -11,7 +10,7 @@ import numpy as np
 
 from controllers.stack import Stack
 from iits_mj.errors import InputError
-from iits_mj.j1939 import CommandReceiver
+from iits_mj.j1939 import CommandReceiver, command_to_frames, pgn_of
 from iits_mj.j1939 import Frame as BusFrame
 from iits_mj.j1939.addresses import CONTROLLER
 from iits_mj.j1939.receiver import STEERING_ANGLE_MAX
@@ -21,6 +20,8 @@ from iits_mj.simulation.frame import Frame
 
 if TYPE_CHECKING:
     from iits_mj.simulation.loop import Simulation
+
+_STEERING = "IITS_COMMAND"
 
 
 class LogDriver:
@@ -60,19 +61,12 @@ class LogDriver:
         self._read = read
         self._route = route
         self._steering_angle_max = steering_angle_max
-        self._sources = None if source is None else (source,)
+        self._source = source
         self._keeper = keeper
         self._left: Iterator[BusFrame] = iter(())
         self._next: BusFrame | None = None
-        self.receiver = self._make_receiver()
+        self.receiver = self._new_receiver()
         self.heard = self.lane_changes = 0
-
-    def _make_receiver(self) -> CommandReceiver:
-        if self._source is None:
-            return CommandReceiver()
-        # The keeper's steering command comes from where commands come from.
-        steering = {CONTROLLER} if self._keeper is not None else set()
-        return CommandReceiver(sources={self._source} | steering)
 
     def reset(self) -> None:
         """Back to the beginning of the log.
@@ -80,8 +74,9 @@ class LogDriver:
         Raises:
           InputError: the log has no frame.
         """
-        self.receiver = self._make_receiver()
+        self.receiver = self._new_receiver()
         self.heard = self.lane_changes = 0
+        self._counter = 0
         self._lane: int | None = None
         self._left = iter(self._read())
         self._next = next(self._left, None)
@@ -106,11 +101,9 @@ class LogDriver:
         """The command in force by the frames heard until now."""
         time = round(ego.time, 6)
         self._hear(time)
-        command = self.receiver.command(time)
-        if self._keeper is None:
-            return command
-        angle = self._keeper.control(ego).steering_wheel_angle
-        return dataclasses.replace(command, steering_wheel_angle=angle)
+        if self._keeper is not None:
+            self._steer(self._keeper.control(ego).steering_wheel_angle, time)
+        return self.receiver.command(time)
 
     def reference_speed(self, station: float) -> float:
         """Not a number: the log does not tell."""
@@ -130,15 +123,28 @@ class LogDriver:
             if stamp > time:
                 return
             self.heard += 1
-            self.receiver.receive(BusFrame(frame.can_id, frame.data, stamp))
+            if self._passes(frame):
+                self.receiver.receive(BusFrame(frame.can_id, frame.data, stamp))
             self._next = next(self._left, None)
 
+    def _passes(self, frame: BusFrame) -> bool:
+        """False for what the keeper says in place of the log, and for who would speak with it."""
+        if self._keeper is None:
+            return True
+        return frame.pgn != pgn_of(_STEERING) and self._source in (None, frame.source)
+
+    def _steer(self, angle: float, time: float) -> None:
+        wanted = VehicleCommand(steering_wheel_angle=angle)
+        for frame in command_to_frames(wanted, self._counter, time):
+            if frame.pgn == pgn_of(_STEERING):
+                self.receiver.receive(frame)
+        self._counter += 1
+
     def _new_receiver(self) -> CommandReceiver:
-        return CommandReceiver(
-            sources=self._sources,
-            steering_angle_max=self._steering_angle_max,
-            needs_steering=self._keeper is None,
-        )
+        sources = None if self._source is None else {self._source}
+        if sources is not None and self._keeper is not None:
+            sources.add(CONTROLLER)
+        return CommandReceiver(sources=sources, steering_angle_max=self._steering_angle_max)
 
 
 def _nothing(time: float) -> Trajectory:

@@ -22,6 +22,7 @@ from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.driver import Driver
 from iits_mj.simulation.frame import Frame, Observer
 from iits_mj.simulation.parts import load_map, make_stack, make_traffic
+from iits_mj.simulation.start import END_MARGIN, check_start
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
 from iits_mj.truck import Truck
 from traffic_bridge import Mirror, Recorder
@@ -30,8 +31,6 @@ TIMESTEP = 0.002
 CONTROL_STEPS = 10
 CYCLE_STEPS = 50
 CYCLE_PERIOD = CYCLE_STEPS * TIMESTEP
-# The drive ends when the front bumper is this close to the end of the route.
-END_MARGIN = 5.0
 # Contacts are looked for when another vehicle is this close [m].
 NEAR = 1.0
 
@@ -84,33 +83,21 @@ class Simulation(Closing):
             visuals=visuals,
             edit_spec=edit,
         )
-        self._check_start()
+        check_start(config, self.route, self.truck.footprint)
         if driver is None:
             self.driver: Driver = make_stack(config, self.route, self.truck.parameters)
         else:
             self.driver = driver(self.route, self.truck)
-        self.path = CommandPath(over_bytes=config.commands == "j1939")
+        self.path = CommandPath(
+            over_bytes=config.commands == "j1939",
+            steering_angle_max=self.truck.parameters.steering.angle_max,
+        )
         self.traffic = make_traffic(config, self.route, self.truck.footprint, record=record)
         try:
             self.reset()
         except BaseException:
             self.close()
             raise
-
-    def _check_start(self) -> None:
-        config, route = self.config, self.route
-        first, last = self.truck.footprint.length, route.length - END_MARGIN - 10.0
-        if not first <= config.start_station <= last:
-            raise InputError(
-                f"start-station {config.start_station:g} m is not on the route; use "
-                f"{first:.0f} to {last:.0f} m of its {route.length:.0f} m"
-            )
-        lanes = route.lane_count(config.start_station)
-        if not 0 <= config.start_lane < lanes:
-            raise InputError(
-                f"start-lane {config.start_lane} does not exist at station "
-                f"{config.start_station:g} m; use 0 to {lanes - 1}"
-            )
 
     def reset(self) -> Frame:
         """Puts everything back to the beginning; the same drive follows, bit for bit."""
