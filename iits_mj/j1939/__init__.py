@@ -6,6 +6,7 @@ The layouts are in `iits_mj.dbc` (`database_path()`), written from public facts.
 which control or sensor stands in `signals.csv`.
 """
 
+from iits_mj.j1939.broadcasts import BroadcastSender, broadcast
 from iits_mj.j1939.bus import Bus
 from iits_mj.j1939.bus_summary import BusSummary, summarize
 from iits_mj.j1939.command import CommandSender, command_to_frames
@@ -41,11 +42,12 @@ from iits_mj.j1939.state import StateSender, state_to_frames
 from iits_mj.j1939.state_receiver import StateReceiver
 from iits_mj.j1939.table import write_table
 from iits_mj.j1939.time_outs import Heard, Loss, TimeOuts
-from iits_mj.j1939.transport import Failure, LongMessage, Reassembler, broadcast
+from iits_mj.j1939.transport import Failure, LongMessage, Reassembler
 
 __all__ = [
     "NOT_AVAILABLE",
     "ActiveFaults",
+    "BroadcastSender",
     "Bus",
     "BusReader",
     "BusSummary",

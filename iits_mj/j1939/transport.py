@@ -1,4 +1,4 @@
-"""Messages longer than 8 bytes: put together from their frames, and sent to everybody.
+"""Messages longer than 8 bytes, put together from their frames (`broadcast` sends them).
 
 Public facts of SAE J1939-21. A message of 9 to 1785 bytes travels as packets of 7 bytes (TP.DT, PGN
 60160), told of and steered by connection frames (TP.CM, PGN 60416):
@@ -13,23 +13,20 @@ Public facts of SAE J1939-21. A message of 9 to 1785 bytes travels as packets of
 from __future__ import annotations
 
 import enum
-import math
 from collections import Counter
 from dataclasses import dataclass, field
 
 from iits_mj.errors import BusError
-from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame, make_id
+from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame
 
 CONNECTION = 0xEC00
 TRANSFER = 0xEB00
 MAX_LENGTH = 1785
 
-_RTS, _CTS, _END, _BAM, _ABORT = 16, 17, 19, 32, 255
-_PACKET = 7
-_MIN_LENGTH = 9
-_PRIORITY = 7
-_FREE = 0xFF
-_SPACINGS = (0.05, 0.2)
+# Of a packet, beside its number.
+PACKET_LENGTH = 7
+BAM = 32
+_RTS, _CTS, _END, _ABORT = 16, 17, 19, 255
 # T1, between two packets of a broadcast [s].
 _PACKET_TIME_OUT = 0.75
 # T2 and T3, in which either side waits, and Tr, in which it then says that it gives up [s].
@@ -126,7 +123,7 @@ class Reassembler:
 
     def _connection(self, frame: Frame) -> None:
         kind = frame.data[0] if len(frame.data) == 8 else None
-        begins = kind == _BAM if frame.destination == GLOBAL_ADDRESS else kind == _RTS
+        begins = kind == BAM if frame.destination == GLOBAL_ADDRESS else kind == _RTS
         if begins:
             self._begin(frame)
         elif kind in (_CTS, _END, _ABORT) and frame.destination != GLOBAL_ADDRESS:
@@ -137,7 +134,7 @@ class Reassembler:
     def _begin(self, frame: Frame) -> None:
         length = int.from_bytes(frame.data[1:3], "little")
         packets, pgn = frame.data[3], _pgn_in(frame)
-        if not 1 <= length <= MAX_LENGTH or packets != -(-length // _PACKET) or pgn is None:
+        if not 1 <= length <= MAX_LENGTH or packets != -(-length // PACKET_LENGTH) or pgn is None:
             self.failures[Failure.HEADER] += 1
             return
         self._expire(frame.time)
@@ -145,7 +142,7 @@ class Reassembler:
         self._drop(key, Failure.REPLACED)
         if len(self._sessions) >= self._max_sessions:
             self._drop(next(iter(self._sessions)), Failure.CROWDED)
-        patience = _PACKET_TIME_OUT if frame.data[0] == _BAM else _ANSWER_TIME_OUT
+        patience = _PACKET_TIME_OUT if frame.data[0] == BAM else _ANSWER_TIME_OUT
         self._sessions[key] = _Session(pgn, length, packets, frame.time, frame.time, patience)
 
     def _answer(self, frame: Frame, kind: int) -> None:
@@ -175,7 +172,7 @@ class Reassembler:
                 self._drop(key, Failure.SEQUENCE)
                 return
             session.wanted = number
-            del session.data[(number - 1) * _PACKET :]
+            del session.data[(number - 1) * PACKET_LENGTH :]
         self._heard(key, frame.time, _ANSWER_TIME_OUT)
 
     def _packet(self, frame: Frame) -> LongMessage | None:
@@ -205,8 +202,8 @@ class Reassembler:
         self, key: tuple[int, int], session: _Session, number: int, content: bytes
     ) -> None:
         """A packet out of turn: once more what we have, or the transfer is lost."""
-        start = (number - 1) * _PACKET
-        known = number >= 1 and bytes(session.data[start : start + _PACKET]) == content
+        start = (number - 1) * PACKET_LENGTH
+        known = number >= 1 and bytes(session.data[start : start + PACKET_LENGTH]) == content
         if session.whole or (number == session.wanted - 1 and known):
             self.failures[Failure.REPEATED] += 1
         else:
@@ -226,44 +223,6 @@ class Reassembler:
         session = self._sessions.pop(key, None)
         if session is not None and not session.whole:
             self.failures[why] += 1
-
-
-def broadcast(
-    pgn: int, data: bytes, source: int, *, time: float = 0.0, spacing: float = _SPACINGS[0]
-) -> list[Frame]:
-    """The frames of a long message to everybody: the BAM and its packets.
-
-    A source may have one broadcast under way at a time; the next begins after the last frame.
-
-    Args:
-      pgn: of the message.
-      data: its 9 to 1785 bytes.
-      source: sender's address.
-      time: of the first frame [s].
-      spacing: time between two frames [s], 0.05 to 0.2.
-
-    Raises:
-      BusError: length, spacing, time, PGN or address outside what is allowed.
-    """
-    if not _MIN_LENGTH <= len(data) <= MAX_LENGTH:
-        raise BusError(f"long message of {len(data)} bytes: {_MIN_LENGTH} to {MAX_LENGTH} allowed")
-    low, high = _SPACINGS
-    if not low <= spacing <= high:
-        raise BusError(f"spacing {spacing!r} s of packets: {low} to {high} allowed")
-    if not math.isfinite(time):
-        raise BusError(f"time {time!r} s of a long message: a finite number is wanted")
-    number = Frame(make_id(_PRIORITY, pgn, source), b"").pgn
-    packets = -(-len(data) // _PACKET)
-    header = bytes([_BAM, len(data) & 0xFF, len(data) >> 8, packets, _FREE])
-    contents = [header + number.to_bytes(3, "little")]
-    for i in range(packets):
-        part = data[i * _PACKET : (i + 1) * _PACKET].ljust(_PACKET, bytes([_FREE]))
-        contents.append(bytes([i + 1]) + part)
-    ids = [make_id(_PRIORITY, CONNECTION, source)] + [
-        make_id(_PRIORITY, TRANSFER, source)
-    ] * packets
-    times = [round(time + i * spacing, 6) for i in range(packets + 1)]
-    return [Frame(*parts) for parts in zip(ids, contents, times, strict=True)]
 
 
 def _pgn_in(frame: Frame) -> int | None:

@@ -1,3 +1,4 @@
+import itertools
 import random
 
 import pytest
@@ -5,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from iits_mj.errors import BusError
-from iits_mj.j1939 import Failure, Frame, Reassembler, broadcast, make_id
+from iits_mj.j1939 import BroadcastSender, Failure, Frame, Reassembler, broadcast, make_id
 
 CM, DT = 0xEC00, 0xEB00
 RTS, CTS, END, BAM, ABORT = 16, 17, 19, 32, 255
@@ -80,6 +81,38 @@ def test_what_cannot_be_broadcast_is_refused(change, why):
     arguments = {"pgn": 65226, "data": bytes(20), "source": 0} | change
     with pytest.raises(BusError, match=why):
         broadcast(**arguments)
+
+
+def test_a_sender_keeps_its_messages_apart_and_its_packets_50_ms():
+    sender = BroadcastSender(0x0B)
+    sender.put(65226, content(30))
+    sender.put(65259, content(20))
+    sender.put(65259, content(21))
+    frames = [frame for tick in range(100) for frame in sender.due(tick * 0.01)]
+    messages, reader = put_together(frames)
+    assert [(m.pgn, m.data) for m in messages] == [(65226, content(30)), (65259, content(21))]
+    assert not reader.failures
+    gaps = [b.time - a.time for a, b in itertools.pairwise(frames)]
+    assert gaps == pytest.approx([0.05] * 9)
+
+
+def test_a_sender_that_is_asked_late_sends_late_and_never_faster():
+    sender = BroadcastSender(0x0B, spacing=0.06)
+    sender.put(65226, content(30))
+    asked = [0.0, 0.2, 0.21, 0.22, 0.5, 0.55, 0.57, 1.0]
+    times = [frame.time for time in asked for frame in sender.due(time)]
+    assert times == [0.0, 0.2, 0.5, 0.57, 1.0]
+
+
+def test_a_sender_refuses_what_cannot_be_broadcast():
+    sender = BroadcastSender(0)
+    with pytest.raises(BusError, match="8 bytes"):
+        sender.put(65226, bytes(8))
+    with pytest.raises(BusError, match="nan"):
+        sender.due(float("nan"))
+    with pytest.raises(BusError, match=r"0\.3"):
+        BroadcastSender(0, spacing=0.3)
+    assert sender.due(0.0) == []
 
 
 def test_transfers_of_several_sources_and_to_several_addresses_do_not_mix():

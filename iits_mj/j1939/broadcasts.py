@@ -1,0 +1,98 @@
+"""Long messages to everybody: a BAM and its packets (SAE J1939-21; `transport` reads them)."""
+
+from __future__ import annotations
+
+import math
+
+from iits_mj.errors import BusError
+from iits_mj.j1939.frame import Frame, make_id
+from iits_mj.j1939.transport import BAM, CONNECTION, MAX_LENGTH, PACKET_LENGTH, TRANSFER
+
+_MIN_LENGTH = 9
+_PRIORITY = 7
+_FREE = 0xFF
+# Between two frames, least and most [s].
+_SPACINGS = (0.05, 0.2)
+# Of the frames' time stamps [s].
+_RESOLUTION = 1e-6
+
+
+class BroadcastSender:
+    """Sends the long messages of one source, one after the other, as time goes by.
+
+    A message that waits is replaced by a newer one of its PGN.
+
+    Args:
+      source: the sender's address.
+      spacing: least time between two frames [s], 0.05 to 0.2.
+    """
+
+    def __init__(self, source: int, spacing: float = _SPACINGS[0]) -> None:
+        _check(bytes(_MIN_LENGTH), spacing, 0.0)
+        self._source = source
+        self._spacing = spacing
+        self._waiting: dict[int, bytes] = {}
+        self._frames: list[Frame] = []
+        self._next = -math.inf
+
+    def put(self, pgn: int, data: bytes) -> None:
+        """A message to send; BusError when its PGN or length (9 to 1785) is not allowed."""
+        broadcast(pgn, data, self._source)
+        self._waiting[pgn] = data
+
+    def due(self, time: float) -> list[Frame]:
+        """The frame whose time has come, with that time [s], or none; to be asked every tick.
+
+        Raises:
+          BusError: the time is not finite.
+        """
+        _check(bytes(_MIN_LENGTH), self._spacing, time)
+        if not self._frames and self._waiting:
+            pgn = next(iter(self._waiting))
+            self._frames = broadcast(pgn, self._waiting.pop(pgn), self._source)
+        if not self._frames or time < self._next - _RESOLUTION:
+            return []
+        self._next = time + self._spacing
+        frame = self._frames.pop(0)
+        return [Frame(frame.can_id, frame.data, time)]
+
+
+def broadcast(
+    pgn: int, data: bytes, source: int, *, time: float = 0.0, spacing: float = _SPACINGS[0]
+) -> list[Frame]:
+    """The frames of a long message to everybody: the BAM and its packets.
+
+    A source may have one broadcast under way at a time; the next begins after the last frame.
+
+    Args:
+      pgn: of the message.
+      data: its 9 to 1785 bytes.
+      source: sender's address.
+      time: of the first frame [s].
+      spacing: time between two frames [s], 0.05 to 0.2.
+
+    Raises:
+      BusError: length, spacing, time, PGN or address outside what is allowed.
+    """
+    _check(data, spacing, time)
+    number = Frame(make_id(_PRIORITY, pgn, source), b"").pgn
+    packets = -(-len(data) // PACKET_LENGTH)
+    header = bytes([BAM, len(data) & 0xFF, len(data) >> 8, packets, _FREE])
+    filled = data.ljust(packets * PACKET_LENGTH, bytes([_FREE]))
+    parts = [filled[i * PACKET_LENGTH :][:PACKET_LENGTH] for i in range(packets)]
+    contents = [header + number.to_bytes(3, "little")]
+    contents += [bytes([i]) + part for i, part in enumerate(parts, start=1)]
+    connection, transfer = (make_id(_PRIORITY, p, source) for p in (CONNECTION, TRANSFER))
+    ids = [connection, *[transfer] * packets]
+    times = [round(time + i * spacing, 6) for i in range(packets + 1)]
+    return [Frame(*frame) for frame in zip(ids, contents, times, strict=True)]
+
+
+def _check(data: bytes, spacing: float, time: float) -> None:
+    if not _MIN_LENGTH <= len(data) <= MAX_LENGTH:
+        raise BusError(f"long message of {len(data)} bytes: {_MIN_LENGTH} to {MAX_LENGTH} allowed")
+    low, high = _SPACINGS
+    if not low <= spacing <= high:
+        raise BusError(f"spacing {spacing!r} s of packets: {low} to {high} allowed")
+    if not math.isfinite(time):
+        raise BusError(f"time {time!r} s of a long message: a finite number is wanted")
