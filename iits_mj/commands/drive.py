@@ -41,6 +41,10 @@ CAPTIONS = {
     "traffic": "Lanes and gaps",
 }
 INTERRUPTED = 130
+UNSTEERED = (
+    "No steering command (IITS_COMMAND) was accepted, and the truck does not obey the accelerator "
+    "while nobody steers: replay-can --keep-lane steers in place of a log."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,9 +159,13 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
         except KeyboardInterrupt:
             interrupted = True
             summary = simulation.summary("interrupted")
+    receiver = _receiver(simulation)
+    if receiver is not None and not receiver.accepted["IITS_COMMAND"]:
+        print(f"iits-mj: {UNSTEERED}", file=sys.stderr)
+        notes += (UNSTEERED,)
     video = film.path if film else None
     logged = log.count if log else 0
-    return Outcome(summary, telemetry, video, notes, _receiver(simulation), logged), interrupted
+    return Outcome(summary, telemetry, video, notes, receiver, logged), interrupted
 
 
 def _receiver(simulation: Simulation) -> CommandReceiver | None:

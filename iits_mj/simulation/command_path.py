@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Protocol
 
-from iits_mj.j1939 import CommandReceiver, Frame, command_to_frames
+from iits_mj.j1939 import CommandReceiver, Frame
 from iits_mj.j1939.receiver import STEERING_ANGLE_MAX
 from iits_mj.messages import VehicleCommand
 
 FrameListener = Callable[[Frame], None]
 
 
+class Sender(Protocol):
+    """A controller's end of the bus."""
+
+    def frames(self, command: VehicleCommand, time: float) -> list[Frame]:
+        """The frames that are due at this time [s]."""
+
+
 class CommandPath:
     """Passes commands on, and tells listeners the frames that carry them.
 
     Straight, the truck gets the command as it is, and the frames are what would be said. Over
-    bytes, the truck gets what its `CommandReceiver` makes of the frames, each sent at the rate of
-    its message, so that a listener hears what was obeyed.
+    bytes, the truck gets what its `CommandReceiver` makes of the frames, so that a listener hears
+    what was obeyed.
 
     Args:
       over_bytes: see below.
       steering_angle_max: of the truck's steering wheel [rad].
+      sender: makes the controller's end; default: each message at its own rate.
 
     Attributes:
       over_bytes: whether the truck obeys the frames.
@@ -30,13 +39,14 @@ class CommandPath:
     def __init__(self, *, over_bytes: bool, steering_angle_max: float = STEERING_ANGLE_MAX) -> None:
         self.over_bytes = over_bytes
         self._steering_angle_max = steering_angle_max
+        self._make_sender = sender
         self._listeners: list[FrameListener] = []
         self.reset()
 
     def reset(self) -> None:
         """Ready for a new drive; listeners stay."""
         self.receiver = CommandReceiver(steering_angle_max=self._steering_angle_max)
-        self._counter = 0
+        self._sender = self._make_sender()
 
     def listen(self, listener: FrameListener) -> None:
         """Calls `listener` with every command frame from now on, in the order of sending."""
@@ -52,8 +62,7 @@ class CommandPath:
             return command
         # Log files keep microseconds: what is obeyed now must be obeyed again from the log.
         time = round(time, 6)
-        frames = command_to_frames(command, self._counter, time)
-        self._counter += 1
+        frames = self._sender.frames(command, time)
         for frame in frames:
             for listener in self._listeners:
                 listener(frame)

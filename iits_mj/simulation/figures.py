@@ -27,11 +27,12 @@ def drive_figures(telemetry: Telemetry) -> dict[str, list[Panel]]:
 
 
 def _known(panels: list[Panel]) -> list[Panel]:
-    """The panels with those lines that have a value, and at least one of them."""
+    """The panels with those lines that have a value, without those that have none."""
     found = []
     for panel in panels:
         lines = tuple(line for line in panel.lines if np.isfinite(line.y).any())
-        found.append(dataclasses.replace(panel, lines=lines or panel.lines[:1]))
+        if lines:
+            found.append(dataclasses.replace(panel, lines=lines))
     return found
 
 
@@ -128,13 +129,14 @@ def traffic(telemetry: Telemetry) -> list[Panel]:
     station = column(STATION)
     gap = column("gap_ahead [m]")
     box = column("box_distance [m]")
+    target = column("target_lane [-]")
     return [
         Panel(
             "Lane, 0 being the right one",
             STATION,
             "lane [-]",
             (
-                Line("target", station, column("target_lane [-]"), "reference"),
+                Line("target", station, np.where(target >= 0.0, target, np.nan), "reference"),
                 Line("truck", station, column("lane [-]"), "simulation"),
             ),
         ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING
@@ -93,9 +94,12 @@ class LogDriver:
             self.lane_changes += self._lane not in (None, lane)
             self._lane = lane
         self._hear(round(scene.time, 6))
-        if self._keeper is not None:
-            return self._keeper.plan(scene)
-        return _nothing(scene.time)
+        if self._keeper is None:
+            return _nothing(scene.time)
+        plan = self._keeper.plan(scene)
+        # The log has the accelerator and the brakes: nobody follows the keeper's speed.
+        unknown = np.full_like(plan.speed, np.nan)
+        return dataclasses.replace(plan, speed=unknown, acceleration=unknown)
 
     def control(self, ego: EgoState) -> VehicleCommand:
         """The command in force by the frames heard until now."""
