@@ -6,11 +6,17 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = ("docs/powertrain.md", "docs/brakes.md", "iits_mj/j1939/README.md")
+PAGES = (
+    "docs/powertrain.md",
+    "docs/brakes.md",
+    "docs/j1939_logs.md",
+    "iits_mj/j1939/README.md",
+)
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_examples_of_the_page_run_one_after_the_other(page, capsys):
+def test_examples_of_the_page_run_one_after_the_other(page, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     text = (ROOT / page).read_text(encoding="utf-8")
     examples = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     assert examples
