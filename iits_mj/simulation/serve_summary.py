@@ -15,7 +15,8 @@ class ServeSummary:
     Attributes:
       ended: why, in words.
       duration: simulated time [s]; distance [m]; mean_speed, max_speed, last_speed [m/s].
-      accepted: command frames obeyed, by message; rejected: those that were not, by reason.
+      accepted: command frames obeyed, by message; rejected: unsound ones, by message and reason.
+      passed_over: sound ones that were not for this truck or not from who may command, likewise.
       silences: how often commands were lost; silent_time: for how long in all [s].
       sent, received, dropped: frames of the bus; ignored: what is no J1939 frame, by kind.
       requests: answered, refused and ignored, and claims contested.
@@ -34,6 +35,7 @@ class ServeSummary:
     last_speed: float
     accepted: dict[str, int]
     rejected: dict[str, int]
+    passed_over: dict[str, int]
     silences: int
     silent_time: float
     sent: int
@@ -66,6 +68,7 @@ class ServeSummary:
             ),
             ("commands accepted", _counts(self.accepted)),
             ("commands rejected", _counts(self.rejected)),
+            ("commands passed over", _counts(self.passed_over)),
             ("commands lost", f"{self.silences} times, {self.silent_time:.2f} s in all"),
             ("frames", f"{self.sent} sent, {self.received} received, {self.dropped} dropped"),
             ("not J1939", _counts(self.ignored)),

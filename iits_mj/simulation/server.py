@@ -10,9 +10,11 @@ import dataclasses
 import time
 from collections.abc import Callable
 
+from controllers.fallback import Fallback
 from controllers.safe_stop import SafeStop
 from iits_mj.closing import Closing
 from iits_mj.j1939 import CommandReceiver, Link, LinkState, LogWriter, ReferenceTorques
+from iits_mj.j1939.time_outs import Heard, Loss
 from iits_mj.messages import EgoState, VehicleCommand
 from iits_mj.simulation.loop import TIMESTEP
 from iits_mj.simulation.pace import Pace
@@ -25,6 +27,13 @@ from iits_mj.truck import Truck
 
 TICK = 0.01
 TICK_STEPS = round(TICK / TIMESTEP)
+_MESSAGES = {
+    "pedal": "EEC2",
+    "xbr": "XBR",
+    "engine_retarder": "TSC1 to 15",
+    "driveline_retarder": "TSC1 to 16",
+    "body": "IITS_COMMAND",
+}
 
 
 class Server(Closing):
@@ -69,9 +78,10 @@ class Server(Closing):
             offset=float(self.route.lane_offset(config.start_lane, config.start_station)),
             speed=config.start_speed,
         )
-        self._stop = SafeStop(self.route, self.truck.parameters)
-        self._stop.prepare(self.state)
-        self.receiver = CommandReceiver()
+        stop = SafeStop(self.route, self.truck.parameters)
+        stop.prepare(self.state)
+        self._fallback = Fallback(stop)
+        self.receiver = CommandReceiver(steering_angle_max=self.truck.parameters.steering.angle_max)
         self.pace = Pace(TICK, clock=clock, sleep=sleep)
         self.command = VehicleCommand()
         self.silent = True
@@ -81,7 +91,6 @@ class Server(Closing):
         self._ticks = self._silences = self._silent_ticks = self._told = 0
         self._distance = 0.0
         self._max_speed = self.state.speed
-        self._heard, self._heard_at = 0, float("-inf")
         self.bus = self._join()
         self.bus.prepare(self.state, self.truck.report())
 
@@ -144,6 +153,7 @@ class Server(Closing):
             last_speed=self.state.speed,
             accepted=dict(self.receiver.accepted),
             rejected=dict(self.receiver.rejected),
+            passed_over=dict(self.receiver.ignored),
             silences=self._silences,
             silent_time=self._silent_ticks * TICK,
             sent=link.sent,
@@ -169,32 +179,28 @@ class Server(Closing):
 
     def _decide(self) -> VehicleCommand:
         """What the truck obeys now: the bus, or its safe state."""
-        command = self.receiver.command(self.time)
-        self._listen()
-        if not self.receiver.accepted and self.config.start_speed == 0.0:
-            # Nobody is there yet: the truck stays where it is parked.
-            return dataclasses.replace(command, parking_brake=1.0)
-        if self.silent and self.config.on_silence == "stop":
-            return self._stop.command(self.state, self.command)
-        limit = self.truck.parameters.steering.angle_max
-        angle = min(max(command.steering_wheel_angle, -limit), limit)
-        return dataclasses.replace(command, steering_wheel_angle=angle)
+        received = self.receiver.command(self.time)
+        loss = self.receiver.loss(self.time)
+        self._heed(loss)
+        if loss.body is Heard.NEVER and self.config.start_speed == 0.0:
+            # Nobody has come yet: the truck stays as it is parked.
+            return dataclasses.replace(received, parking_brake=1.0)
+        if self.config.on_silence == "stop":
+            return self._fallback.command(self.state, received, loss.driver)
+        return received
 
-    def _listen(self) -> None:
-        """Notices when the steering command is lost or comes back."""
-        heard = self.receiver.accepted["IITS_COMMAND"]
-        if heard != self._heard:
-            self._heard, self._heard_at = heard, self.time
-        silent = self.time - self._heard_at > self.receiver.time_outs.body + 1e-9
-        self._silent_ticks += silent and heard > 0
-        if silent == self.silent:
+    def _heed(self, loss: Loss) -> None:
+        """Notices when the commands are lost or come back."""
+        came = loss.body is not Heard.NEVER
+        self._silent_ticks += came and loss.driver
+        if loss.driver == self.silent:
             return
-        self.silent = silent
-        if silent:
+        self.silent = loss.driver
+        if self.silent:
             self._silences += 1
-            self._tell(f"commands lost at t = {self.time:.2f} s")
+            missing = ", ".join(_MESSAGES[name] for name in loss.silent) or "none of them heard"
+            self._tell(f"commands lost at t = {self.time:.2f} s: {missing}")
         else:
-            self._stop.reset()
             self._tell(f"commands obeyed from t = {self.time:.2f} s")
 
     def _tell_of_bus(self) -> None:

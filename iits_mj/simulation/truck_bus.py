@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from iits_mj.closing import Closing
 from iits_mj.j1939 import CommandReceiver, Frame, Link, LogWriter, ReferenceTorques
-from iits_mj.j1939.database import cycle_time, decode
-from iits_mj.j1939.frame import GLOBAL_ADDRESS
 from iits_mj.j1939.network import ControlUnits, unit_names
-from iits_mj.j1939.state import state_to_frames
+from iits_mj.j1939.state import StateSender, state_to_frames
 from iits_mj.messages import EgoState, TruckReport
 
 
@@ -33,14 +31,14 @@ class TruckBus(Closing):
     ) -> None:
         self.link = link
         self.receiver = receiver
-        self._references = references
+        self._sender = StateSender(references)
         self._log = log
         self._state, self._report = EgoState(), TruckReport()
         self._due: list[Frame] = []
         # Claimed before anything else is sent, and again whenever the bus was opened anew.
         self._claimed_at_restart = -1
-        groups = state_to_frames(self._state, self._report, references)
-        self.units = ControlUnits(unit_names({frame.source for frame in groups}))
+        addresses = {frame.source for frame in state_to_frames(self._state)}
+        self.units = ControlUnits(unit_names(sorted(addresses)))
 
     def prepare(self, state: EgoState, report: TruckReport) -> None:
         """Makes the frames that are due at the state's time, so that `exchange` can send at once.
@@ -49,8 +47,7 @@ class TruckBus(Closing):
           BusError: a value is not finite.
         """
         self._state, self._report = state, report
-        tick = round(state.time * 100)
-        self._due = [frame for frame in self._all() if _is_due(frame, tick)]
+        self._due = self._sender.frames(state, report)
 
     def exchange(self, time: float) -> None:
         """Sends what was prepared, hears what has come, answers it and hands it to the receiver.
@@ -76,19 +73,10 @@ class TruckBus(Closing):
         if self._log is not None:
             self._log.close()
 
-    def _all(self) -> list[Frame]:
-        return state_to_frames(self._state, self._report, self._references)
-
-    def _groups(self, pgn: int, source: int) -> list[Frame]:
-        """What a unit (255: all of them) says now with a group."""
-        return [f for f in self._all() if f.pgn == pgn and source in (GLOBAL_ADDRESS, f.source)]
+    def _groups(self, pgn: int, address: int) -> list[Frame]:
+        return self._sender.answer(pgn, address, self._state, self._report)
 
     def _send(self, frames: list[Frame]) -> None:
         for frame in frames:
             if self.link.send(frame) and self._log is not None:
                 self._log.write(frame)
-
-
-def _is_due(frame: Frame, tick: int) -> bool:
-    decoded = decode(frame)
-    return decoded is not None and tick % round(cycle_time(decoded.name) * 100) == 0

@@ -1,0 +1,177 @@
+"""Two processes and a real clock: somebody's own controller drives the served truck over UDP."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import re
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+GROUP = "239.74.163.2"
+SERVE = [sys.executable, "-m", "iits_mj.cli", "serve", "--json"]
+
+
+def _multicast_is_routed() -> bool:
+    """Whether a datagram to the group comes back to this machine."""
+    membership = socket.inet_aton(GROUP) + struct.pack("@I", socket.INADDR_ANY)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(("", 0))
+            probe.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
+            probe.settimeout(1.0)
+            probe.sendto(b"there", (GROUP, probe.getsockname()[1]))
+            return probe.recv(16) == b"there"
+        except OSError:
+            return False
+
+
+pytestmark = pytest.mark.skipif(
+    not _multicast_is_routed(), reason=f"UDP multicast to {GROUP} is not routed here"
+)
+
+
+@pytest.fixture
+def port() -> int:
+    """A free UDP port, so that tests beside each other share no bus."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture
+def processes() -> Iterator[list[subprocess.Popen[str]]]:
+    started: list[subprocess.Popen[str]] = []
+    yield started
+    for process in started:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+def _start(*words: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        words, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+
+
+def _serve(port: int, *words: str) -> subprocess.Popen[str]:
+    return _start(*SERVE, "--bus", "udp_multicast", "--channel", f"{GROUP}:{port}", *words)
+
+
+def _summary(server: subprocess.Popen[str]) -> dict[str, Any]:
+    server.send_signal(signal.SIGTERM)
+    out, err = server.communicate(timeout=30)
+    assert server.returncode == 0, err
+    summary: dict[str, Any] = json.loads(out)["summary"]
+    return summary
+
+
+def _drive(example: str, port: int, seconds: int, *words: str) -> tuple[int, str]:
+    channel = {
+        "keep_speed.py": ["--channel", GROUP, "--port", str(port)],
+        "stack_over_bus.py": ["--channel", f"{GROUP}:{port}"],
+    }[example]
+    driver = _start(
+        sys.executable, f"examples/{example}", *channel, "--duration", str(seconds), *words
+    )
+    out, err = driver.communicate(timeout=seconds + 60)
+    return driver.returncode, out + err
+
+
+def _figures(text: str) -> tuple[float, float]:
+    """Worst speed error [km/h] and worst distance from the line [m] of an example's result."""
+    found = re.search(r"worst ([\d.]+) km/h; off .* at most ([\d.]+) m", text)
+    assert found is not None, text
+    return float(found[1]), float(found[2])
+
+
+def test_the_example_controller_knows_nothing_of_our_code() -> None:
+    tree = ast.parse((ROOT / "examples" / "keep_speed.py").read_text(encoding="utf-8"))
+    modules = {
+        name.split(".")[0]
+        for node in ast.walk(tree)
+        if isinstance(node, (ast.Import, ast.ImportFrom))
+        for name in (
+            [node.module] if isinstance(node, ast.ImportFrom) else [n.name for n in node.names]
+        )
+        if name is not None
+    }
+    assert modules - set(sys.stdlib_module_names) == {"can", "cantools"}
+
+
+def test_controller_in_another_process_keeps_60_kmh_for_10_s(
+    port: int, processes: list[subprocess.Popen[str]]
+) -> None:
+    server = _serve(port, "--start-speed", "16.67", "--payload", "10000")
+    processes.append(server)
+    code, told = _drive("keep_speed.py", port, 10, "--settle", "3")
+    assert code == 0, told
+    speed, line = _figures(told)
+    assert speed < 3.0
+    assert line < 0.3
+    time.sleep(0.4)
+    summary = _summary(server)
+    assert summary["ended"] == "ended by SIGTERM"
+    assert summary["rejected"] == {}
+    assert summary["accepted"]["IITS_COMMAND"] > 450
+    assert summary["silences"] >= 1
+    assert summary["distance_m"] == pytest.approx(10 * 16.67, rel=0.25)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("example", ["keep_speed.py", "stack_over_bus.py"])
+def test_controller_in_another_process_keeps_60_kmh_for_60_s(
+    example: str, port: int, processes: list[subprocess.Popen[str]]
+) -> None:
+    server = _serve(port, "--start-speed", "16.67", "--start-station", "950")
+    processes.append(server)
+    code, told = _drive(example, port, 60, "--settle", "0")
+    assert code == 0, told
+    speed, line = _figures(told)
+    # The laden truck loses some speed at first, until the pedal is found.
+    assert speed < 3.0
+    assert line < 0.3
+    summary = _summary(server)
+    assert summary["rejected"] == {}
+    assert summary["accepted"]["IITS_COMMAND"] > 2800
+
+
+def test_ctrl_c_ends_with_a_summary(port: int, processes: list[subprocess.Popen[str]]) -> None:
+    server = _serve(port)
+    processes.append(server)
+    assert server.stderr is not None
+    assert "serving on CAN bus" in server.stderr.readline()
+    server.send_signal(signal.SIGINT)
+    out, err = server.communicate(timeout=30)
+    assert server.returncode == 0, err
+    assert json.loads(out)["summary"]["ended"] == "ended by SIGINT"
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--bus", "socketcan", "--channel", "no_can9"), "CAN bus socketcan:no_can9"),
+        (("--bus", "udp_multicast", "--channel", "10.0.0.1"), "CAN bus udp_multicast:10.0.0.1"),
+        (("--can-log", "/nowhere/bus.asc"), "/nowhere/bus.asc"),
+    ],
+)
+def test_bus_or_log_that_cannot_be_had_is_one_line(words: tuple[str, ...], told: str) -> None:
+    done = subprocess.run(
+        [*SERVE, *words], cwd=ROOT, text=True, capture_output=True, timeout=60, env=os.environ
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert told in done.stderr
