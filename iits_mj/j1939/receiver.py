@@ -26,8 +26,8 @@ from iits_mj.j1939.time_outs import Loss, TimeOuts
 from iits_mj.j1939.unit import Unit, strongest_share, strongest_xbr
 from iits_mj.messages import VehicleCommand
 
-# The steering wheel's end stops: `steering.angle_max` of the truck's parameters.
-STEERING_ANGLE_MAX = math.radians(900.0)
+# The steering wheel's end stops [rad]: `steering.angle_max` of the truck's parameters.
+STEERING_ANGLE_MAX = 15.708
 
 
 class CommandReceiver:
