@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from iits_mj.j1939 import CommandReceiver, Frame
+from iits_mj.j1939 import CommandReceiver, CommandSender, Frame
 from iits_mj.j1939.receiver import STEERING_ANGLE_MAX
 from iits_mj.messages import VehicleCommand
 
@@ -27,7 +27,7 @@ class CommandPath:
     what was obeyed.
 
     Args:
-      over_bytes: see below.
+      over_bytes: whether the truck obeys the frames.
       steering_angle_max: of the truck's steering wheel [rad].
       sender: makes the controller's end; default: each message at its own rate.
 
@@ -36,7 +36,13 @@ class CommandPath:
       receiver: the truck's side; it has heard nothing where commands go straight.
     """
 
-    def __init__(self, *, over_bytes: bool, steering_angle_max: float = STEERING_ANGLE_MAX) -> None:
+    def __init__(
+        self,
+        *,
+        over_bytes: bool,
+        steering_angle_max: float = STEERING_ANGLE_MAX,
+        sender: Callable[[], Sender] = CommandSender,
+    ) -> None:
         self.over_bytes = over_bytes
         self._steering_angle_max = steering_angle_max
         self._make_sender = sender
