@@ -123,7 +123,8 @@ def _random_frames(generator, count):
     kinds = generator.integers(0, 4, count)
     which = generator.integers(0, len(PGNS), count)
     addresses = generator.choice([0x0B, 0x0F, 0x10, 0xFF], count)
-    sources = generator.choice([0x2A, 0x30, 0x31], count)
+    # Who counts as it likes, and who counts rightly.
+    sources = generator.integers(0, 3, count) + np.where(kinds == 3, 0x2A, 0x40)
     lengths = generator.integers(0, 9, count)
     counters = [0] * 1024
     for i in range(count):
@@ -170,7 +171,7 @@ def survive(count, per_step, payload):
 def test_20_000_random_frames_leave_the_truck_finite():
     receiver = survive(20_000, 40, 0.0)
     # The test would be worth little if nothing were obeyed.
-    assert all(receiver.accepted[unit] > 20 for unit in UNITS if unit != "TSC1")
+    assert all(receiver.accepted[unit] > 300 for unit in UNITS if unit != "TSC1")
 
 
 @pytest.mark.slow
