@@ -148,6 +148,7 @@ class TruckReport:
     Attributes:
       accelerator_pedal, brake_pedal: positions in force, 0 to 1; parking_brake: 1 when applied.
       engine_brake, retarder: the driver's levers, 0 to 1.
+      transmission_mode: the gear selector's, see `TransmissionMode`.
       xbr_mode: XBR control mode in force, see `XbrMode`.
       xbr_acceleration_limit: the lowest acceleration that XBR may ask for [m/s2].
       engine_torque_percent: indicated, of the reference torque (SPN 513).
@@ -178,6 +179,7 @@ class TruckReport:
     parking_brake: float | None = None
     engine_brake: float | None = None
     retarder: float | None = None
+    transmission_mode: float | None = None
     xbr_mode: float | None = None
     xbr_acceleration_limit: float | None = None
     engine_torque_percent: float | None = None

@@ -14,7 +14,9 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from iits_mj.errors import BusError
-from iits_mj.messages import EgoState, TruckReport, XbrMode
+from iits_mj.j1939 import addresses, codes
+from iits_mj.j1939.group_maker import FieldOf
+from iits_mj.messages import EgoState, TruckReport
 from iits_mj.parameters import TruckParameters
 
 _PLACES = ("front_left", "front_right", "rear_left", "rear_right", "trailer")
@@ -24,13 +26,6 @@ _RELATIVE_SPEEDS = tuple(f"relative_speed_{wheel}" for wheel in _WHEELS)
 _TUPLES = ("brake_pressures", "wheel_speeds", "axle_loads")
 _EGO = tuple(f.name for f in dataclasses.fields(EgoState) if f.name not in _TUPLES)
 _REPORT = tuple(f.name for f in dataclasses.fields(TruckReport) if f.name not in _TUPLES)
-# SPN 2918: 1 the driver's demand, 2 XBR in addition mode, 3 XBR in maximum mode.
-_DRIVER = 1.0
-_EXECUTION = {XbrMode.ADDITION: 2.0, XbrMode.MAXIMUM: 3.0}
-# SPN 900: who decides on a retarder's torque.
-_NO_REQUEST, _OPERATOR, _BRAKES = 0.0, 1.0, 10.0
-# Travel above which a pedal counts as pressed.
-_PRESSED = 1e-3
 # Distance over fuel in overrun [m/kg]: beyond every signal's range.
 _ENDLESS = 1e9
 # Where a message that this truck sends is missing, what a real one has instead.
@@ -71,8 +66,8 @@ Quantity: TypeAlias = Callable[[EgoState, TruckReport, ReferenceTorques], float 
 
 def quantities() -> dict[str, Quantity]:
     """How to find every quantity of `signals.csv`, in SI units."""
-    found: dict[str, Quantity] = {name: _of_state(name) for name in _EGO}
-    found |= {name: _of_report(name) for name in _REPORT}
+    found: dict[str, Quantity] = {name: FieldOf(0, name) for name in _EGO}
+    found |= {name: FieldOf(1, name) for name in _REPORT}
     found |= {name: _pressure(place) for place, name in enumerate(PRESSURES)}
     found |= {name: _relative_speed(wheel) for wheel, name in enumerate(_RELATIVE_SPEEDS)}
     return found | {
@@ -83,32 +78,39 @@ def quantities() -> dict[str, Quantity]:
         "propeller_shaft_speed": lambda _s, r, _t: _magnitude(r.propeller_shaft_speed),
         "input_shaft_speed": lambda _s, r, _t: _magnitude(r.input_shaft_speed),
         "clutch_slip": lambda s, r, _t: _slip(s.engine_speed, r.input_shaft_speed),
+        "requested_range": lambda _s, r, _t: codes.letters_of_range(r.transmission_mode),
+        "current_range": lambda _s, r, _t: codes.letters_of_range(codes.direction(r.gear_engaged)),
+        "engine_controller": lambda _s, r, _t: codes.controller(
+            r.engine_torque_mode, addresses.ENGINE
+        ),
         "driveline_engaged": lambda _s, r, _t: _test(r.clutch_engagement, 0.999),
-        "accelerator_released": lambda _s, r, _t: _test(r.accelerator_pedal, _PRESSED, above=False),
-        "brake_pedal_pressed": lambda _s, r, _t: _test(r.brake_pedal, _PRESSED),
+        "accelerator_released": lambda _s, r, _t: _test(
+            r.accelerator_pedal, codes.PRESSED, above=False
+        ),
+        "brake_pedal_pressed": lambda _s, r, _t: _test(r.brake_pedal, codes.PRESSED),
         "fuel_economy": lambda s, r, _t: _economy(r.wheel_based_speed, s.fuel_rate),
         "friction_braking": lambda s, _r, _t: float(max(s.brake_pressures) > 0.0),
-        "xbr_execution": lambda _s, r, _t: _execution(r),
+        "xbr_execution": lambda _s, r, _t: codes.execution(r),
         # This truck takes any demand at any time (SPN 2917), and its ABS never fails (SPN 1243).
         "xbr_system_state": lambda _s, r, _t: None if r.xbr_active is None else 0.0,
         "abs_operational": lambda _s, r, _t: None if r.abs_active is None else 1.0,
         # SPN 1812: the angle is absolute.
         "steering_sensor_type": lambda _s, _r, _t: 1.0,
         "engine_brake_percent": lambda _s, r, t: _percent(r.engine_brake_torque, t.engine_brake),
-        "engine_brake_torque_percent_driver": lambda _s, r, _t: _driver_percent(
+        "engine_brake_torque_percent_driver": lambda _s, r, _t: codes.driver_percent(
             r.engine_brake, r.engine_brake_torque_percent_available
         ),
-        "engine_brake_mode": lambda _s, r, _t: _mode(
-            r.engine_brake,
-            r.engine_brake_torque_percent_available,
-            r.engine_brake_torque_percent_intended,
+        "engine_brake_mode": lambda _s, r, _t: codes.engine_brake_mode(r),
+        "engine_brake_controller": lambda _s, r, _t: codes.controller(
+            codes.engine_brake_mode(r), addresses.ENGINE_RETARDER
         ),
         "retarder_percent": lambda _s, r, t: _percent(r.retarder_torque, t.retarder),
-        "retarder_torque_percent_driver": lambda _s, r, _t: _driver_percent(
+        "retarder_torque_percent_driver": lambda _s, r, _t: codes.driver_percent(
             r.retarder, r.retarder_torque_percent_available
         ),
-        "retarder_mode": lambda _s, r, _t: _mode(
-            r.retarder, r.retarder_torque_percent_available, r.retarder_torque_percent_intended
+        "retarder_mode": lambda _s, r, _t: codes.retarder_mode(r),
+        "retarder_controller": lambda _s, r, _t: codes.controller(
+            codes.retarder_mode(r), addresses.DRIVELINE_RETARDER
         ),
     }
 
@@ -168,6 +170,9 @@ def to_report(
         values["engine_brake_torque"] = share * references.engine_brake
     if "retarder_percent" in found:
         values["retarder_torque"] = -0.01 * found["retarder_percent"] * references.retarder
+    for mode, letters in codes.RANGES.items():
+        if found.get("requested_range") == letters:
+            values["transmission_mode"] = float(mode)
     relative = [found[name] for name in _RELATIVE_SPEEDS if name in found]
     if "front_axle_speed" in found and len(relative) == len(_WHEELS):
         values["wheel_speeds"] = tuple(found["front_axle_speed"] + speed for speed in relative)
@@ -180,16 +185,6 @@ def _flat(state: EgoState, report: TruckReport) -> Iterator[tuple[str, float | N
             value = getattr(message, field.name)
             for number in value if isinstance(value, tuple) else (value,):
                 yield field.name, number
-
-
-def _of_state(name: str) -> Quantity:
-    get = operator.attrgetter(name)
-    return lambda state, _report, _references: get(state)
-
-
-def _of_report(name: str) -> Quantity:
-    get = operator.attrgetter(name)
-    return lambda _state, report, _references: get(report)
 
 
 def _pressure(place: int) -> Quantity:
@@ -235,26 +230,3 @@ def _economy(speed: float | None, fuel_rate: float) -> float | None:
 def _percent(torque: float | None, reference: float) -> float | None:
     """None, too, for a truck that has no such retarder."""
     return None if torque is None or reference <= 0.0 else -100.0 * torque / reference
-
-
-def _driver_percent(lever: float | None, available: float | None) -> float | None:
-    """What the driver's lever asks of a retarder, as a (negative) percentage like `available`."""
-    return None if lever is None or available is None else lever * available
-
-
-def _mode(lever: float | None, available: float | None, intended: float | None) -> float | None:
-    driver = _driver_percent(lever, available)
-    if driver is None or intended is None:
-        return None
-    # Half a bit of the percentages.
-    if intended > -0.5:
-        return _NO_REQUEST
-    return _BRAKES if intended < driver - 0.5 else _OPERATOR
-
-
-def _execution(report: TruckReport) -> float | None:
-    if report.xbr_active is None or report.xbr_mode is None:
-        return None
-    if report.xbr_active > 0.5:
-        return _EXECUTION.get(XbrMode(round(report.xbr_mode)), 0.0)
-    return _DRIVER if (report.brake_pedal or 0.0) > _PRESSED else 0.0

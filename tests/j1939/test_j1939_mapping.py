@@ -100,7 +100,7 @@ def test_every_quantity_is_known_and_every_field_of_the_truck_is_sent():
     sent = {row.quantity for row in reports()}
     # Sent under other names, or as what follows from them.
     other = {"time", "yaw", "engine_torque", "brake_pressures", "wheel_speeds", "axle_loads"}
-    other |= {"clutch_engagement", "xbr_mode", "xbr_active"}
+    other |= {"clutch_engagement", "xbr_mode", "xbr_active", "transmission_mode"}
     other |= {"engine_brake_torque", "retarder_torque"}
     fields = {*EgoState.__slots__, *TruckReport.__slots__}
     assert fields - sent == other

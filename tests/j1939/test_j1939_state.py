@@ -44,11 +44,21 @@ REPORT = TruckReport(
     accelerator_pedal=0.6,
     brake_pedal=0.0,
     parking_brake=0.0,
+    engine_brake=0.2,
+    retarder=0.4,
+    transmission_mode=0.0,
     xbr_mode=0.0,
+    xbr_acceleration_limit=-10.0,
     engine_torque_percent=56.0,
     torque_loss_percent=6.0,
+    engine_torque_percent_driver=61.0,
+    engine_load_percent=58.0,
+    engine_torque_mode=6.0,
     clutch_engagement=1.0,
+    input_shaft_speed=124.0,
     propeller_shaft_speed=120.0,
+    gear_engaged=10.0,
+    gear_ratio=1.633,
     engine_brake_torque=0.0,
     engine_brake_torque_percent_intended=-80.0,
     engine_brake_torque_percent_available=-90.0,
@@ -61,6 +71,13 @@ REPORT = TruckReport(
     compressor_active=1.0,
     abs_active=0.0,
     xbr_active=0.0,
+    brake_pressure_rear2_left=140e3,
+    brake_pressure_rear2_right=145e3,
+    wheel_based_speed=22.0,
+    wheel_speeds=(22.1, 22.3, 22.0, 22.5, 21.9, 22.4),
+    tractor_mass=8_900.0,
+    trailer_mass=30_100.0,
+    cargo_mass=20_000.0,
     axle_loads=(60.7e3, 94.9e3),
 )
 TOLERANCE = {
@@ -87,12 +104,21 @@ def test_state_survives_the_bus_up_to_the_signals_steps():
 
 REPORT_TOLERANCE = {
     "accelerator_pedal": 0.002,
+    "input_shaft_speed": 0.01,
     "propeller_shaft_speed": 0.01,
+    "gear_ratio": 5e-4,
+    "wheel_based_speed": 1e-3,
+    "wheel_speeds": 0.01,
     "reservoir_pressure_front": 4e3,
     "reservoir_pressure_rear": 4e3,
     "reservoir_pressure_trailer": 4e3,
     "axle_loads": 2.5,
 }
+
+
+def test_the_report_of_these_tests_leaves_nothing_out():
+    for field in dataclasses.fields(REPORT):
+        assert getattr(REPORT, field.name) not in (None, ()), field.name
 
 
 def test_report_survives_the_bus_up_to_the_signals_steps():

@@ -111,6 +111,7 @@ def test_speeds_of_a_reversing_truck_have_no_sign_but_its_motion_has():
     assert found["ETC1"].number("output_shaft_speed_rpm") > 10.0
     assert found["ETC1"].number("input_shaft_speed_rpm") > 100.0
     assert found["ETC2"].number("current_gear") == -1.0
+    assert found["ETC2"].number("current_range") == int.from_bytes(b" R", "little")
     assert found["ETC2"].number("actual_gear_ratio") > 1.0
     assert subject.report().propeller_shaft_speed < 0.0
 
@@ -126,6 +127,7 @@ def test_a_braking_xbr_shows_at_the_brakes_and_not_as_a_pressed_pedal():
     assert found["EBC1"].number("ebs_brake_switch") == 0.0
     # The pedal is down and gets nothing.
     assert found["EEC1"].number("engine_torque_mode") == BRAKES
+    assert found["EEC1"].number("engine_control_source_address") == 0x0B
     assert found["EEC1"].number("driver_demand_torque_percent") > 30.0
     assert found["EEC1"].number("actual_engine_torque_percent") < 10.0
 
@@ -133,6 +135,7 @@ def test_a_braking_xbr_shows_at_the_brakes_and_not_as_a_pressed_pedal():
 def test_retarder_says_whether_the_driver_or_the_brakes_want_its_torque():
     lever = drive(truck(speed=20.0), VehicleCommand(retarder=0.4), 1.5)[-1]["ERC1", 0x10]
     assert lever.number("retarder_torque_mode") == OPERATOR
+    assert lever.number("retarder_control_source_address") == 0x10
     assert lever.number("retarder_selection_percent") == pytest.approx(40.0)
     wanted = 0.4 * lever.number("available_retarder_torque_percent")
     assert lever.number("driver_demand_retarder_torque_percent") == pytest.approx(wanted, abs=1.0)
