@@ -332,6 +332,17 @@ def test_with_every_second_frame_lost_the_truck_is_in_its_safe_state():
     assert receiver.accepted["XBR"] == 1
 
 
+def test_three_frames_lost_in_a_row_are_not_felt():
+    receiver = CommandReceiver()
+    for k in range(100):
+        if k % 10 > 2:
+            for frame in command_to_frames(FIRST, k, 0.02 * k):
+                receiver.receive(frame)
+        for later in (0.0, 0.01):
+            assert k < 4 or not receiver.loss(0.02 * k + later).driver
+            assert k < 4 or receiver.command(0.02 * k + later).xbr_mode is XbrMode.MAXIMUM
+
+
 def test_with_one_frame_in_ten_lost_the_truck_is_driven():
     receiver = CommandReceiver()
     for k in range(100):
@@ -475,7 +486,7 @@ def test_time_outs_are_finite_and_positive(name, value):
         TimeOuts(**{name: value})
 
 
-def test_time_outs_leave_room_for_four_lost_frames():
+def test_time_outs_are_five_periods_of_the_message():
     limits = TimeOuts()
     for time_out, message in (
         (limits.pedal, "EEC2"),
