@@ -204,11 +204,21 @@ def encode(
 def pack(group: Group, *, saturate: bool = False) -> bytes:
     """The bytes of a group of any length; arguments and errors as in `encode`."""
     message = _message(group.MESSAGE)
-    raw = [
-        s.missing if value is NOT_AVAILABLE else s.raw(value, saturate)
-        for s, value in zip(message.signals, message.values_of(group), strict=True)
-    ]
-    return bytes(message.bits.pack(*reversed(raw))[::-1])
+    values = message.values_of(group)
+    try:
+        # The usual case in one go: numbers within their range, and what is not known.
+        raw = [
+            signal.missing
+            if value is NOT_AVAILABLE
+            else number
+            if 0 <= (number := round((value - offset) / scale)) <= top  # type: ignore[operator]
+            else signal.raw(value, saturate)
+            for value, (top, scale, offset, signal) in zip(values, message.rules, strict=True)
+        ]
+    except (TypeError, ValueError, OverflowError):
+        raw = [s.raw(v, saturate) for v, s in zip(values, message.signals, strict=True)]
+    raw.reverse()
+    return bytes(message.bits.pack(*raw)[::-1])
 
 
 def _unpack(message: _Message, data: bytes) -> Group:
@@ -217,7 +227,11 @@ def _unpack(message: _Message, data: bytes) -> Group:
         raise BusError(f"{message.layout.name} has {len(data)} bytes: {wanted} are wanted")
     numbers = reversed(message.bits.unpack(data[::-1]))
     values = [
-        number * scale + offset if number <= top else signal.status(number)
+        number * scale + offset
+        if number <= top
+        else NOT_AVAILABLE
+        if number == signal.missing
+        else signal.status(number)
         for number, (top, scale, offset, signal) in zip(numbers, message.rules, strict=True)
     ]
     return message.type(*values)

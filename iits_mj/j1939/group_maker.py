@@ -2,12 +2,26 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import fields
+from dataclasses import dataclass, fields
+from typing import cast
 
 from iits_mj.j1939.database import group_type
 from iits_mj.j1939.group import NOT_AVAILABLE, Group, Value
 from iits_mj.j1939.mapping import Mapping as Row
+
+
+@dataclass(frozen=True, slots=True)
+class FieldOf:
+    """A quantity that is a field of one of the sources, which are counted from 0."""
+
+    source: int
+    name: str
+
+    def __call__(self, *sources: object) -> float | None:
+        """The field."""
+        return cast("float | None", getattr(sources[self.source], self.name))
 
 
 class GroupMaker:
@@ -28,13 +42,27 @@ class GroupMaker:
     ) -> None:
         self._type = group_type(message)
         self._places = {field.name: place for place, field in enumerate(fields(self._type))}
-        self._parts = tuple(
-            (self._places[row.signal], quantities[row.quantity], row.scale) for row in rows
-        )
+        self._parts: list[tuple[int, Callable[..., float | None], float]] = []
+        plain: dict[int, list[tuple[str, int, float]]] = {}
+        for row in rows:
+            place, quantity = self._places[row.signal], quantities[row.quantity]
+            if isinstance(quantity, FieldOf):
+                plain.setdefault(quantity.source, []).append((quantity.name, place, row.scale))
+            else:
+                self._parts.append((place, quantity, row.scale))
+        # All plain fields of a source are fetched at once, which takes half the time.
+        self._plain = [
+            (source, _getter([name for name, _, _ in part]), [entry[1:] for entry in part])
+            for source, part in plain.items()
+        ]
 
     def __call__(self, *sources: object, **signals: Value) -> Group:
         """The group; `signals` are those that no row tells, in the units of the DBC."""
         values: list[Value] = [NOT_AVAILABLE] * len(self._places)
+        for source, fetch, places in self._plain:
+            for value, (place, scale) in zip(fetch(sources[source]), places, strict=True):
+                if value is not None:
+                    values[place] = value / scale
         for place, quantity, scale in self._parts:
             value = quantity(*sources)
             if value is not None:
@@ -42,3 +70,11 @@ class GroupMaker:
         for name, signal in signals.items():
             values[self._places[name]] = signal
         return self._type(*values)
+
+
+def _getter(names: list[str]) -> Callable[[object], tuple[float | None, ...]]:
+    """Fetches fields as a tuple, a single one, too."""
+    if len(names) > 1:
+        return operator.attrgetter(*names)
+    (name,) = names
+    return lambda source: (getattr(source, name),)

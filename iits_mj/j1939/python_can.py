@@ -10,28 +10,16 @@ from iits_mj.j1939.frame import Frame
 
 
 class _Message(can.Message):
-    """A message that the virtual bus copies for each listener in a quarter of the time.
+    """A message that nobody changes once it is on its way.
 
-    python-can's own way, `deepcopy` of every field, takes two thirds of what its bus costs.
+    The virtual bus makes a deep copy for each listener, which is two thirds of what it costs; ours
+    is its own copy.
     """
 
     __slots__ = ()
 
     def __deepcopy__(self, memo: dict[int, Any] | None) -> can.Message:
-        twin = object.__new__(can.Message)
-        twin.timestamp = self.timestamp
-        twin.arbitration_id = self.arbitration_id
-        twin.is_extended_id = self.is_extended_id
-        twin.is_remote_frame = self.is_remote_frame
-        twin.is_error_frame = self.is_error_frame
-        twin.channel = self.channel
-        twin.dlc = self.dlc
-        twin.is_fd = self.is_fd
-        twin.is_rx = self.is_rx
-        twin.bitrate_switch = self.bitrate_switch
-        twin.error_state_indicator = self.error_state_indicator
-        twin.data = bytearray(self.data)
-        return twin
+        return self
 
 
 def to_can(frame: Frame) -> can.Message:
