@@ -10,6 +10,7 @@ from iits_mj.j1939.broadcasts import BroadcastSender, broadcast
 from iits_mj.j1939.bus import Bus
 from iits_mj.j1939.bus_summary import BusSummary, summarize
 from iits_mj.j1939.command import CommandSender, command_to_frames
+from iits_mj.j1939.configuration import ConfigurationReceiver, ConfigurationSender
 from iits_mj.j1939.database import (
     Decoded,
     cycle_time,
@@ -54,6 +55,8 @@ __all__ = [
     "CommandReceiver",
     "CommandSender",
     "ComponentIdentification",
+    "ConfigurationReceiver",
+    "ConfigurationSender",
     "Decoded",
     "Failure",
     "Fault",

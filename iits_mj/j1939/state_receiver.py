@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 
+from iits_mj.j1939.configuration import ConfigurationReceiver
 from iits_mj.j1939.database import decode
 from iits_mj.j1939.frame import Frame
 from iits_mj.j1939.group import Status
@@ -26,12 +27,12 @@ class StateReceiver:
 
     Args:
       mass: of the combination [kg], until CVW has told it.
-      references: of the percent torques.
+      references: of the percent torques, until EC1 and RC have told them.
     """
 
     def __init__(self, mass: float = 55_000.0, references: ReferenceTorques = _REFERENCES) -> None:
         self._base = EgoState(mass=mass)
-        self._references = references
+        self._configuration = ConfigurationReceiver(references)
         self._found: dict[str, float] = {}
         self._axle_loads: dict[int, float] = {}
 
@@ -41,6 +42,8 @@ class StateReceiver:
         Raises:
           BusError: the frame of a known group has not its length.
         """
+        if self._configuration.receive(frame):
+            return True
         decoded = decode(frame)
         if decoded is None:
             return False
@@ -61,12 +64,12 @@ class StateReceiver:
 
     def state(self) -> EgoState:
         """The state as far as frames have told it; fields never reported keep their defaults."""
-        return to_state(self._found, self._references, self._base)
+        return to_state(self._found, self._configuration.references, self._base)
 
     def report(self) -> TruckReport:
         """The same for what the control units say beside; None where nothing was heard."""
         loads = tuple(self._axle_loads[axle] for axle in sorted(self._axle_loads))
-        return to_report(self._found, self._references, loads)
+        return to_report(self._found, self._configuration.references, loads)
 
     def _weigh(self, group: VW) -> bool:
         place, weight = group.axle_location, group.axle_weight_kg

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from iits_mj.closing import Closing
 from iits_mj.j1939 import Frame as BusFrame
 from iits_mj.j1939 import LogWriter, ReferenceTorques, StateSender
+from iits_mj.j1939.configuration import ConfigurationSender
 from iits_mj.simulation.frame import Frame
 
 if TYPE_CHECKING:
@@ -37,7 +38,9 @@ class BusLog(Closing):
     def __init__(self, path: Path, simulation: Simulation) -> None:
         self.path = path
         self.count = 0
-        self._sender = StateSender(ReferenceTorques.of(simulation.truck.parameters))
+        parameters = simulation.truck.parameters
+        self._sender = StateSender(ReferenceTorques.of(parameters))
+        self._configurations = ConfigurationSender(parameters)
         self._writer = LogWriter(path)
         simulation.path.listen(self._write)
 
@@ -45,7 +48,8 @@ class BusLog(Closing):
         """Writes the reports that are due."""
         # Log files keep microseconds, and the sum of many steps is not exact.
         state = dataclasses.replace(frame.ego, time=round(frame.time, 6))
-        for report in self._sender.frames(state, simulation.truck.report()):
+        reports = self._sender.frames(state, simulation.truck.report())
+        for report in reports + self._configurations.frames(state.time):
             self._write(report)
 
     def close(self) -> None:

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from controllers.fallback import Fallback
 from controllers.safe_stop import SafeStop
 from iits_mj.closing import Closing
-from iits_mj.j1939 import CommandReceiver, Link, LinkState, LogWriter, ReferenceTorques
+from iits_mj.j1939 import CommandReceiver, Link, LinkState, LogWriter
 from iits_mj.j1939.time_outs import Heard, Loss
 from iits_mj.messages import EgoState, VehicleCommand
 from iits_mj.simulation.loop import TIMESTEP
@@ -103,7 +103,7 @@ class Server(Closing):
             if log is not None:
                 log.close()
             raise
-        return TruckBus(link, self.receiver, ReferenceTorques.of(self.truck.parameters), log)
+        return TruckBus(link, self.receiver, self.truck.parameters, log)
 
     @property
     def time(self) -> float:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from iits_mj.closing import Closing
 from iits_mj.j1939 import CommandReceiver, Frame, Link, LogWriter, ReferenceTorques
+from iits_mj.j1939.configuration import ConfigurationSender
 from iits_mj.j1939.network import ControlUnits, unit_names
 from iits_mj.j1939.state import StateSender, state_to_frames
 from iits_mj.messages import EgoState, TruckReport
+from iits_mj.parameters import TruckParameters
 
 
 class TruckBus(Closing):
@@ -15,7 +17,7 @@ class TruckBus(Closing):
     Args:
       link: the bus; it is closed with this.
       receiver: gets every frame that is heard.
-      references: of the percent torques.
+      parameters: of the truck, for its percent torques and configurations.
       log: gets every frame, both ways; it is closed with this.
 
     Attributes:
@@ -26,12 +28,13 @@ class TruckBus(Closing):
         self,
         link: Link,
         receiver: CommandReceiver,
-        references: ReferenceTorques,
+        parameters: TruckParameters,
         log: LogWriter | None = None,
     ) -> None:
         self.link = link
         self.receiver = receiver
-        self._sender = StateSender(references)
+        self._sender = StateSender(ReferenceTorques.of(parameters))
+        self._configurations = ConfigurationSender(parameters)
         self._log = log
         self._state, self._report = EgoState(), TruckReport()
         self._due: list[Frame] = []
@@ -47,7 +50,7 @@ class TruckBus(Closing):
           BusError: a value is not finite.
         """
         self._state, self._report = state, report
-        self._due = self._sender.frames(state, report)
+        self._due = self._sender.frames(state, report) + self._configurations.frames(state.time)
 
     def exchange(self, time: float) -> None:
         """Sends what was prepared, hears what has come, answers it and hands it to the receiver.
