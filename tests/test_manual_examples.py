@@ -10,6 +10,7 @@ PAGES = (
     "docs/powertrain.md",
     "docs/brakes.md",
     "docs/j1939_logs.md",
+    "docs/j1939_serve.md",
     "iits_mj/j1939/README.md",
 )
 

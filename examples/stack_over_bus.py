@@ -1,0 +1,138 @@
+"""Our own controller drives a truck that it knows only through its bus.
+
+    iits-mj serve --bus udp_multicast --start-speed 15
+    python examples/stack_over_bus.py --duration 60
+
+The same program drives a real truck: `--interface socketcan --channel can0`, with that road's map.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from controllers.planner import PlannerConfig
+from controllers.stack import Stack
+from iits_mj.errors import Error
+from iits_mj.j1939 import CommandSender, Link, StateReceiver, pgn_of
+from iits_mj.j1939.addresses import CONTROLLER
+from iits_mj.j1939.network import request
+from iits_mj.messages import EgoState, Scene
+from iits_mj.road import RoadMap
+
+STEP = 0.02
+PLAN_EVERY = 5
+NEEDED = ("IITS_ROUTE", "IITS_POSE", "IITS_ATTITUDE", "IITS_MOTION", "VDC2", "EEC1", "ETC2", "CVW")
+
+
+@dataclass(slots=True)
+class Figures:
+    """What the drive came to; SI units."""
+
+    steps: int = 0
+    squares: float = 0.0
+    worst: float = 0.0
+    offset: float = 0.0
+
+    def add(self, speed_error: float, offset_error: float) -> None:
+        """Takes one step into account."""
+        self.steps += 1
+        self.squares += speed_error**2
+        self.worst = max(self.worst, abs(speed_error))
+        self.offset = max(self.offset, abs(offset_error))
+
+
+class BusDriver:
+    """The stack at one end of a bus."""
+
+    def __init__(self, link: Link, stack: Stack) -> None:
+        self.link, self.stack = link, stack
+        # No mass is known until CVW has told it.
+        self.receiver, self.sender = StateReceiver(mass=math.nan), CommandSender()
+        self.heard: set[int] = set()
+        self.start = self.heard_at = time.monotonic()
+
+    def listen(self) -> EgoState:
+        """Everything that has come, and the state that it tells."""
+        now = time.monotonic()
+        for frame in self.link.receive(now - self.start):
+            if self.receiver.receive(frame):
+                self.heard.add(frame.pgn)
+                self.heard_at = now
+        return replace(self.receiver.state(), time=now - self.start)
+
+    def meet(self, patience: float) -> bool:
+        """Waits for a truck that tells all that the stack needs; False when none does."""
+        needed = {pgn_of(name) for name in NEEDED}
+        while time.monotonic() - self.start < patience:
+            self.listen()
+            if needed <= self.heard:
+                return True
+            # What comes once a second only can be asked for.
+            for pgn in needed - self.heard:
+                self.link.send(request(pgn, CONTROLLER))
+            time.sleep(0.1)
+        return False
+
+    def drive(self, duration: float, settle: float) -> Figures:
+        """Drives for a time [s]; ends early when the truck falls silent."""
+        figures, begin = Figures(), time.monotonic()
+        for step in range(round(duration / STEP)):
+            ego = self.listen()
+            if time.monotonic() - self.heard_at > 0.5:
+                print("the truck fell silent", file=sys.stderr)
+                break
+            if step % PLAN_EVERY == 0:
+                trajectory = self.stack.plan(Scene(ego.time, ego))
+            for frame in self.sender.frames(self.stack.control(ego), ego.time):
+                self.link.send(frame)
+            if step * STEP >= settle:
+                lane = self.stack.route.lane_offset(trajectory.target_lane, ego.station)
+                wanted = self.stack.reference_speed(ego.station)
+                figures.add(wanted - ego.speed, ego.offset - float(lane))
+            time.sleep(max(0.0, begin + (step + 1) * STEP - time.monotonic()))
+        return figures
+
+
+def main() -> int:
+    """Command line; exit code 0 when speed and lane were kept."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--interface", default="udp_multicast", help="of python-can")
+    parser.add_argument("--channel", help="group or group:port, or CAN interface")
+    parser.add_argument("--map", type=Path, help="the truck's OpenDRIVE map; default the built-in")
+    parser.add_argument("--speed", type=float, default=60.0, help="km/h")
+    parser.add_argument("--duration", type=float, default=60.0, help="s")
+    parser.add_argument("--settle", type=float, default=10.0, help="s before errors count")
+    given = parser.parse_args()
+    try:
+        road = RoadMap.builtin() if given.map is None else RoadMap.from_opendrive(given.map)
+        plan = PlannerConfig()
+        speed = replace(plan.speed, cruise_speed=given.speed / 3.6)
+        stack = Stack(road.route(), planner=replace(plan, speed=speed))
+        with Link(given.interface, given.channel) as link:
+            driver = BusDriver(link, stack)
+            if not driver.meet(patience=20.0):
+                print("no truck on this bus", file=sys.stderr)
+                return 2
+            figures = driver.drive(given.duration, given.settle)
+    except Error as error:
+        print(f"stack_over_bus: {error}", file=sys.stderr)
+        return 2
+    if not figures.steps:
+        print("stopped before anything could be said")
+        return 1
+    rms = 3.6 * math.sqrt(figures.squares / figures.steps)
+    print(
+        f"{given.speed:.1f} km/h for {figures.steps * STEP:.1f} s: speed error rms {rms:.2f} km/h, "
+        f"worst {3.6 * figures.worst:.2f} km/h; off the lane's middle at most "
+        f"{figures.offset:.2f} m"
+    )
+    return 0 if 3.6 * figures.worst < 3.0 and figures.offset < 0.5 else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
