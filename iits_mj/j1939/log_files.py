@@ -75,6 +75,9 @@ def read_log(path: str | Path) -> Iterator[Frame]:
         except Exception as error:
             why = str(error) or type(error).__name__
             raise BusError(f"CAN log {str(path)!r} cannot be read: {why}") from error
+        if not math.isfinite(frame.time):
+            why = f"frame {frame.can_id:08X} at time {frame.time!r}"
+            raise BusError(f"CAN log {str(path)!r} cannot be read: {why}")
         yield frame
 
 
@@ -191,8 +194,6 @@ def _messages(reader: can.io.generic.MessageReader) -> Iterator[Frame]:
         for message in reader:
             frame = from_can(message)
             if frame is not None:
-                if not math.isfinite(frame.time):
-                    raise BusError(f"frame {frame.can_id:08X} at time {frame.time!r}")
                 yield Frame(frame.can_id, frame.data, round(frame.time, 6))
 
 

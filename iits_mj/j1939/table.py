@@ -9,8 +9,10 @@ from pathlib import Path
 from iits_mj.errors import BusError
 from iits_mj.j1939.bus_summary import BusSummary
 from iits_mj.j1939.frame import Frame
+from iits_mj.j1939.group import Status
 from iits_mj.j1939.readings import BusReader, Entry, Reading
 
+_MISSING = Status.NOT_AVAILABLE.value
 COLUMNS = (
     "time_s",
     "priority",
@@ -58,13 +60,20 @@ def write_table(
                     summary.add(reading)
                     writer.writerows(_rows(reading, only_values))
     except OSError as error:
+        _abandon(path)
         raise BusError(f"table {str(path)!r} cannot be written: {error}") from error
     except BusError:
-        path.unlink(missing_ok=True)
+        _abandon(path)
         raise
     reader.transport.finish()
     summary.transport = reader.transport
     return summary
+
+
+def _abandon(path: Path) -> None:
+    """Takes away half a table, but never a device or what leads to one, as /dev/stdout."""
+    if path.is_file() and not path.is_symlink():
+        path.unlink()
 
 
 def _rows(reading: Reading, only_values: bool) -> Iterator[tuple[object, ...]]:
@@ -77,7 +86,7 @@ def _rows(reading: Reading, only_values: bool) -> Iterator[tuple[object, ...]]:
         reading.destination,
     )
     for entry in reading.entries:
-        if not (only_values and entry.value is None):
+        if not (only_values and entry.status == _MISSING):
             yield *head, entry.signal, entry.spn or "", _shown(entry), entry.unit, entry.status
 
 

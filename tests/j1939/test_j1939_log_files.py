@@ -211,6 +211,7 @@ def test_an_empty_log_has_no_frames(tmp_path, name):
         ("x.log", b"(1.0) can0 18FEF100#00\n(garbage\n", "unpack"),
         ("x.log", b"(nan) can0 18FEF100#00\n", "none of"),
         ("x.log", b"(1.0) can0 18FEF100#00\n(nan) can0 18FEF100#00\n", "nan"),
+        ("x.txt", b" (" + b"9" * 400 + b".0)  can0  18FEF100   [0]\n", "inf"),
         ("x.csv", b"timestamp,arbitration_id,x\n1,2\n", "unpack"),
         ("x.db", b"SQLite format 3\0 and no more", "database"),
         ("x.asc.gz", gzip.compress(b"date x\n" * 10)[:-9], "end"),
