@@ -25,11 +25,14 @@ class BroadcastSender:
     Args:
       source: the sender's address.
       spacing: least time between two frames [s], 0.05 to 0.2.
+
+    Attributes:
+      source: as given.
     """
 
     def __init__(self, source: int, spacing: float = _SPACINGS[0]) -> None:
         _check(bytes(_MIN_LENGTH), spacing, 0.0)
-        self._source = source
+        self.source = source
         self._spacing = spacing
         self._waiting: dict[int, bytes] = {}
         self._frames: list[Frame] = []
@@ -37,7 +40,7 @@ class BroadcastSender:
 
     def put(self, pgn: int, data: bytes) -> None:
         """A message to send; BusError when its PGN or length (9 to 1785) is not allowed."""
-        broadcast(pgn, data, self._source)
+        broadcast(pgn, data, self.source)
         self._waiting[pgn] = data
 
     def due(self, time: float) -> list[Frame]:
@@ -49,7 +52,7 @@ class BroadcastSender:
         _check(bytes(_MIN_LENGTH), self._spacing, time)
         if not self._frames and self._waiting:
             pgn = next(iter(self._waiting))
-            self._frames = broadcast(pgn, self._waiting.pop(pgn), self._source)
+            self._frames = broadcast(pgn, self._waiting.pop(pgn), self.source)
         if not self._frames or time < self._next - _RESOLUTION:
             return []
         self._next = time + self._spacing

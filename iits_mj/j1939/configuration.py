@@ -16,7 +16,7 @@ from iits_mj.errors import BusError
 from iits_mj.j1939.addresses import DRIVELINE_RETARDER, ENGINE, ENGINE_RETARDER
 from iits_mj.j1939.broadcasts import BroadcastSender
 from iits_mj.j1939.database import cycle_time, pack, pgn_of
-from iits_mj.j1939.frame import Frame
+from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame
 from iits_mj.j1939.group import Group, Status
 from iits_mj.j1939.groups import EC1, RC
 from iits_mj.j1939.long_groups import read_group
@@ -115,6 +115,25 @@ class ConfigurationSender:
             for sender, pgn, data in self._contents:
                 sender.put(pgn, data)
         return [frame for sender, _, _ in self._contents for frame in sender.due(time)]
+
+    def repeat(self, pgn: int, address: int) -> bool:
+        """Broadcasts a group anew because somebody asked for it.
+
+        Args:
+          pgn: that is asked for.
+          address: of the unit that is asked; 255 asks all.
+
+        Returns:
+          True when a unit at that address sends it; its frames are among those due next.
+        """
+        asked = [
+            (sender, data)
+            for (sender, own, data) in self._contents
+            if own == pgn and address in (sender.source, GLOBAL_ADDRESS)
+        ]
+        for sender, data in asked:
+            sender.put(pgn, data)
+        return bool(asked)
 
 
 class ConfigurationReceiver:

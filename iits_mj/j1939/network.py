@@ -36,7 +36,8 @@ _FUNCTIONS = {
 }
 _ON_HIGHWAY = 1
 
-Groups = Callable[[int, int], Sequence[Frame]]
+# None: that unit does not send it; no frames: they come later, since they are many.
+Groups = Callable[[int, int], Sequence[Frame] | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,8 +129,8 @@ class ControlUnits:
 
         Args:
           frames: of the bus, of any kind.
-          groups: frames of a group by PGN and source address, empty when that unit does not send
-            it; the address 255 asks for all units.
+          groups: frames of a group by PGN and source address (255: of all units), None when it
+            is not sent from there; no frames when they will come later.
           time: of the answers [s].
         """
         answers: list[Frame] = []
@@ -153,13 +154,14 @@ class ControlUnits:
         target = frame.destination
         if target != GLOBAL_ADDRESS and (target not in self._names or target in self.lost):
             return []
+        found: Sequence[Frame] | None
         if wanted == ADDRESS_CLAIMED:
             found = [f for f in self.claims(time) if target in (GLOBAL_ADDRESS, f.source)]
         else:
-            found = [f for f in groups(wanted, target) if self.owns(f)]
-        if found:
+            found = groups(wanted, target)
+        if found is not None:
             self.counts["answered"] += 1
-            return found
+            return [frame for frame in found if self.owns(frame)]
         if target == GLOBAL_ADDRESS:
             # Nobody refuses what everybody was asked.
             return []

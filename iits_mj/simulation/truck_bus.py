@@ -76,8 +76,11 @@ class TruckBus(Closing):
         if self._log is not None:
             self._log.close()
 
-    def _groups(self, pgn: int, address: int) -> list[Frame]:
-        return self._sender.answer(pgn, address, self._state, self._report)
+    def _groups(self, pgn: int, address: int) -> list[Frame] | None:
+        """What a unit (255: all of them) says now with a group; None when it never does."""
+        if self._configurations.repeat(pgn, address):
+            return []
+        return self._sender.answer(pgn, address, self._state, self._report) or None
 
     def _send(self, frames: list[Frame]) -> None:
         for frame in frames:

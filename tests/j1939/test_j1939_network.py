@@ -20,10 +20,14 @@ TESTER = 0xF9
 EEC1 = Frame(0x0CF00400, bytes(8))
 EEC2 = Frame(0x0CF00300, bytes(8))
 ETC2 = Frame(0x18F00503, bytes(8))
+# Its many frames come later.
+LONG = 65251
 
 
-def _groups(pgn: int, source: int) -> list[Frame]:
-    return [f for f in (EEC1, EEC2, ETC2) if f.pgn == pgn and source in (0xFF, f.source)]
+def _groups(pgn: int, source: int) -> list[Frame] | None:
+    if pgn == LONG and source in (0xFF, 0):
+        return []
+    return [f for f in (EEC1, EEC2, ETC2) if f.pgn == pgn and source in (0xFF, f.source)] or None
 
 
 @pytest.fixture
@@ -76,6 +80,11 @@ def test_unit_refuses_a_group_that_it_does_not_send(units: ControlUnits) -> None
     assert refusal.data == bytes([1, 0xFF, 0xFF, 0xFF, TESTER, 0x05, 0xF0, 0x00])
     assert units.answer([request(ETC2.pgn, TESTER, 3)], _groups) == [ETC2]
     assert units.counts == {"refused": 1, "answered": 1}
+
+
+def test_unit_does_not_refuse_what_comes_later(units: ControlUnits) -> None:
+    assert units.answer([request(LONG, TESTER, 0)], _groups) == []
+    assert units.counts == {"answered": 1}
 
 
 def test_addresses_are_told_on_request(units: ControlUnits) -> None:

@@ -17,6 +17,7 @@ from iits_mj.j1939 import (
     Bus,
     Frame,
     LinkState,
+    Reassembler,
     StateReceiver,
     command_to_frames,
     cycle_time,
@@ -140,6 +141,21 @@ def test_requests_are_answered_over_the_bus(bench: Callable[..., Bench]) -> None
     assert pgn_of("HRLFC") in [frame.pgn for frame in here.heard]
     assert [f.data[4] for f in here.heard if f.pgn == 0xE800 and f.source == 3] == [0xF9]
     assert here.server.summary().requests == {"answered": 1, "refused": 1}
+
+
+def test_long_message_is_broadcast_again_on_request(bench: Callable[..., Bench]) -> None:
+    here = bench()
+    here.serve(1.0)
+    found = []
+    for asked in (False, True):
+        here.heard.clear()
+        if asked:
+            here.bus.send(request(pgn_of("EC1"), 0xF9, 0))
+        here.serve(1.0)
+        reassembler = Reassembler()
+        found.append([m for f in here.heard if (m := reassembler.receive(f)) is not None])
+    assert found[0] == []
+    assert [(message.pgn, message.source) for message in found[1]] == [(pgn_of("EC1"), 0)]
 
 
 def test_truck_obeys_the_bus_and_tells_what_it_does(bench: Callable[..., Bench]) -> None:
