@@ -1,4 +1,4 @@
-"""Measure what a step costs: physics, threads, traffic, the whole drive.
+"""Measure what a step costs: physics, threads, J1939 frames, traffic, the whole drive.
 
 Times depend on the machine; the bounds are on ratios, which hardly do. Each figure is the best of
 several rounds, since other work on the machine can only make a round slower.
@@ -16,7 +16,9 @@ import mujoco.rollout
 import numpy as np
 
 from iits_mj import options as option_fields
+from iits_mj.commands import bench_bus
 from iits_mj.commands.output import ResultOptions, finish
+from iits_mj.commands.timing import best
 from iits_mj.model.builder import truck_spec
 from iits_mj.model.road_table import add_road_table
 from iits_mj.options import option
@@ -55,23 +57,10 @@ def measure(options: Options) -> Results:
     results = Results("bench", options.seed)
     rounds = 3 if options.quick else 10
     _physics(results, options, rounds)
+    bench_bus.measure(results, 5 * rounds)
     if options.traffic:
         _drive(results, options, 10.0 if options.quick else 60.0)
     return results
-
-
-def best(
-    function: Callable[[], None],
-    rounds: int,
-    clock: Callable[[], float] = time.perf_counter,
-) -> float:
-    """Least time of a call [s], by default on the wall."""
-    times = []
-    for _ in range(rounds):
-        start = clock()
-        function()
-        times.append(clock() - start)
-    return min(times)
 
 
 def bare_model(parameters: TruckParameters, payload: float, timestep: float) -> mujoco.MjModel:
