@@ -102,6 +102,7 @@ class _Signal:
 class _Message:
     layout: cantools.database.can.Message
     type: type[Group]
+    length: int
     pgn: int
     priority: int
     source: int
@@ -198,12 +199,15 @@ def encode(
         message.source if source is None else source,
         message.destination if destination is None else destination,
     )
-    return Frame(can_id, pack(group, saturate=saturate), time)
+    return Frame(can_id, _pack(message, group, saturate), time)
 
 
 def pack(group: Group, *, saturate: bool = False) -> bytes:
     """The bytes of a group of any length; arguments and errors as in `encode`."""
-    message = _message(group.MESSAGE)
+    return _pack(_message(group.MESSAGE), group, saturate)
+
+
+def _pack(message: _Message, group: Group, saturate: bool) -> bytes:
     values = message.values_of(group)
     try:
         # The usual case in one go: numbers within their range, and what is not known.
@@ -222,9 +226,9 @@ def pack(group: Group, *, saturate: bool = False) -> bytes:
 
 
 def _unpack(message: _Message, data: bytes) -> Group:
-    wanted = message.layout.length
-    if len(data) != wanted:
-        raise BusError(f"{message.layout.name} has {len(data)} bytes: {wanted} are wanted")
+    if len(data) != message.length:
+        name, wanted = message.layout.name, message.length
+        raise BusError(f"{name} has {len(data)} bytes: {wanted} are wanted")
     numbers = reversed(message.bits.unpack(data[::-1]))
     values = [
         number * scale + offset
@@ -275,6 +279,7 @@ def _flatten(layout: cantools.database.can.Message) -> _Message:
     return _Message(
         layout,
         kind,
+        layout.length,
         frame.pgn,
         frame.priority,
         frame.source,
