@@ -7,7 +7,8 @@ import enum
 import math
 from dataclasses import dataclass
 
-from controllers.safe_stop import SafeStop, StopPhase
+from controllers.safe_stop import SafeStop
+from controllers.safe_stop_config import StopPhase
 from iits_mj.errors import InputError
 from iits_mj.messages import EgoState, VehicleCommand, XbrMode
 

@@ -1,24 +1,23 @@
 """A smooth stop in lane: what the truck does by itself when its commands stay away.
 
 From its state and its road alone: it keeps the lane with the tracking controller's path law, brakes
-by XBR at a moderate, jerk-limited deceleration, eases it at standstill and then sets the parking
-brake. It sees no traffic, and it asks for more only where the lane or the road ends sooner.
+all axles by XBR at a moderate, jerk-limited deceleration, eases it at standstill and then sets the
+parking brake. It sees no traffic, and asks for more only where the lane or the road ends sooner.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import enum
 import math
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from controllers.lane_change import LaneChangeConfig, quintic_back
-from controllers.lateral import LateralConfig, LateralController
+from controllers.lane_change import quintic_back
+from controllers.lateral import LateralController
 from controllers.quintic import Quintic
 from controllers.road_preview import LanePath, RoadPreview
+from controllers.safe_stop_config import SafeStopConfig, StopPhase
 from controllers.stop_profile import StopLimits, StopStart, roll_to_stop, stop_distance
 from controllers.trajectory import on_road
 from iits_mj.errors import InputError
@@ -57,72 +56,6 @@ _USED = (
 )
 
 
-class StopPhase(enum.Enum):
-    """Where a stop stands."""
-
-    BRAKING = "braking"
-    STANDING = "standing"
-    PARKED = "parked"
-
-
-@dataclass(frozen=True)
-class SafeStopConfig:
-    """Settings of the stop.
-
-    Attributes:
-      limits: deceleration and jerk, see `StopLimits`.
-      deceleration_max: where lane or road end too soon for that [m/s2].
-      look_ahead: how long a sideways motion is followed to choose the lane [s].
-      off_center: distance from the lane's middle that a curve of its own leads back from [m].
-      stop_gap: left before the end of lane or road, from the front bumper [m].
-      resync_speed: the plan's speed stays within this of the truck's [m/s].
-      speed_gain: deceleration added for a speed above the plan's [1/s].
-      lead_time: the planned deceleration is asked for this much earlier, for the brakes' lag [s].
-      hold_demand: XBR demand at standstill [m/s2].
-      neutral_speed: below it the driveline is opened, so that no gear change jolts the stop [m/s].
-      standing_speed: below it the truck stands [m/s].
-      standing_time: standing before the parking brake is set [s].
-      parking_time: service brakes held beside the parking brake while its springs act [s].
-      horizon: of the plan [s]; step: of its points [s]; plan_period: between plans [s].
-      control_period: between commands [s], the step of `lateral`.
-      preview: how far ahead lane and road are looked at [m].
-      change: lateral limits of finding the lane's middle.
-      lateral: settings of the path law.
-    """
-
-    limits: StopLimits = field(default_factory=StopLimits)
-    deceleration_max: float = 4.0
-    look_ahead: float = 1.0
-    off_center: float = 0.2
-    stop_gap: float = 3.0
-    resync_speed: float = 0.5
-    speed_gain: float = 0.5
-    lead_time: float = 0.3
-    hold_demand: float = 1.5
-    neutral_speed: float = 6.0
-    standing_speed: float = 0.05
-    standing_time: float = 1.0
-    parking_time: float = 2.0
-    horizon: float = 4.0
-    step: float = 0.1
-    plan_period: float = 0.1
-    control_period: float = 0.02
-    preview: float = 500.0
-    change: LaneChangeConfig = field(default_factory=LaneChangeConfig)
-    lateral: LateralConfig = field(default_factory=LateralConfig)
-
-    def __post_init__(self) -> None:
-        if not self.limits.deceleration <= self.deceleration_max <= 10.0:
-            raise InputError(
-                f"deceleration_max = {self.deceleration_max!r} m/s2: allowed is the deceleration "
-                f"{self.limits.deceleration:g} to 10"
-            )
-        for name in ("standing_time", "parking_time", "stop_gap", "off_center", "look_ahead"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise InputError(f"{name} = {value!r}: a finite number, zero or more, is wanted")
-
-
 class SafeStop:
     """Brings the truck to a stop in its lane and parks it; begins at the first `command`.
 
@@ -157,7 +90,7 @@ class SafeStop:
         self.trajectory: Trajectory | None = None
         self._last = VehicleCommand()
         self._residual: Quintic | None = None
-        self._middle = 0.0
+        self._middle = self._kept = 0.0
         self._limits = self.config.limits
         self._command = VehicleCommand()
         self._demand = 0.0
@@ -207,6 +140,7 @@ class SafeStop:
         self._last = last or VehicleCommand()
         if self._last.xbr_mode is not XbrMode.OFF:
             self._limits = self._at_least(-self._last.xbr_demand)
+        self._kept = ego.offset
         sideways = self._slope(ego) * max(ego.speed, 0.0)
         aimed_at = ego.offset + self.config.look_ahead * sideways
         self.lane = self.preview.nearest_lane(ego.station, aimed_at)
@@ -239,6 +173,9 @@ class SafeStop:
 
     def _follow(self, ego: EgoState, lane: int) -> LanePath:
         path = self.preview.follow(max(lane, 0), ego.station, self.config.preview, 150.0)
+        if not np.isfinite(path.offset).all():
+            # A road without a lane: straight on beside its reference line.
+            path = dataclasses.replace(path, offset=np.full_like(path.offset, self._kept))
         self._middle = float(path.offset_at(ego.station))
         return path
 
@@ -336,13 +273,12 @@ class SafeStop:
             parking_brake=last.parking_brake,
             transmission_mode=TransmissionMode.NEUTRAL if slow else last.transmission_mode,
             brake_pedal=last.brake_pedal,
-            xbr_ebi_mode=XbrEbiMode.INTEGRATION,
+            # All axles share: engine brake and retarder would take the drive axles' grip in a bend.
+            xbr_ebi_mode=XbrEbiMode.FRICTION_ONLY,
         )
         if self.phase is not StopPhase.PARKED:
             return braking
-        parked = dataclasses.replace(
-            braking, parking_brake=1.0, brake_pedal=0.0, xbr_ebi_mode=XbrEbiMode.FRICTION_ONLY
-        )
+        parked = dataclasses.replace(braking, parking_brake=1.0, brake_pedal=0.0)
         if ego.time - self._still_since < config.standing_time + config.parking_time:
             return parked
         return dataclasses.replace(parked, xbr_demand=0.0, xbr_mode=XbrMode.OFF)

@@ -91,9 +91,12 @@ def roll_to_stop(
 
 def stop_distance(speed: float, acceleration: float, limits: StopLimits) -> float:
     """Way to standstill [m] from a speed [m/s] and acceleration [m/s2]."""
-    start = StopStart(0.0, speed, acceleration)
     step = 0.05
-    ramp = (limits.deceleration + abs(acceleration)) / limits.jerk
-    longest = max(speed, 0.0) / limits.deceleration_end + ramp
-    station, _, _ = roll_to_stop(start, limits, math.ceil(longest / step), step)
-    return float(station[-1])
+    way, v, a = 0.0, max(speed, 0.0), acceleration
+    reach = limits.jerk * step
+    while v > 0.0:
+        v_next = max(v + a * step, 0.0)
+        way += 0.5 * (v + v_next) * step
+        v = v_next
+        a = min(max(limits.wanted(v), a - reach), a + reach)
+    return way

@@ -8,7 +8,8 @@ import pytest
 
 from controllers.fallback import Driver, Fallback, FallbackConfig
 from controllers.planner import PlannerConfig
-from controllers.safe_stop import SafeStop, SafeStopConfig, StopPhase
+from controllers.safe_stop import SafeStop
+from controllers.safe_stop_config import SafeStopConfig, StopPhase
 from controllers.speed_plan import SpeedConfig
 from controllers.stack import Stack
 from iits_mj.errors import InputError
@@ -88,6 +89,14 @@ def test_bus_cut_at_80_km_h_in_a_bend_ends_parked_in_the_lane(payload):
     assert np.ptp(standing[:, STATION]) < 0.03
 
 
+def test_the_empty_truck_stays_in_its_lane_on_packed_snow():
+    # Friction 0.2, with 1.5 m/s2 along and 0.8 across.
+    route = RoadMap.builtin().route().with_friction(0.2)
+    rows, stop = stopped(route, 0.0, 10_960.0, 22.2, cut=4.0)
+    assert stop.phase is StopPhase.PARKED
+    assert np.abs(rows[:, ERROR]).max() < 0.3
+
+
 @pytest.mark.parametrize("grade", [-0.08, 0.08])
 def test_the_laden_truck_stops_and_stays_on_8_percent(grade):
     route = Route.straight(length=1500.0, grade=grade)
@@ -150,6 +159,16 @@ def test_a_reversing_truck_is_braked_with_the_wheel_held_and_the_driveline_open(
     assert command.transmission_mode is TransmissionMode.NEUTRAL
     assert command.xbr_demand <= -0.5
     assert command.steering_wheel_angle == pytest.approx(0.3)
+
+
+def test_on_a_road_without_lanes_the_truck_stops_straight_on():
+    stop = SafeStop(Route.straight(length=500.0))
+    stop.preview.offset[:] = math.nan
+    for k in range(100):
+        ego = _ego(time=0.02 * k, speed=10.0, offset=1.5, y=1.5)
+        command = stop.command(ego)
+    assert command.steering_wheel_angle == pytest.approx(0.0, abs=0.05)
+    assert command.xbr_demand < -1.0
 
 
 def test_service_brakes_hold_until_the_spring_brakes_have_come():

@@ -5,7 +5,8 @@ import pytest
 
 from controllers.fallback import Driver, Fallback
 from controllers.planner import PlannerConfig
-from controllers.safe_stop import SafeStop, StopPhase
+from controllers.safe_stop import SafeStop
+from controllers.safe_stop_config import StopPhase
 from controllers.speed_plan import SpeedConfig
 from controllers.stack import Stack
 from iits_mj.j1939 import CommandReceiver, command_to_frames
