@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
+import math
 
+from iits_mj.errors import BusError
 from iits_mj.j1939.configuration import ConfigurationReceiver
 from iits_mj.j1939.database import decode
 from iits_mj.j1939.frame import Frame
@@ -21,13 +23,18 @@ class StateReceiver:
     """Builds the truck's state from its frames, for a controller on the other end of a bus.
 
     A signal that says "error" or "not available" leaves the last value as it is. Any source is
-    heard, but for EEC2, which is a command where it does not come from the engine, and ERC1, which
-    two retarders send. A real truck has no message of our own: speed, acceleration and gear then
-    come from EBC2 or CCVS1, VDC2 and ETC2; pose and route stay as they were.
+    heard, but for EEC2, which is a command where it does not come from the engine, ERC1, which two
+    retarders send, and our own messages, whose numbers every maker may use. A real truck does not
+    send those: speed, acceleration and gear then come from EBC2 or CCVS1, VDC2 and ETC2; pose and
+    route stay as they were.
 
     Args:
       mass: of the combination [kg], until CVW has told it.
       references: of the percent torques, until EC1 and RC have told them.
+
+    Attributes:
+      malformed: frames of known groups that were left out, because they have not the group's length
+        or no finite time.
     """
 
     def __init__(self, mass: float = 55_000.0, references: ReferenceTorques = _REFERENCES) -> None:
@@ -35,17 +42,21 @@ class StateReceiver:
         self._configuration = ConfigurationReceiver(references)
         self._found: dict[str, float] = {}
         self._axle_loads: dict[int, float] = {}
+        self.malformed = 0
 
     def receive(self, frame: Frame) -> bool:
-        """Takes one frame; returns True when it told something about the state.
-
-        Raises:
-          BusError: the frame of a known group has not its length.
-        """
+        """Takes any frame; returns True when it told something about the state. Never raises."""
         if self._configuration.receive(frame):
             return True
-        decoded = decode(frame)
+        try:
+            decoded = decode(frame)
+        except BusError:
+            self.malformed += 1
+            return False
         if decoded is None:
+            return False
+        if not math.isfinite(frame.time):
+            self.malformed += 1
             return False
         told = False
         group = decoded.group
@@ -85,7 +96,8 @@ def _rows() -> dict[str, tuple[tuple[Mapping, int | None], ...]]:
     commanded = {row.message for row in commands()}
     found: dict[str, tuple[tuple[Mapping, int | None], ...]] = {}
     for row in reports():
-        source = sender(row) if row.message in commanded else row.address
+        bound = row.message in commanded or row.message.startswith("IITS_")
+        source = sender(row) if bound else row.address
         if row.back:
             found[row.message] = (*found.get(row.message, ()), (row, source))
     return found

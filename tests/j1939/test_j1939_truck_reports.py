@@ -1,10 +1,21 @@
 """What the truck's bytes say while it launches, shifts, brakes, reverses and stands."""
 
+from pathlib import Path
+
 import pytest
 
 from iits_mj.errors import BusError
-from iits_mj.j1939 import StateReceiver, Status, decode, encode, state_to_frames
-from iits_mj.j1939.groups import CCVS1, EEC2, ETC2, VDC2
+from iits_mj.j1939 import (
+    Frame,
+    StateReceiver,
+    Status,
+    decode,
+    encode,
+    pgn_of,
+    read_log,
+    state_to_frames,
+)
+from iits_mj.j1939.groups import CCVS1, EEC2, ETC2, VDC2, IitsTrailer
 from iits_mj.messages import (
     EgoState,
     TransmissionMode,
@@ -14,7 +25,7 @@ from iits_mj.messages import (
     XbrMode,
 )
 from iits_mj.truck import Truck
-from iits_mj.units import KMH
+from iits_mj.units import KMH, RPM
 
 OPERATOR, TRANSMISSION, BRAKES = 1, 6, 10
 
@@ -223,3 +234,39 @@ def test_neutral_has_no_ratio():
     with pytest.raises(BusError, match="not available"):
         said(subject)["ETC2"].number("actual_gear_ratio")
     assert said(subject)["ETC2"].number("current_gear") == 0.0
+
+
+def test_another_makers_message_of_our_number_is_not_heard():
+    receiver = StateReceiver()
+    assert not receiver.receive(encode(IitsTrailer(articulation=0.5), source=0x0B))
+    assert receiver.receive(encode(IitsTrailer(articulation=0.5)))
+    assert receiver.state().articulation == pytest.approx(0.5, abs=1e-4)
+
+
+def test_malformed_frames_are_counted_and_change_nothing():
+    receiver = StateReceiver()
+    sound = encode(CCVS1(wheel_based_speed_kph=36.0))
+    assert not receiver.receive(Frame(sound.can_id, sound.data[:3]))
+    assert not receiver.receive(Frame(sound.can_id, sound.data, float("nan")))
+    assert receiver.malformed == 2
+    assert receiver.state() == EgoState()
+
+
+RECORDED = Path(__file__).parents[3] / "shared" / "data" / "j1939"
+
+
+@pytest.mark.skipif(not RECORDED.is_dir(), reason="the recorded frames are not at hand")
+def test_a_recorded_trucks_own_frames_tell_its_state():
+    receiver, speeds = StateReceiver(), []
+    for frame in read_log(RECORDED / "KWTruck.txt"):
+        receiver.receive(frame)
+        if frame.pgn == pgn_of("EEC1"):
+            speeds.append(receiver.state().engine_speed / RPM)
+    # Parked, revved up to 2060 rpm, then turned off.
+    assert 2040.0 < max(speeds) < 2070.0
+    report = receiver.report()
+    assert report.parking_brake == 1.0
+    assert report.wheel_based_speed == 0.0
+    assert report.gear_engaged == 0.0
+    assert receiver.state().engine_speed == 0.0
+    assert receiver.malformed == 0
