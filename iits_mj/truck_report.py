@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from iits_mj.messages import TruckReport
-from iits_mj.parameters import Axle, TruckParameters
+from iits_mj.parameters import TruckParameters
 
 _FIELDS = tuple(field.name for field in dataclasses.fields(TruckReport))
 # Where a field's number stands when its sensor has another name.
@@ -18,6 +17,11 @@ _SENSORS = {
     "accelerator_pedal": ("accelerator_pedal_position", 0),
     "brake_pressure_rear2_left": ("brake_pressures", 4),
     "brake_pressure_rear2_right": ("brake_pressures", 5),
+    "gear_engaged": ("powertrain_report", 0),
+    "input_shaft_speed": ("powertrain_report", 1),
+    "engine_torque_mode": ("powertrain_report", 2),
+    "engine_torque_percent_driver": ("powertrain_report", 3),
+    "engine_load_percent": ("powertrain_report", 4),
 }
 _SIDES = ("left", "right")
 # Vertical part of a tire's force.
@@ -37,20 +41,19 @@ class Reporter:
         sensors = [model.sensor(i) for i in range(model.nsensor)]
         address = {sensor.name: int(sensor.adr[0]) for sensor in sensors}
         controls = {model.actuator(i).name: i for i in range(model.nactuator)}
-        places = {name: _SENSORS.get(name, (name, 0)) for name in _FIELDS}
+        # The plural sensor of all wheels is not the field of that name.
+        places = {n: _SENSORS.get(n, (n, 0)) for n in _FIELDS if n != "wheel_speeds"}
         sensed = {name: address[s] + i for name, (s, i) in places.items() if s in address}
         commanded = {n: controls[n] for n in _FIELDS if n in controls and n not in sensed}
         tractor, gearbox = parameters.tractor, parameters.gearbox
 
-        def wheel_ends(axles: Iterable[Axle], signal: str) -> list[int]:
-            return [address[f"{a.name}_{side}_{signal}"] for a in axles for side in _SIDES]
-
         self._names = (*sensed, *commanded)
         self._sensed = np.array(list(sensed.values()))
         self._commanded = np.array(list(commanded.values()))
-        self._spins = np.array(wheel_ends(tractor.axles, "wheel_speed"))
+        self._spins = address["wheel_speeds"] + np.arange(2 * len(tractor.axles))
         self._radii = np.repeat([parameters.tires[a.tire].rolling_radius for a in tractor.axles], 2)
-        self._forces = np.array(wheel_ends(parameters.axles, "tire_force")) + _VERTICAL
+        ends = [f"{axle.name}_{side}" for axle in parameters.axles for side in _SIDES]
+        self._forces = np.array([address[f"{end}_tire_force"] + _VERTICAL for end in ends])
         drive = parameters.tires[tractor.axles[1].tire]
         self._meters_per_radian = drive.rolling_radius / gearbox.final_drive
         self._ratios = {-1: gearbox.reverse_ratio} | dict(enumerate(gearbox.ratios.tolist(), 1))

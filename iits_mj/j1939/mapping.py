@@ -59,7 +59,7 @@ class Mapping:
       message, signal: names in the DBC.
       scale: SI units in one unit of the signal.
       address: of the unit that obeys, or sends; None: as the DBC says.
-      elements: controls or sensors of the model.
+      elements: controls or sensors of the model; "[k]" is the place of a number in a sensor.
       back: whether `StateReceiver` reads the quantity from this signal.
       paper: the paper's inputs or outputs that it is, or a part of.
     """

@@ -20,6 +20,7 @@ SIGNALS = (
     "abs_active",
     "brake_pressures",
     "brake_torques",
+    "wheel_speeds",
     *(f"reservoir_pressure_{circuit}" for circuit in ("front", "rear", "trailer")),
     "compressor_active",
     "brake_work",

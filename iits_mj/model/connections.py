@@ -151,10 +151,6 @@ def add_sensors(root: ET.Element, p: TruckParameters) -> None:
     for side in SIDES:
         knuckle = f"{p.tractor.axles[0].name}_{side}_knuckle"
         ET.SubElement(sensor, "jointpos", name=f"steer_angle_{side}", joint=knuckle)
-    for axle in p.tractor.axles:
-        for side in SIDES:
-            wheel = f"{axle.name}_{side}"
-            ET.SubElement(sensor, "jointvel", name=f"{wheel}_wheel_speed", joint=f"{wheel}_spin")
     for name in ("yaw", "pitch", "roll"):
         ET.SubElement(sensor, "jointpos", name=f"articulation_{name}", joint=f"fifth_wheel_{name}")
     ET.SubElement(sensor, "jointvel", name="articulation_rate", joint="fifth_wheel_yaw")

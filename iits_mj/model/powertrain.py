@@ -14,19 +14,14 @@ from iits_mj.powertrain_parameters import Clutch, EngineScalars, Retarder
 # see its manual; every sensor costs MuJoCo about 0.02 us a step.
 SIGNALS = (
     "gear",
-    "gear_engaged",
     "shift_in_process",
     "engine_speed",
     "engine_torque",
     "engine_torque_percent",
     "torque_loss_percent",
-    "engine_torque_percent_driver",
-    "engine_load_percent",
-    "engine_torque_mode",
     "fuel_rate",
     "fuel_used",
     "clutch_engagement",
-    "input_shaft_speed",
     "propeller_shaft_torque",
     "propeller_shaft_speed",
     "accelerator_pedal_position",
@@ -41,6 +36,7 @@ SIGNALS = (
     "driveline_loss",
     "retarder_work",
     "driveline_energy",
+    "powertrain_report",
 )
 
 # Attributes of the plugin that carry the prefix here but not in the truck's sections.

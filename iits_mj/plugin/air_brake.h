@@ -105,6 +105,7 @@ class AirBrake {
   double shaft_ratio_ = 0;  // force at the driven wheels per torque of the propeller shaft [1/m]
   std::vector<Sensor> sensors_;
   std::vector<int> places_;
+  int speeds_ = -1;  // place of the sensor `wheel_speeds` in sensordata
 };
 
 }  // namespace iits

@@ -17,6 +17,7 @@ using State = AirBrake::State;
 const char* const kCircuitNames[kCircuits] = {"front", "rear", "trailer"};
 const char* const kPressures = "brake_pressures";
 const char* const kTorques = "brake_torques";
+const char* const kSpeeds = "wheel_speeds";
 const char* const kSides[2] = {"_left", "_right"};
 
 int Place(size_t offset) { return static_cast<int>(offset / sizeof(mjtNum)); }
@@ -88,7 +89,7 @@ bool AirBrake::FindSignal(const std::string& name, std::vector<int>* places) con
 // One number, or one of every wheel: each sensor costs MuJoCo time, whatever it shows.
 int AirBrake::SensorSize(const mjModel* m, int instance, int sensor) {
   std::string name = LocalName(mj_id2name(m, mjOBJ_SENSOR, sensor));
-  bool every = name == kPressures || name == kTorques;
+  bool every = name == kPressures || name == kTorques || name == kSpeeds;
   return every ? static_cast<int>(BodiesOfInstance(m, instance).size()) : 1;
 }
 
@@ -104,6 +105,10 @@ bool AirBrake::FindSensors(const mjModel* m, int instance) {
       }
       continue;
     }
+    if (name == kSpeeds) {
+      speeds_ = m->sensor_adr[i];
+      continue;
+    }
     const size_t begin = places_.size();
     if (!FindSignal(name, &places_)) {
       std::string known;
@@ -112,9 +117,9 @@ bool AirBrake::FindSensors(const mjModel* m, int instance) {
           "plugin instance '%s': sensor '%s' is unknown; known are %s"
           "reservoir_pressure_{front,rear,trailer}, "
           "brake_pressure_{front,rear}_{left,right}, brake_pressure_trailer, "
-          "brake_pressure_axle{1..%zu}_{left,right}, %s, %s",
+          "brake_pressure_axle{1..%zu}_{left,right}, %s, %s, %s",
           InstanceName(m, instance).c_str(), name.c_str(), known.c_str(), wheels_.size() / 2,
-          kPressures, kTorques);
+          kPressures, kTorques, kSpeeds);
       return false;
     }
     const size_t count = places_.size() - begin;
@@ -131,6 +136,8 @@ void AirBrake::Sensors(const mjModel* m, mjData* d, int instance) const {
     for (int i = sensor.begin; i < sensor.end; ++i) sum += state[places_[i]];
     d->sensordata[sensor.address] = sum * sensor.share;
   }
+  if (speeds_ < 0) return;
+  for (size_t i = 0; i < wheels_.size(); ++i) d->sensordata[speeds_ + i] = d->qvel[wheels_[i].dof];
 }
 
 }  // namespace iits

@@ -267,7 +267,7 @@ void RegisterPowertrain() {
   plugin.attributes = kAttributes;
   plugin.needstage = mjSTAGE_ACC;
   plugin.nstate = +[](const mjModel*, int) { return Powertrain::kStateSize; };
-  plugin.nsensordata = +[](const mjModel*, int, int) { return 1; };
+  plugin.nsensordata = Powertrain::SensorSize;
   plugin.init = +[](const mjModel* m, mjData* d, int instance) {
     Powertrain* powertrain = Powertrain::Create(m, instance);
     d->plugin_data[instance] = reinterpret_cast<uintptr_t>(powertrain);

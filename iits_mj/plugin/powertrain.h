@@ -38,11 +38,12 @@ class Powertrain {
 
   // What `compute` found for the present instant, one number a signal; sensors read it.
   struct Output {
-    double gear, gear_engaged, shift_in_process, engine_speed, engine_torque;
+    double gear, shift_in_process, engine_speed, engine_torque;
     double engine_torque_percent, torque_loss_percent;
-    double engine_torque_percent_driver, engine_load_percent, engine_torque_mode;
+    // As one sensor, these five are `powertrain_report`.
+    double gear_engaged, input_shaft_speed;
+    double engine_torque_mode, engine_torque_percent_driver, engine_load_percent;
     double fuel_rate, fuel_used, clutch_engagement;
-    double input_shaft_speed;
     double propeller_shaft_torque, propeller_shaft_speed, accelerator_pedal_position;
     double engine_brake_torque, engine_brake_torque_percent, engine_brake_torque_percent_intended;
     double engine_brake_torque_percent_available;
@@ -65,6 +66,7 @@ class Powertrain {
 
   void Actuator(const mjModel* m, mjData* d, int instance) const;
   void Sensors(const mjModel* m, mjData* d, int instance) const;
+  static int SensorSize(const mjModel* m, int instance, int sensor);
   void Advance(const mjModel* m, mjData* d, int instance) const;
 
  private:

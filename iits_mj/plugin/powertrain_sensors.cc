@@ -52,6 +52,13 @@ const struct {
 };
 #undef IITS_SIGNAL
 
+// One sensor of several numbers, since each sensor costs MuJoCo time: from gear_engaged on.
+const char* const kReport = "powertrain_report";
+constexpr int kReportSize = 5;
+static_assert(offsetof(Output, engine_load_percent) - offsetof(Output, gear_engaged) ==
+                  (kReportSize - 1) * sizeof(mjtNum),
+              "the numbers of powertrain_report lie side by side");
+
 // Who has the say in the engine's torque (SPN 899).
 enum TorqueMode { kNoRequest = 0, kAccelerator = 1, kTransmission = 6, kBrakes = 10 };
 
@@ -67,10 +74,15 @@ bool Powertrain::FindSensors(const mjModel* m, int instance) {
   for (int i = 0; i < m->nsensor; ++i) {
     if (m->sensor_plugin[i] != instance) continue;
     const std::string name = LocalName(mj_id2name(m, mjOBJ_SENSOR, i));
+    if (name == kReport) {
+      const int place = static_cast<int>(offsetof(Output, gear_engaged) / sizeof(mjtNum));
+      for (int k = 0; k < kReportSize; ++k) sensors_.emplace_back(m->sensor_adr[i] + k, place + k);
+      continue;
+    }
     const size_t before = sensors_.size();
-    std::string known;
+    std::string known = kReport;
     for (const auto& signal : kSignals) {
-      known += (known.empty() ? "" : ", ") + std::string(signal.name);
+      known += ", " + std::string(signal.name);
       if (name == signal.name) {
         sensors_.emplace_back(m->sensor_adr[i], static_cast<int>(signal.place));
       }
@@ -139,6 +151,10 @@ void Powertrain::ReportGears(State* s) const {
   Output* o = &s->output;
   if (gear != 0 || gearbox.phase == Gearbox::kInGear) o->gear_engaged = gear;
   o->input_shaft_speed = gear ? gearbox_.Ratio(gear) * s->work.shaft_speed : o->engine_speed;
+}
+
+int Powertrain::SensorSize(const mjModel* m, int, int sensor) {
+  return LocalName(mj_id2name(m, mjOBJ_SENSOR, sensor)) == kReport ? kReportSize : 1;
 }
 
 void Powertrain::Sensors(const mjModel* m, mjData* d, int instance) const {

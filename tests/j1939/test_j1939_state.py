@@ -172,8 +172,12 @@ def test_every_row_of_the_table_names_sensors_or_controls_of_the_model():
     model = Truck.load(visuals=False).model
     names = {model.sensor(i).name for i in range(model.nsensor)}
     names |= {model.actuator(i).name for i in range(model.nactuator)}
+    sizes = {model.sensor(i).name: model.sensor(i).dim[0] for i in range(model.nsensor)}
     for row in reports():
-        assert set(row.elements) <= names, row.quantity
+        for element in row.elements:
+            name, _, place = element.rstrip("]").partition("[")
+            assert name in names, row.quantity
+            assert not place or int(place) < sizes[name], row.quantity
     # Only masses are no sensor's: they are the truck's parameters.
     bare = {row.quantity for row in reports() if not row.elements}
     assert bare == {"mass", "tractor_mass", "trailer_mass", "cargo_mass"}

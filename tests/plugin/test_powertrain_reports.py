@@ -1,5 +1,6 @@
 """What the powertrain's control units say about gears and torque in a launch and its shifts."""
 
+import mujoco
 import numpy as np
 import pytest
 from vehicle_sled import PARAMETERS, Sled
@@ -16,13 +17,22 @@ NAMES = (
     "engine_torque_percent_driver",
     "engine_load_percent",
 )
+# Those that the truck has as one sensor only.
+REPORT = (
+    "gear_engaged",
+    "input_shaft_speed",
+    "engine_torque_mode",
+    "engine_torque_percent_driver",
+    "engine_load_percent",
+)
+SENSORS = tuple((name, "powertrain") for name in REPORT)
 NO_REQUEST, ACCELERATOR, TRANSMISSION = 0, 1, 6
 
 
 @pytest.fixture(scope="module")
 def launch():
     """12 s with 60 % pedal from standstill, 19 t: columns by name."""
-    rows = Sled(19_000.0).record(12.0, *NAMES, accelerator_pedal=0.6)
+    rows = Sled(19_000.0, sensors=SENSORS).record(12.0, *NAMES, accelerator_pedal=0.6)
     return dict(zip(NAMES, rows.T, strict=True))
 
 
@@ -64,7 +74,9 @@ def test_torque_never_exceeds_what_the_driver_asks_for_outside_changes(launch):
 
 def test_floored_pedal_of_a_laden_truck_ends_at_what_the_driver_asks_for_near_full_load():
     names = ("engine_torque_percent", "engine_torque_percent_driver", "engine_load_percent")
-    torque, driver, load = Sled(55_000.0, speed=15.0).record(8.0, *names, accelerator_pedal=1.0).T
+    torque, driver, load = (
+        Sled(55_000.0, speed=15.0, sensors=SENSORS).record(8.0, *names, accelerator_pedal=1.0).T
+    )
     assert load.min() >= 0.0
     # The pedal map ends a little below the full-load curve.
     assert 90.0 < load.max() <= 100.0
@@ -72,5 +84,26 @@ def test_floored_pedal_of_a_laden_truck_ends_at_what_the_driver_asks_for_near_fu
 
 
 def test_nobody_asks_for_torque_with_the_pedal_up():
-    rows = Sled(19_000.0).record(1.0, "engine_torque_mode", "engine_torque_percent_driver")
+    rows = Sled(19_000.0, sensors=SENSORS).record(
+        1.0, "engine_torque_mode", "engine_torque_percent_driver"
+    )
     assert np.all(rows == NO_REQUEST)
+
+
+def test_the_report_is_the_five_sensors_in_one():
+    sled = Sled(19_000.0, sensors=SENSORS)
+    sled.run(3.0, accelerator_pedal=0.6)
+    assert sled.wheels("powertrain_report") == pytest.approx([sled[name] for name in REPORT])
+
+
+def test_wheel_speeds_are_the_wheels_own():
+    sled = Sled(19_000.0, speed=10.0)
+    sled.run(1.0, xbr_demand=-2.0, xbr_mode=2)
+    mujoco.mj_forward(sled.model, sled.data)
+    spins = [
+        sled.data.joint(f"{axle.name}_{side}_spin").qvel[0]
+        for axle in PARAMETERS.axles
+        for side in ("left", "right")
+    ]
+    assert sled.wheels("wheel_speeds") == pytest.approx(spins, rel=1e-12)
+    assert min(spins) > 10.0
