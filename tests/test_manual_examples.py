@@ -9,6 +9,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGES = (
     "docs/powertrain.md",
     "docs/brakes.md",
+    "docs/j1939_drive.md",
     "docs/j1939_logs.md",
     "docs/j1939_serve.md",
     "iits_mj/j1939/README.md",
