@@ -116,6 +116,29 @@ def test_the_brake_demand_in_force_is_the_last_one_that_was_sound_and_in_sequenc
             assert obeyed == pytest.approx(in_force, abs=0.001)
 
 
+@settings(max_examples=100, deadline=None)
+@given(
+    demands=st.dictionaries(
+        st.integers(0x20, 0x25),
+        st.tuples(st.integers(0, 3), st.integers(1, 19).map(lambda n: -0.5 * n), st.floats(0, 0.3)),
+    ),
+    asked=st.floats(0.3, 0.5),
+)
+def test_of_several_brake_demands_the_first_by_priority_and_strength_is_in_force(demands, asked):
+    receiver = CommandReceiver(TimeOuts(xbr=0.2))
+    for source, (priority, demand, time) in demands.items():
+        command = VehicleCommand(xbr_demand=demand, xbr_mode=XbrMode.MAXIMUM)
+        frame = command_to_frames(command, 0, time, source=source)[1]
+        data = bytearray(frame.data)
+        data[2] = data[2] & ~0x0C | priority << 2
+        assert receiver.receive(sealed(dataclasses.replace(frame, data=bytes(data))))
+    alive = [(p, d) for p, d, time in demands.values() if asked - time <= 0.2 + 1e-6]
+    command = receiver.command(asked)
+    if alive:
+        assert command.xbr_demand == pytest.approx(min(alive)[1], abs=0.001)
+    assert (command.xbr_mode is XbrMode.MAXIMUM) == bool(alive)
+
+
 def _random_frames(generator, count):
     """Random identifiers and bytes; half under the command identifiers, most of these sealed."""
     ids = generator.integers(0, 1 << 29, count)
