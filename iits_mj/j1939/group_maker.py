@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields
-from typing import cast
+from typing import Any, cast
 
 from iits_mj.j1939.database import group_type
 from iits_mj.j1939.group import NOT_AVAILABLE, Group, Value
@@ -52,7 +52,7 @@ class GroupMaker:
                 self._parts.append((place, quantity, row.scale))
         # All plain fields of a source are fetched at once, which takes half the time.
         self._plain = [
-            (source, _getter([name for name, _, _ in part]), [entry[1:] for entry in part])
+            (source, fields_getter([name for name, _, _ in part]), [entry[1:] for entry in part])
             for source, part in plain.items()
         ]
 
@@ -72,7 +72,7 @@ class GroupMaker:
         return self._type(*values)
 
 
-def _getter(names: list[str]) -> Callable[[object], tuple[float | None, ...]]:
+def fields_getter(names: list[str]) -> Callable[[Any], tuple[Any, ...]]:
     """Fetches fields as a tuple, a single one, too."""
     if len(names) > 1:
         return operator.attrgetter(*names)

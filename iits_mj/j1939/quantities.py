@@ -138,7 +138,8 @@ def check_finite(state: EgoState, report: TruckReport) -> None:
 
 def to_state(found: Mapping[str, float], references: ReferenceTorques, base: EgoState) -> EgoState:
     """The state with the quantities that were heard; the rest is `base`'s."""
-    values: dict[str, Any] = {name: found[name] for name in _EGO if name in found}
+    values: dict[str, Any] = dict(zip(_EGO, _numbers_of_state(base), strict=True))
+    values |= {name: found[name] for name in _EGO if name in found}
     for name, others in _INSTEAD.items():
         heard = [found[other] for other in others if other in found]
         if name not in found and heard:
@@ -157,7 +158,7 @@ def to_state(found: Mapping[str, float], references: ReferenceTorques, base: Ego
     values["brake_pressures"] = tuple(
         found.get(name, old) for name, old in zip(PRESSURES, base.brake_pressures, strict=True)
     )
-    return dataclasses.replace(base, **values)
+    return EgoState(**values)
 
 
 def to_report(

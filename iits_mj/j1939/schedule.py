@@ -33,7 +33,8 @@ class Schedule:
                 raise InputError(f"period {period!r} s of a cyclic message: use 1e-6 s or more")
         self._periods = [_whole(period) for period in periods]
         self._offsets = [_whole(offset) for offset in offsets or [0.0] * len(self._periods)]
-        self._sent: list[int] = []
+        # When each is due next, counted from the start [us]; empty before the first call.
+        self._next: list[int] = []
         self._start = self._last = 0
 
     def due(self, time: float) -> list[int]:
@@ -48,16 +49,14 @@ class Schedule:
         if not math.isfinite(time):
             raise InputError(f"time {time!r} s of a bus: a finite number is wanted")
         now = _whole(time)
-        if not self._sent or now < self._last:
-            self._start, self._sent = now, [-1] * len(self._periods)
+        if not self._next or now < self._last:
+            self._start, self._next = now, list(self._offsets)
         self._last = now
-        elapsed, sent = now - self._start, self._sent
-        found = []
-        for place, (period, offset) in enumerate(zip(self._periods, self._offsets, strict=True)):
-            slot = (elapsed - offset) // period
-            if slot > sent[place]:
-                sent[place] = slot
-                found.append(place)
+        elapsed = now - self._start
+        found = [place for place, due in enumerate(self._next) if due <= elapsed]
+        for place in found:
+            period = self._periods[place]
+            self._next[place] += ((elapsed - self._next[place]) // period + 1) * period
         return found
 
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Callable
+from typing import TypeAlias
 
 from iits_mj.errors import BusError
 from iits_mj.j1939.configuration import ConfigurationReceiver
 from iits_mj.j1939.database import decode
 from iits_mj.j1939.frame import Frame
-from iits_mj.j1939.group import Status
+from iits_mj.j1939.group import Group, Status, Value
+from iits_mj.j1939.group_maker import fields_getter
 from iits_mj.j1939.groups import VW
 from iits_mj.j1939.mapping import Mapping, commands, reports, sender
 from iits_mj.j1939.quantities import ReferenceTorques, to_report, to_state
@@ -60,12 +63,12 @@ class StateReceiver:
             return False
         told = False
         group = decoded.group
-        for row, source in _rows().get(decoded.name, ()):
-            if source not in (None, decoded.source):
+        fetch, rows = _rows().get(decoded.name, _NO_ROWS)
+        for value, (quantity, scale, source) in zip(fetch(group), rows, strict=True):
+            if source is not None and source != decoded.source:
                 continue
-            value = getattr(group, row.signal)
             if not isinstance(value, Status):
-                self._found[row.quantity] = value * row.scale
+                self._found[quantity] = value * scale
                 told = True
         if isinstance(group, VW):
             told = self._weigh(group) or told
@@ -90,14 +93,28 @@ class StateReceiver:
         return True
 
 
+# How the signals of a message are fetched, and for each its quantity, the SI units in one unit of
+# it, and whom alone it is taken from.
+_Rows: TypeAlias = tuple[
+    Callable[[Group], tuple[Value, ...]], tuple[tuple[str, float, int | None], ...]
+]
+_NO_ROWS: _Rows = (lambda _group: (), ())
+
+
 @functools.cache
-def _rows() -> dict[str, tuple[tuple[Mapping, int | None], ...]]:
-    """Rows from which quantities are read back, and whom alone they are taken from, by message."""
+def _rows() -> dict[str, _Rows]:
+    """What is read back, by message."""
     commanded = {row.message for row in commands()}
-    found: dict[str, tuple[tuple[Mapping, int | None], ...]] = {}
+    found: dict[str, list[tuple[Mapping, int | None]]] = {}
     for row in reports():
         bound = row.message in commanded or row.message.startswith("IITS_")
         source = sender(row) if bound else row.address
         if row.back:
-            found[row.message] = (*found.get(row.message, ()), (row, source))
-    return found
+            found.setdefault(row.message, []).append((row, source))
+    return {
+        message: (
+            fields_getter([row.signal for row, _ in rows]),
+            tuple((row.quantity, row.scale, source) for row, source in rows),
+        )
+        for message, rows in found.items()
+    }
