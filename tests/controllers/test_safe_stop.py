@@ -70,7 +70,9 @@ def braking(rows, cut):
     return -mean, np.gradient(mean, 0.02)
 
 
-@pytest.mark.parametrize("payload", [36_000.0, 0.0])
+@pytest.mark.parametrize(
+    "payload", [36_000.0, pytest.param(0.0, marks=pytest.mark.slow)], ids=["laden", "empty"]
+)
 def test_bus_cut_at_80_km_h_in_a_bend_ends_parked_in_the_lane(payload):
     # Left-hand bend of 620 m.
     route = RoadMap.builtin().route()
@@ -146,12 +148,23 @@ def test_a_standing_truck_is_parked_after_a_second():
     assert abs(rows[-1, STATION] - 100.0) < 0.05
 
 
+@pytest.fixture(scope="module")
+def made():
+    """One stop for all, since its steering gains take a while."""
+    return SafeStop(Route.straight(length=2000.0))
+
+
+@pytest.fixture
+def stop(made):
+    made.reset()
+    return made
+
+
 def _ego(**fields):
     return EgoState(station=100.0, x=100.0, **fields)
 
 
-def test_a_reversing_truck_is_braked_with_the_wheel_held_and_the_driveline_open():
-    stop = SafeStop(Route.straight(length=500.0))
+def test_a_reversing_truck_is_braked_with_the_wheel_held_and_the_driveline_open(stop):
     last = VehicleCommand(transmission_mode=TransmissionMode.REVERSE, steering_wheel_angle=0.3)
     for k in range(50):
         ego = _ego(time=0.02 * k, speed=-2.0, gear=-1, steering_wheel_angle=0.3)
@@ -171,8 +184,7 @@ def test_on_a_road_without_lanes_the_truck_stops_straight_on():
     assert command.xbr_demand < -1.0
 
 
-def test_service_brakes_hold_until_the_spring_brakes_have_come():
-    stop = SafeStop(Route.straight(length=500.0), config=SafeStopConfig(parking_time=2.0))
+def test_service_brakes_hold_until_the_spring_brakes_have_come(stop):
     commands = {}
     for k in range(300):
         ego = _ego(time=0.02 * k)
@@ -185,8 +197,7 @@ def test_service_brakes_hold_until_the_spring_brakes_have_come():
     assert commands[299].parking_brake == 1.0
 
 
-def test_a_parked_truck_that_slides_keeps_its_parking_brake_and_brakes_anew():
-    stop = SafeStop(Route.straight(length=500.0))
+def test_a_parked_truck_that_slides_keeps_its_parking_brake_and_brakes_anew(stop):
     for k in range(250):
         stop.command(_ego(time=0.02 * k))
     for k in range(250, 300):
@@ -196,14 +207,12 @@ def test_a_parked_truck_that_slides_keeps_its_parking_brake_and_brakes_anew():
 
 
 @pytest.mark.parametrize("name", ["speed", "station", "yaw", "x", "articulation", "yaw_rate"])
-def test_a_state_that_is_not_finite_is_refused(name):
-    stop = SafeStop(Route.straight(length=500.0))
+def test_a_state_that_is_not_finite_is_refused(stop, name):
     with pytest.raises(InputError, match=name):
         stop.command(dataclasses.replace(_ego(), **{name: math.nan}))
 
 
-def test_a_state_that_stops_being_finite_is_refused():
-    stop = SafeStop(Route.straight(length=500.0))
+def test_a_state_that_stops_being_finite_is_refused(stop):
     stop.command(_ego(speed=10.0))
     with pytest.raises(InputError, match="lateral_speed"):
         stop.command(_ego(time=0.02, speed=10.0, lateral_speed=math.inf))
@@ -217,13 +226,13 @@ def test_impossible_settings_are_refused(wrong):
         SafeStopConfig(**wrong)
 
 
-def _fallback(**settings):
-    stop = SafeStop(Route.straight(length=2000.0))
-    return Fallback(stop, FallbackConfig(**settings))
+@pytest.fixture
+def make_fallback(stop):
+    return lambda **settings: Fallback(stop, FallbackConfig(**settings))
 
 
-def test_commands_pass_untouched_while_they_arrive():
-    fallback = _fallback()
+def test_commands_pass_untouched_while_they_arrive(make_fallback):
+    fallback = make_fallback()
     command = VehicleCommand(accelerator_pedal=0.7, steering_wheel_angle=0.1)
     for k in range(10):
         assert fallback.command(_ego(time=0.02 * k, speed=10.0), command, False) is command
@@ -237,8 +246,8 @@ def _lose(fallback, until=2.0, speed=10.0):
     return obeyed
 
 
-def test_returning_commands_take_over_without_a_step():
-    fallback = _fallback(return_time=0.5, blend_time=1.0)
+def test_returning_commands_take_over_without_a_step(make_fallback):
+    fallback = make_fallback(return_time=0.5, blend_time=1.0)
     before = _lose(fallback)
     received = VehicleCommand(accelerator_pedal=0.8, steering_wheel_angle=0.5)
     obeyed = []
@@ -256,8 +265,8 @@ def test_returning_commands_take_over_without_a_step():
     assert all(0.0 <= c.accelerator_pedal <= 0.8 for c in obeyed)
 
 
-def test_a_single_good_moment_does_not_end_the_stop():
-    fallback = _fallback(return_time=0.5)
+def test_a_single_good_moment_does_not_end_the_stop(make_fallback):
+    fallback = make_fallback(return_time=0.5)
     _lose(fallback)
     received = VehicleCommand(accelerator_pedal=0.8)
     for k in range(100):
@@ -268,8 +277,8 @@ def test_a_single_good_moment_does_not_end_the_stop():
     assert fallback.stops == 1
 
 
-def test_commands_lost_again_while_returning_begin_a_new_stop():
-    fallback = _fallback(return_time=0.1, blend_time=1.0)
+def test_commands_lost_again_while_returning_begin_a_new_stop(make_fallback):
+    fallback = make_fallback(return_time=0.1, blend_time=1.0)
     _lose(fallback)
     for k in range(20):
         fallback.command(_ego(time=2.0 + 0.02 * k, speed=10.0), VehicleCommand(), False)
@@ -279,8 +288,8 @@ def test_commands_lost_again_while_returning_begin_a_new_stop():
     assert fallback.stops == 2
 
 
-def test_a_standing_truck_waits_for_the_pedal_to_be_let_go_where_so_configured():
-    fallback = _fallback(acknowledge=True, return_time=0.1)
+def test_a_standing_truck_waits_for_the_pedal_to_be_let_go_where_so_configured(make_fallback):
+    fallback = make_fallback(acknowledge=True, return_time=0.1)
     _lose(fallback, speed=0.0)
     pressed, free = VehicleCommand(accelerator_pedal=0.5), VehicleCommand()
     for k in range(100):
@@ -291,8 +300,8 @@ def test_a_standing_truck_waits_for_the_pedal_to_be_let_go_where_so_configured()
     assert fallback.driver is Driver.COMMANDS
 
 
-def test_a_harder_demand_of_the_returning_commands_counts_at_once():
-    fallback = _fallback(return_time=0.0, blend_time=1.0)
+def test_a_harder_demand_of_the_returning_commands_counts_at_once(make_fallback):
+    fallback = make_fallback(return_time=0.0, blend_time=1.0)
     _lose(fallback)
     hard = VehicleCommand(xbr_demand=-5.0, xbr_mode=XbrMode.ADDITION)
     fallback.command(_ego(time=2.0, speed=10.0), hard, False)
@@ -306,6 +315,7 @@ def test_impossible_ways_back_are_refused(wrong):
         FallbackConfig(**wrong)
 
 
+@pytest.mark.slow
 def test_a_drive_goes_on_after_the_bus_was_gone_for_two_seconds():
     route = Route.straight(length=2000.0)
     truck = Truck.load(payload=0.0, route=route, visuals=False)

@@ -56,7 +56,9 @@ class Chain:
         return np.array(rows)
 
 
-@pytest.mark.parametrize("payload", [36_000.0, 0.0])
+@pytest.mark.parametrize(
+    "payload", [pytest.param(36_000.0, marks=pytest.mark.slow), 0.0], ids=["laden", "empty"]
+)
 def test_a_cut_bus_stops_the_truck_in_its_lane(payload):
     chain = Chain(payload)
     chain.drive(2.0)
@@ -80,6 +82,7 @@ def test_a_bus_that_returns_drives_the_truck_again():
     assert not chain.receiver.rejected
 
 
+@pytest.mark.slow
 def test_a_parked_truck_sets_off_again_when_the_bus_returns():
     chain = Chain(0.0)
     chain.drive(1.0)
