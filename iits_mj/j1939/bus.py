@@ -87,9 +87,9 @@ class Bus(Closing):
             is raised by the next call.
         """
         frames: list[Frame] = []
-        for _ in range(limit):
+        for _ in range(limit if self._failure is None else 0):
             try:
-                message = self._read()
+                message = self._bus.recv(timeout=0.0)
             except _FAILURES as error:
                 if _is_garbage(error):
                     self.ignored["malformed"] += 1
@@ -115,9 +115,6 @@ class Bus(Closing):
             self._bus.shutdown()
         except _FAILURES as error:
             raise BusError(f"CAN bus {self.name} cannot be closed: {_reason(error)}") from error
-
-    def _read(self) -> can.Message | None:
-        return None if self._failure is not None else self._bus.recv(timeout=0.0)
 
     def _sort(self, message: can.Message, time: float | None) -> Frame | None:
         if message.is_error_frame and self._errors_tell:

@@ -20,6 +20,7 @@ from iits_mj.j1939.group import Group
 from iits_mj.j1939.group_maker import GroupMaker
 from iits_mj.j1939.mapping import commands
 from iits_mj.j1939.schedule import Schedule
+from iits_mj.j1939.senders import checked_sources
 from iits_mj.messages import VehicleCommand
 
 # SPN 2920's operational range is +/-10 m/s2; this truck takes decelerations only.
@@ -85,9 +86,13 @@ class CommandSender:
 
     Args:
       source: the controller's address.
+
+    Raises:
+      InputError: the source is no address, 0 to 253.
     """
 
     def __init__(self, source: int = CONTROLLER) -> None:
+        checked_sources([source])
         self._source = source
         self._schedule = Schedule([cycle_time(order.message) for order in _orders()])
         self._counters = [0] * len(_orders())
@@ -115,9 +120,11 @@ def _frame(order: _Order, command: VehicleCommand, counter: int, time: float, so
 
 
 def _check(command: VehicleCommand) -> None:
-    for field, value in zip(_FIELDS, _numbers(command), strict=True):
-        if not math.isfinite(value):
-            raise InputError(f"command {field.name} = {value!r}: a finite number is wanted")
+    # A sum is finite only if all its terms are.
+    if not math.isfinite(sum(_numbers(command))):
+        for field, value in zip(_FIELDS, _numbers(command), strict=True):
+            if not math.isfinite(value):
+                raise InputError(f"command {field.name} = {value!r}: a finite number is wanted")
     for name in _SHARES:
         _within(name, getattr(command, name), 0.0, 1.0)
     _within("xbr_demand", command.xbr_demand, XBR_DEMAND_MIN, 0.0)

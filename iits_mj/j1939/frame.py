@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 from iits_mj.errors import BusError
@@ -20,7 +21,7 @@ class Frame:
     time: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.can_id < 1 << 29:
+        if self.can_id >> 29:
             raise BusError(f"identifier {self.can_id:#x}: J1939 uses 29 bits")
         if len(self.data) > 8:
             raise BusError(f"frame {self.can_id:08X} has {len(self.data)} bytes: at most 8 allowed")
@@ -33,8 +34,7 @@ class Frame:
     @property
     def pgn(self) -> int:
         """Parameter group number, without the destination."""
-        number = (self.can_id >> 8) & 0x3FFFF
-        return number if _is_broadcast(number) else number & 0x3FF00
+        return _parts(self.can_id)[0]
 
     @property
     def source(self) -> int:
@@ -44,8 +44,7 @@ class Frame:
     @property
     def destination(self) -> int:
         """Address of the receiver; 255 for everybody."""
-        number = (self.can_id >> 8) & 0x3FFFF
-        return GLOBAL_ADDRESS if _is_broadcast(number) else number & 0xFF
+        return _parts(self.can_id)[1]
 
 
 def make_id(priority: int, pgn: int, source: int, destination: int = GLOBAL_ADDRESS) -> int:
@@ -61,6 +60,15 @@ def make_id(priority: int, pgn: int, source: int, destination: int = GLOBAL_ADDR
             raise BusError(f"{name} {value!r} of a J1939 identifier: use 0 to {limit}")
     group = pgn if _is_broadcast(pgn) else (pgn & 0x3FF00) | destination
     return priority << 26 | group << 8 | source
+
+
+@functools.lru_cache(maxsize=4096)
+def _parts(can_id: int) -> tuple[int, int]:
+    """Parameter group number and destination."""
+    number = (can_id >> 8) & 0x3FFFF
+    if _is_broadcast(number):
+        return number, GLOBAL_ADDRESS
+    return number & 0x3FF00, number & 0xFF
 
 
 def _is_broadcast(number: int) -> bool:

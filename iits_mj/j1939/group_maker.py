@@ -42,6 +42,7 @@ class GroupMaker:
     ) -> None:
         self._type = group_type(message)
         self._places = {field.name: place for place, field in enumerate(fields(self._type))}
+        self._unknown: list[Value] = [NOT_AVAILABLE] * len(self._places)
         self._parts: list[tuple[int, Callable[..., float | None], float]] = []
         plain: dict[int, list[tuple[str, int, float]]] = {}
         for row in rows:
@@ -58,7 +59,7 @@ class GroupMaker:
 
     def __call__(self, *sources: object, **signals: Value) -> Group:
         """The group; `signals` are those that no row tells, in the units of the DBC."""
-        values: list[Value] = [NOT_AVAILABLE] * len(self._places)
+        values = self._unknown.copy()
         for source, fetch, places in self._plain:
             for value, (place, scale) in zip(fetch(sources[source]), places, strict=True):
                 if value is not None:

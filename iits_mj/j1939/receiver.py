@@ -105,7 +105,8 @@ class CommandReceiver:
         units = self._units.get(frame.pgn)
         if units is None:
             return False
-        addressed = [u for u in units if frame.destination in (u.address, GLOBAL_ADDRESS)]
+        destination = frame.destination
+        addressed = [u for u in units if destination in (u.address, GLOBAL_ADDRESS)]
         reason = Reason.ADDRESS if not addressed else Reason.SENDER
         if not addressed or frame.source not in self.sources:
             self.ignored[f"{units[0].message}: {reason.value}"] += 1

@@ -18,6 +18,7 @@ ANGLE_SLACK = 0.5 / 1024
 # SPN 695: no override.
 _OVERRIDE_OFF = 0
 _STEERING_ON = 1
+_LAST_MODE, _LAST_EBI_MODE, _LAST_SELECTOR = max(XbrMode), max(XbrEbiMode), max(TransmissionMode)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,14 +94,14 @@ def read_pedal(group: Group) -> PedalRequest:
 
 def read_xbr(group: Group) -> XbrRequest:
     """The request in XBR; where the mode is off the other fields do not count."""
-    mode = XbrMode(int(number(group, "xbr_control_mode", 0, max(XbrMode))))
+    mode = XbrMode(int(number(group, "xbr_control_mode", 0, _LAST_MODE)))
     if mode is XbrMode.OFF:
         return XbrRequest(mode)
     demand = number(group, "external_acceleration_demand", XBR_DEMAND_MIN, _DEMAND_SLACK)
     return XbrRequest(
         mode,
         min(demand, 0.0),
-        XbrEbiMode(int(number(group, "xbr_ebi_mode", 0, max(XbrEbiMode)))),
+        XbrEbiMode(int(number(group, "xbr_ebi_mode", 0, _LAST_EBI_MODE))),
         int(number(group, "xbr_priority", 0, 3)),
     )
 
@@ -126,7 +127,7 @@ def read_body(group: Group, angle_max: float) -> BodyRequest:
         angle = number(group, "steering_wheel_angle_request", -reach, reach)
         angle = math.copysign(min(abs(angle), angle_max), angle)
     parking = number(group, "parking_brake_request", 0, 1)
-    selector = int(number(group, "transmission_mode_request", 0, max(TransmissionMode)))
+    selector = int(number(group, "transmission_mode_request", 0, _LAST_SELECTOR))
     # Without a driver's pedal on board the field is "not available".
     pedal: float | None = None
     assert isinstance(group, IitsCommand)

@@ -110,9 +110,10 @@ class Reassembler:
 
     def receive(self, frame: Frame) -> LongMessage | None:
         """Takes any frame; returns the message that it completes."""
-        if frame.pgn == TRANSFER:
+        pgn = frame.pgn
+        if pgn == TRANSFER:
             return self._packet(frame)
-        if frame.pgn == CONNECTION:
+        if pgn == CONNECTION:
             self._connection(frame)
         return None
 
