@@ -9,12 +9,12 @@ from iits_mj.messages import TransmissionMode, TruckReport, XbrMode
 PRESSED = 1e-3
 # SPN 2918: 1 the driver's demand, 2 XBR in addition mode, 3 XBR in maximum mode.
 _DRIVER = 1.0
-_EXECUTION = {XbrMode.ADDITION: 2.0, XbrMode.MAXIMUM: 3.0}
+_EXECUTION: dict[int, float] = {XbrMode.ADDITION: 2.0, XbrMode.MAXIMUM: 3.0}
 # SPN 899 and 900: who decides on the torque of an engine or a retarder.
 _NO_REQUEST, _OPERATOR, _TRANSMISSION, _BRAKES = 0.0, 1.0, 6.0, 10.0
 _CONTROLLERS = {_TRANSMISSION: addresses.TRANSMISSION, _BRAKES: addresses.BRAKES}
 # SPN 162 and 163: two letters, of which a single one is the second, after a blank.
-RANGES = {
+RANGES: dict[int, float] = {
     mode: float(int.from_bytes(f" {letter}".encode(), "little"))
     for mode, letter in (
         (TransmissionMode.DRIVE, "D"),
@@ -63,7 +63,7 @@ def direction(gear: float | None) -> float | None:
 
 def letters_of_range(mode: float | None) -> float | None:
     """A place of the selector as its two letters (SPN 162 and 163)."""
-    return None if mode is None else RANGES.get(TransmissionMode(round(mode)))
+    return None if mode is None else RANGES.get(round(mode))
 
 
 def execution(report: TruckReport) -> float | None:
@@ -71,7 +71,7 @@ def execution(report: TruckReport) -> float | None:
     if report.xbr_active is None or report.xbr_mode is None:
         return None
     if report.xbr_active > 0.5:
-        return _EXECUTION.get(XbrMode(round(report.xbr_mode)), 0.0)
+        return _EXECUTION.get(round(report.xbr_mode), 0.0)
     return _DRIVER if (report.brake_pedal or 0.0) > PRESSED else 0.0
 
 

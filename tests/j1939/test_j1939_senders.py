@@ -10,6 +10,7 @@ from iits_mj.j1939 import (
     CommandSender,
     StateReceiver,
     StateSender,
+    Status,
     decode,
     pgn_of,
     state_to_frames,
@@ -194,3 +195,16 @@ def test_a_controller_sends_from_its_own_address():
 def test_a_command_out_of_range_is_never_sent(change):
     with pytest.raises(InputError, match=next(iter(change))):
         CommandSender().frames(VehicleCommand(**change), 0.0)
+
+
+@pytest.mark.parametrize("source", [-1, 254, 255, "42"])
+def test_a_controller_needs_an_address(source):
+    with pytest.raises(InputError, match="source"):
+        CommandSender(source)
+
+
+def test_codes_that_nobody_knows_are_not_sent():
+    report = TruckReport(transmission_mode=7.0, xbr_mode=9.0, xbr_active=1.0, gear_engaged=99.0)
+    groups = {d.name: d.group for d in map(decode, state_to_frames(EgoState(), report))}
+    assert groups["ETC2"].requested_range is Status.NOT_AVAILABLE
+    assert groups["EBC5"].xbr_active_control_mode == 0.0
