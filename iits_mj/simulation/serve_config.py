@@ -53,6 +53,13 @@ class ServeConfig(TruckStart):
         "stop: brake smoothly to a stop in the lane and park",
         choices=SILENCE,
     )
+    source: int | None = option(
+        None,
+        help="obey this sender only; without it every address but the truck's own",
+        low=0,
+        high=253,
+        metavar="ADDRESS",
+    )
     can_log: Path | None = option(
         None, help="log of the bus, both ways; the suffix picks the format", metavar="FILE"
     )

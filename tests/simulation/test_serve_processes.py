@@ -174,3 +174,57 @@ def test_bus_or_log_that_cannot_be_had_is_one_line(words: tuple[str, ...], told:
     assert done.stdout == ""
     assert len(done.stderr.splitlines()) == 1, done.stderr
     assert told in done.stderr
+
+
+NETWORK = """
+up() { ip link set lo up multicast on; ip route replace 239.0.0.0/8 dev lo; }
+up
+"$@" --payload 10000 --start-speed 16 --duration 60 & served=$!
+trap 'kill $served 2>/dev/null' EXIT
+"$PYTHON" examples/keep_speed.py --duration 4 --settle 3 >&2
+[ $? = 2 ] && exit 10
+ip link set lo down
+sleep 2
+up
+sleep 3
+"$PYTHON" examples/keep_speed.py --duration 4 --settle 3 >&2
+[ $? = 2 ] && exit 11
+kill -TERM $served
+wait $served
+"""
+
+
+def _own_network() -> list[str]:
+    """A command that runs another in a network of its own, or skips the test."""
+    words = ["unshare", "--net", "--map-root-user"]
+    probe = [*words, "sh", "-c", "ip link set lo up multicast on"]
+    try:
+        possible = subprocess.run(probe, capture_output=True, timeout=10).returncode == 0
+    except OSError:
+        possible = False
+    if not possible:
+        pytest.skip("a network of its own cannot be made here (unshare, ip)")
+    return words
+
+
+@pytest.mark.slow
+def test_truck_outlives_a_network_that_goes_down_and_comes_back() -> None:
+    words = [*_own_network(), "sh", "-c", NETWORK, "sh", *SERVE, "--bus", "udp_multicast"]
+    done = subprocess.run(
+        words,
+        cwd=ROOT,
+        text=True,
+        capture_output=True,
+        timeout=120,
+        env=os.environ | {"PYTHON": sys.executable},
+    )
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)["summary"]
+    assert summary["bus_state"] == "up"
+    assert summary["bus_failures"] >= 1
+    assert summary["bus_restarts"] >= 1
+    assert summary["dropped"] > 100
+    assert summary["silences"] >= 1
+    assert summary["rejected"] == {}
+    assert "is down, will be opened again" in done.stderr
+    assert "is up again" in done.stderr

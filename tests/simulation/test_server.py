@@ -172,6 +172,16 @@ def test_truck_obeys_the_bus_and_tells_what_it_does(bench: Callable[..., Bench])
     assert here.server.summary().accepted["XBR"] == 200
 
 
+def test_only_the_sender_that_was_named_is_obeyed(bench: Callable[..., Bench]) -> None:
+    here = bench(source=0x21)
+    here.serve(0.5, KEEP)
+    assert here.server.command.accelerator_pedal == 0.0
+    assert here.server.summary().passed_over["XBR: from an address that is not obeyed"] == 25
+    named = bench(source=0x2A)
+    named.serve(0.5, KEEP)
+    assert named.server.command.accelerator_pedal == pytest.approx(0.4)
+
+
 def test_truck_stays_parked_until_somebody_commands(bench: Callable[..., Bench]) -> None:
     here = bench(start_speed=0.0, start_station=600.0)
     here.serve(3.0)
