@@ -55,6 +55,7 @@ class CommandReceiver:
     Attributes:
       accepted: frames taken, by unit: `EEC2`, `XBR`, `TSC1 to 15`, `TSC1 to 16`, `IITS_COMMAND`.
       rejected, ignored: frames not acted upon, as "unit: reason", see `Reason`.
+      lost: frames that never arrived, as the counters of those that did tell, by unit.
 
     Raises:
       InputError: a setting is not usable.
@@ -96,6 +97,12 @@ class CommandReceiver:
         self._units: dict[int, list[Unit]] = {}
         for unit in (self._pedal, self._xbr, self._engine_retarder, self._retarder, self._body):
             self._units.setdefault(pgn_of(unit.message), []).append(unit)
+
+    @property
+    def lost(self) -> dict[str, int]:
+        """See the class."""
+        units = [unit for units in self._units.values() for unit in units]
+        return {unit.name: unit.lost for unit in units if unit.lost}
 
     def receive(self, frame: Frame) -> bool:
         """Takes one frame of the bus; returns True when it is obeyed.

@@ -16,7 +16,6 @@ class Reason(enum.Enum):
     LATE = "older than the last"
     CHECKSUM = "wrong checksum"
     REPEATED = "counter repeated"
-    SKIPPED = "counter skipped"
     OUT_OF_RANGE = "out of range"
     ERROR = "error"
     NOT_AVAILABLE = "not available"

@@ -36,15 +36,19 @@ class Stream:
         """Whether the last good request is young enough; one of the far future is not."""
         return abs(time - self.time) <= self._time_out + _HAIR
 
-    def follow(self, time: float, counter: int) -> None:
+    def follow(self, time: float, counter: int) -> int:
         """Takes note of an authentic frame, one whose checksum is right.
 
-        The counter must be the next one. After a skip the frame is not obeyed, but the sequence
-        goes on from it. After a silence any counter but the last one begins anew, so that a sender
-        that is stuck never comes back by waiting.
+        A counter that skips tells of frames that were lost on the way; this one is sound, and no
+        older command could be better. A repeated counter is not obeyed, after a silence neither, so
+        that a sender that is stuck never comes back by waiting.
+
+        Returns:
+          How many frames were lost before this one, as far as the counter can tell; 0 after a
+          silence, where the sequence begins anew.
 
         Raises:
-          RejectedError: the frame is older than the last, or its counter is not the next.
+          RejectedError: the frame is older than the last, or its counter is the last one's.
         """
         if -self._time_out < time - self._heard < -_HAIR:
             raise RejectedError(Reason.LATE)
@@ -53,9 +57,8 @@ class Stream:
             raise RejectedError(Reason.REPEATED)
         self._counter, self._heard = counter, time
         if not self._modulus or last is None or gap:
-            return
-        if counter != (last + 1) % self._modulus:
-            raise RejectedError(Reason.SKIPPED)
+            return 0
+        return (counter - last - 1) % self._modulus
 
     def take(self, request: Request, time: float) -> None:
         """Keeps a good request."""

@@ -13,8 +13,7 @@ from iits_mj.errors import InputError
 class TimeOuts:
     """Longest silence [s] before a message's command falls back to its safe value.
 
-    The defaults are five periods of the message: three frames may be lost in a row, and with them
-    the next one, whose counter does not follow the last.
+    The defaults are five periods of the message: four frames may be lost in a row.
 
     Attributes:
       pedal: EEC2; xbr: XBR; body: IITS_COMMAND.

@@ -32,6 +32,7 @@ class Unit:
       shared: whether several senders are listened to at once, of which the priority decides; else
         the first one holds the message.
       streams: what was heard, by sender; holder: the sender that holds the message.
+      lost: frames that never arrived, as the counters of those that did tell.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Unit:
     shared: bool = False
     streams: dict[int, Stream] = field(default_factory=dict)
     holder: int | None = None
+    lost: int = 0
 
     def take(self, frame: Frame) -> Request:
         """Checks a frame and keeps the request in it.
@@ -66,7 +68,7 @@ class Unit:
             if checksum != self.checksum(frame):
                 raise RejectedError(Reason.CHECKSUM)
         stream = self._stream(frame.source)
-        stream.follow(frame.time, counter)
+        self.lost += stream.follow(frame.time, counter)
         request = self.read(decoded.group)
         if not self.shared:
             self._hold(frame)
