@@ -49,15 +49,14 @@ class StateReceiver:
 
     def receive(self, frame: Frame) -> bool:
         """Takes any frame; returns True when it told something about the state. Never raises."""
-        if self._configuration.receive(frame):
-            return True
         try:
             decoded = decode(frame)
         except BusError:
             self.malformed += 1
             return False
         if decoded is None:
-            return False
+            # Packets of a long message are in no group of the DBC.
+            return self._configuration.receive(frame)
         if not math.isfinite(frame.time):
             self.malformed += 1
             return False
