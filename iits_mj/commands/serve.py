@@ -17,8 +17,7 @@ from types import FrameType
 
 import iits_mj
 from iits_mj.options import option
-from iits_mj.simulation.serve_config import ServeConfig
-from iits_mj.simulation.server import Server
+from iits_mj.simulation import ServeConfig, Server
 
 
 @dataclass(frozen=True, kw_only=True)

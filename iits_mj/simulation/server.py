@@ -81,7 +81,10 @@ class Server(Closing):
         stop = SafeStop(self.route, self.truck.parameters)
         stop.prepare(self.state)
         self._fallback = Fallback(stop)
-        self.receiver = CommandReceiver(steering_angle_max=self.truck.parameters.steering.angle_max)
+        self.receiver = CommandReceiver(
+            sources=None if config.source is None else (config.source,),
+            steering_angle_max=self.truck.parameters.steering.angle_max,
+        )
         self.pace = Pace(TICK, clock=clock, sleep=sleep)
         self.command = VehicleCommand()
         self.silent = True

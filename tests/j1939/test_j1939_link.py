@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import socket
+import time
 
 import can
 import pytest
@@ -195,6 +197,27 @@ def test_virtual_bus_keeps_the_times_of_the_frames() -> None:
         assert there.receive() == [FRAME]
         here.send(FRAME)
         assert there.receive(time=7.0)[0].time == 7.0
+
+
+def test_own_datagrams_are_not_heard_and_those_of_others_are() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("", 0))
+        channel = f"239.74.163.2:{probe.getsockname()[1]}"
+    try:
+        here, there = Bus("udp_multicast", channel), Bus("udp_multicast", channel)
+    except BusError as error:
+        pytest.skip(f"UDP multicast is not routed here: {error}")
+    with here, there:
+        here.send(FRAME)
+        end = time.monotonic() + 2.0
+        heard: list[Frame] = []
+        while not heard and time.monotonic() < end:
+            heard = there.receive(time=1.25)
+        if not heard:
+            pytest.skip("UDP multicast does not come back to this machine")
+        assert heard == [FRAME]
+        assert here.receive() == []
+        assert (here.ignored, there.ignored) == ({"own": 1}, {})
 
 
 @pytest.mark.parametrize(

@@ -27,8 +27,8 @@ from iits_mj.j1939 import (
 )
 from iits_mj.j1939.network import ADDRESS_CLAIMED, request
 from iits_mj.messages import VehicleCommand
-from iits_mj.simulation.serve_config import ServeConfig
-from iits_mj.simulation.server import TICK, Server
+from iits_mj.simulation import ServeConfig, Server
+from iits_mj.simulation.server import TICK
 
 KEEP = VehicleCommand(accelerator_pedal=0.4)
 
