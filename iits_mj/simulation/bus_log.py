@@ -42,7 +42,8 @@ class BusLog(Closing):
         self._sender = StateSender(ReferenceTorques.of(parameters))
         self._configurations = ConfigurationSender(parameters)
         self._writer = LogWriter(path)
-        simulation.path.listen(self._write)
+        self._commands = simulation.path
+        self._commands.listen(self._write)
 
     def observe(self, simulation: Simulation, frame: Frame) -> None:
         """Writes the reports that are due."""
@@ -53,7 +54,8 @@ class BusLog(Closing):
             self._write(report)
 
     def close(self) -> None:
-        """Finishes the file."""
+        """Finishes the file; the drive may go on."""
+        self._commands.forget(self._write)
         self._writer.close()
 
     def _write(self, frame: BusFrame) -> None:

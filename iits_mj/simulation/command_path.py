@@ -58,6 +58,11 @@ class CommandPath:
         """Calls `listener` with every command frame from now on, in the order of sending."""
         self._listeners.append(listener)
 
+    def forget(self, listener: FrameListener) -> None:
+        """Ends what `listen` began; nothing where it did not."""
+        if listener in self._listeners:
+            self._listeners.remove(listener)
+
     def pass_on(self, command: VehicleCommand, time: float) -> VehicleCommand:
         """What reaches the truck of a command given at this time [s].
 

@@ -213,6 +213,19 @@ def test_log_of_straight_commands_gives_the_drive_up_to_the_signals_steps(tmp_pa
     assert apart(again, telemetry, "offset [m]") < 0.005
 
 
+def test_drive_goes_on_when_its_log_is_closed_and_another_log_begins_anew(tmp_path: Path) -> None:
+    paths = [tmp_path / "first.log", tmp_path / "second.log"]
+    with simulation({}, duration=1.0, commands="j1939") as driven:
+        for path in paths:
+            driven.reset()
+            with BusLog(path, driven) as log:
+                driven.run([log])
+        driven.reset()
+        driven.run()
+    first, second = (list(read_log(path)) for path in paths)
+    assert first == second
+
+
 def frames_without(path: Path, *pgns: int) -> list[Frame]:
     return [frame for frame in read_log(path) if frame.pgn not in pgns]
 
