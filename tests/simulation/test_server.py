@@ -316,8 +316,7 @@ def test_serving_ends_with_its_time_when_told_and_at_the_end_of_the_road(
     told = bench()
     told.server.stop("enough")
     assert told.server.run().ended == "enough"
-    last = bench(payload=0.0)
-    end = last.server.route.length
+    end = told.server.route.length
     near = bench(start_station=end - 25.0, start_speed=20.0, duration=20.0)
     assert near.server.run().ended == "reached the end of the road"
 
