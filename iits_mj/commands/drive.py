@@ -104,13 +104,22 @@ class Outcome:
     receiver: CommandReceiver | None
     logged: int
 
+    def frames(self) -> dict[str, Mapping[str, int]]:
+        """What became of the frames, by kind and reason; nothing where there were none."""
+        heard = self.receiver
+        if heard is None:
+            return {}
+        return {
+            "accepted": heard.accepted,
+            "rejected": heard.rejected,
+            "ignored": heard.ignored,
+            "lost": heard.lost,
+        }
+
     def rows(self) -> list[tuple[str, str]]:
         """Name and value of every figure, for tables that people read."""
         rows = self.summary.rows()
-        if self.receiver is not None:
-            rows.append(("frames accepted", _counts(self.receiver.accepted)))
-            rows.append(("frames rejected", _counts(self.receiver.rejected)))
-            rows.append(("frames ignored", _counts(self.receiver.ignored)))
+        rows += [(f"frames {what}", _counts(n)) for what, n in self.frames().items()]
         return rows
 
 
@@ -240,11 +249,7 @@ def _summary_object(job: Job, outcome: Outcome) -> dict[str, object]:
         "settings": dict(_settings(job.options)),
         "notes": list(outcome.notes),
     }
-    if outcome.receiver is not None:
-        found["accepted"] = dict(outcome.receiver.accepted)
-        found["rejected"] = dict(outcome.receiver.rejected)
-        found["ignored"] = dict(outcome.receiver.ignored)
-    return found
+    return found | {what: dict(counts) for what, counts in outcome.frames().items()}
 
 
 def _counts(counts: Mapping[str, int]) -> str:
