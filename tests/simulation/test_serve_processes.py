@@ -159,21 +159,18 @@ def test_ctrl_c_ends_with_a_summary(port: int, processes: list[subprocess.Popen[
     assert json.loads(out)["summary"]["ended"] == "ended by SIGINT"
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (("--bus", "socketcan", "--channel", "no_can9"), "CAN bus socketcan:no_can9"),
-        (("--can-log", "/nowhere/bus.asc"), "/nowhere/bus.asc"),
-    ],
-)
-def test_bus_or_log_that_cannot_be_had_is_one_line(words: tuple[str, ...], told: str) -> None:
+def test_bus_that_cannot_be_had_is_one_line_with_nothing_of_the_driver_beside_it() -> None:
     done = subprocess.run(
-        [*SERVE, *words], cwd=ROOT, text=True, capture_output=True, timeout=60, env=os.environ
+        [*SERVE, "--bus", "socketcan", "--channel", "no_can9"],
+        cwd=ROOT,
+        text=True,
+        capture_output=True,
+        timeout=60,
     )
     assert done.returncode == 2
     assert done.stdout == ""
     assert len(done.stderr.splitlines()) == 1, done.stderr
-    assert told in done.stderr
+    assert "CAN bus socketcan:no_can9 cannot be opened" in done.stderr
 
 
 NETWORK = """
