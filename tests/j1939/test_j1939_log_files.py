@@ -214,7 +214,7 @@ def test_an_empty_log_has_no_frames(tmp_path, name):
         ("x.txt", b" (" + b"9" * 400 + b".0)  can0  18FEF100   [0]\n", "inf"),
         ("x.csv", b"timestamp,arbitration_id,x\n1,2\n", "unpack"),
         ("x.db", b"SQLite format 3\0 and no more", "database"),
-        ("x.asc.gz", gzip.compress(b"date x\n" * 10, mtime=0, mtime=0)[:-9], "end"),
+        ("x.asc.gz", gzip.compress(b"date x\n" * 10, mtime=0)[:-9], "end"),
     ],
 )
 def test_a_file_that_is_no_log_or_broken_gives_one_clear_error(tmp_path, name, bytes_, why):
