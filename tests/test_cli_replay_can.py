@@ -89,6 +89,37 @@ def test_decoding_writes_a_table_and_does_not_drive(
     assert len(rows(table)) > few
 
 
+def test_decoding_in_json_says_what_was_on_the_bus(
+    drive: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    words = ["replay-can", str(drive / "bus.asc"), "--decode", str(tmp_path / "t.csv"), "--json"]
+    assert cli.main(words) == 0
+    found = json.loads(capsys.readouterr().out)
+    brakes = next(g for g in found["groups"] if g["message"] == "XBR")
+    assert (brakes["pgn"], brakes["source"], brakes["destination"]) == (1024, 42, 11)
+    assert (brakes["count"], brakes["period_s"]) == (200, pytest.approx(0.02))
+    engine = next(g for g in found["groups"] if g["message"] == "EEC1")
+    assert 500.0 < engine["signals"]["engine_speed_rpm"]["minimum"] < 2500.0
+    assert found["long_messages"] == 3
+    assert found["long_message_failures"] == {}
+
+
+@pytest.mark.parametrize("flag", ["--decode", "--can-log"])
+def test_a_log_is_never_written_over_while_it_is_read(
+    flag: str, tmp_path: Path, capsys: Capture
+) -> None:
+    log, other = tmp_path / "bus.csv", tmp_path / "link.csv"
+    with LogWriter(log) as writer:
+        for frame in command_to_frames(VehicleCommand(), 0):
+            writer.write(frame)
+    other.symlink_to(log)
+    before = log.read_bytes()
+    for path in (log, other):
+        assert cli.main(["replay-can", str(log), flag, str(path), "--out", str(tmp_path)]) == 2
+        assert "name another file" in capsys.readouterr().err
+    assert log.read_bytes() == before
+
+
 @pytest.fixture
 def revved(tmp_path: Path) -> Path:
     """Three seconds of a recorded truck whose driver treads on the pedal."""

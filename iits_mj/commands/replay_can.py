@@ -8,11 +8,14 @@ in --out what 'iits-mj drive' leaves there. A log without steering commands need
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+import iits_mj
 from iits_mj.commands import drive
+from iits_mj.errors import InputError
 from iits_mj.j1939 import Frame, read_log
 from iits_mj.j1939.table import write_table
 from iits_mj.options import option
@@ -67,7 +70,14 @@ class Options(drive.Kept, TruckStart):
 
 
 def run(options: Options) -> int:
-    """Decodes, or drives as `iits-mj drive` does."""
+    """Decodes, or drives as `iits-mj drive` does.
+
+    Raises:
+      InputError: the log itself would be written over.
+    """
+    for flag, path in (("decode", options.decode), ("can-log", options.can_log)):
+        if path is not None and _same(path, options.file):
+            raise InputError(f"--{flag} {str(path)!r} is the log that is read; name another file")
     if options.decode is not None:
         return _decode(options, options.decode)
     start = {f.name: getattr(options, f.name) for f in dataclasses.fields(TruckStart)}
@@ -97,9 +107,17 @@ def run(options: Options) -> int:
     )
 
 
+def _same(path: Path, other: Path) -> bool:
+    return path.exists() and other.exists() and path.samefile(other)
+
+
 def _decode(options: Options, path: Path) -> int:
-    """Writes the table; prints what was on the bus, or nothing but one JSON object."""
+    """Writes the table; prints what was on the bus, as text or as one JSON object."""
     summary = write_table(read_log(options.file), path, only_values=not options.all_signals)
-    print(summary.text())
-    print(f"table: {path}")
+    if options.json:
+        content = {"command": "replay-can", "version": iits_mj.__version__, "table": str(path)}
+        print(json.dumps(content | summary.as_dict(), allow_nan=False))
+    else:
+        print(summary.text())
+        print(f"table: {path}")
     return 0

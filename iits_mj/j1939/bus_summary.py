@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 from iits_mj.j1939.frame import Frame
 from iits_mj.j1939.readings import INVALID, BusReader, Entry, Reading
@@ -39,6 +40,17 @@ class SignalRange:
             self.missing += 1
         elif entry.value not in self.texts and len(self.texts) < _MAX_TEXTS:
             self.texts.append(entry.value)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything for JSON; bounds are None while there was no number."""
+        known = self.minimum <= self.maximum
+        return {
+            "unit": self.unit,
+            "minimum": self.minimum if known else None,
+            "maximum": self.maximum if known else None,
+            "texts": self.texts,
+            "missing": self.missing,
+        }
 
     def __str__(self) -> str:
         if self.minimum <= self.maximum:
@@ -106,6 +118,29 @@ class BusSummary:
             )
             lines += [f"{'':>8}{n:<40} {s}" for n, s in traffic.signals.items() if str(s)]
         return "\n".join(lines + self._transport_lines())
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything for JSON, in the order of the PGNs; the period of a single one is None."""
+        groups = [
+            {
+                "pgn": pgn,
+                "message": traffic.message,
+                "source": source,
+                "destination": destination,
+                "count": traffic.count,
+                "period_s": traffic.period if traffic.count > 1 else None,
+                "wrong_length": traffic.invalid,
+                "signals": {name: signal.as_dict() for name, signal in traffic.signals.items()},
+            }
+            for (pgn, source, destination), traffic in sorted(self.traffic.items())
+        ]
+        long = self.transport
+        failures = {} if long is None else {why.value: n for why, n in long.failures.items()}
+        return {
+            "groups": groups,
+            "long_messages": 0 if long is None else long.messages,
+            "long_message_failures": failures,
+        }
 
     def _transport_lines(self) -> list[str]:
         if self.transport is None:
