@@ -23,8 +23,8 @@ from iits_mj.j1939.long_groups import read_group
 from iits_mj.j1939.quantities import ReferenceTorques
 from iits_mj.j1939.transport import Reassembler
 from iits_mj.parameters import TruckParameters
+from iits_mj.units import RPM
 
-_RPM = 60.0 / (2.0 * math.pi)
 # SPN 901 and 902 (the DBC's value tables), and SPN 557 for torque without steps.
 _HYDRAULIC, _COMPRESSION_RELEASE = 1.0, 3.0
 _ON_ENGINE, _ON_DRIVELINE = 0.0, 4.0
@@ -51,12 +51,12 @@ def engine_configuration(parameters: TruckParameters) -> EC1:
     corners = _corners(percent, engine.idle_speed, inner, begin)
     points = {}
     for number, speed in zip((1, 3, 4, 5, 2), corners, strict=True):
-        points[f"engine_speed_point_{number}_rpm"] = speed * _RPM
+        points[f"engine_speed_point_{number}_rpm"] = speed / RPM
         points[f"engine_torque_point_{number}_percent"] = percent(speed)
     return EC1(
         **points,
-        engine_speed_point_6_rpm=engine.governed_speed * _RPM,
-        governor_gain_percent_per_rpm=percent(begin) / ((engine.governed_speed - begin) * _RPM),
+        engine_speed_point_6_rpm=engine.governed_speed / RPM,
+        governor_gain_percent_per_rpm=percent(begin) / (engine.governed_speed - begin) * RPM,
         reference_engine_torque_nm=engine.reference_torque,
         engine_moment_of_inertia_kg_m2=engine.inertia,
     )
@@ -211,7 +211,7 @@ def _retarder(
     """RC from type and location, the speeds of points 1 to 5, and torque over the reference."""
     points = {}
     for number, speed in enumerate(speeds, start=1):
-        points[f"retarder_speed_point_{number}_rpm"] = float(speed) * _RPM
+        points[f"retarder_speed_point_{number}_rpm"] = float(speed) / RPM
         points[f"retarder_torque_point_{number}_percent"] = -100.0 * share(float(speed))
     return RC(
         **points,

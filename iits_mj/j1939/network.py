@@ -33,6 +33,8 @@ _FUNCTIONS = {
     addresses.BRAKES: 9,
     addresses.ENGINE_RETARDER: 12,
     addresses.DRIVELINE_RETARDER: 13,
+    addresses.SUSPENSION: 35,
+    addresses.STABILITY: 45,
 }
 _ON_HIGHWAY = 1
 
@@ -91,13 +93,19 @@ _FIELDS = (
 
 
 def unit_names(units: Iterable[int], identity: int = 0) -> dict[int, Name]:
-    """Addresses to the NAMEs of the truck's units at them.
+    """Addresses to the NAMEs of the truck's units at them, no two alike.
 
     Args:
       units: addresses.
       identity: of the truck, 21 bits; two trucks on one bus need two.
     """
-    return {a: Name(identity, function=_FUNCTIONS.get(a, _FUNCTION_UNKNOWN)) for a in units}
+    names: dict[int, Name] = {}
+    seen: Counter[int] = Counter()
+    for address in units:
+        function = _FUNCTIONS.get(address, _FUNCTION_UNKNOWN)
+        names[address] = Name(identity, function=function, function_instance=seen[function])
+        seen[function] += 1
+    return names
 
 
 class ControlUnits:

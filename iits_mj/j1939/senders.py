@@ -6,8 +6,7 @@ import functools
 from collections.abc import Iterable
 
 from iits_mj.errors import InputError
-from iits_mj.j1939.layouts import layouts
-from iits_mj.j1939.mapping import reports
+from iits_mj.j1939.mapping import reports, sender
 
 # 254 is "no address", 255 everybody: neither can send a command.
 LAST_ADDRESS = 253
@@ -16,13 +15,7 @@ LAST_ADDRESS = 253
 @functools.cache
 def truck_addresses() -> frozenset[int]:
     """Addresses from which this truck reports."""
-    own = set()
-    for row in reports():
-        if row.address is None:
-            own.add(layouts().get_message_by_name(row.message).frame_id & 0xFF)
-        else:
-            own.add(row.address)
-    return frozenset(own)
+    return frozenset(sender(row) for row in reports())
 
 
 @functools.cache

@@ -6,7 +6,8 @@ from iits_mj.closing import Closing
 from iits_mj.j1939 import CommandReceiver, Frame, Link, LogWriter, ReferenceTorques
 from iits_mj.j1939.configuration import ConfigurationSender
 from iits_mj.j1939.network import ControlUnits, unit_names
-from iits_mj.j1939.state import StateSender, state_to_frames
+from iits_mj.j1939.senders import truck_addresses
+from iits_mj.j1939.state import StateSender
 from iits_mj.messages import EgoState, TruckReport
 from iits_mj.parameters import TruckParameters
 
@@ -40,8 +41,7 @@ class TruckBus(Closing):
         self._due: list[Frame] = []
         # Claimed before anything else is sent, and again whenever the bus was opened anew.
         self._claimed_at_restart = -1
-        addresses = {frame.source for frame in state_to_frames(self._state)}
-        self.units = ControlUnits(unit_names(sorted(addresses)))
+        self.units = ControlUnits(unit_names(sorted(truck_addresses())))
 
     def prepare(self, state: EgoState, report: TruckReport) -> None:
         """Makes the frames that are due at the state's time, so that `exchange` can send at once.

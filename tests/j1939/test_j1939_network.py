@@ -15,6 +15,7 @@ from iits_mj.j1939.network import (
     request,
     unit_names,
 )
+from iits_mj.j1939.senders import truck_addresses
 
 TESTER = 0xF9
 EEC1 = Frame(0x0CF00400, bytes(8))
@@ -40,6 +41,23 @@ def test_claims_carry_the_names_of_all_units_to_everybody(units: ControlUnits) -
     assert [frame.source for frame in claims] == [0, 3, 11]
     assert {(f.pgn, f.destination, f.priority, f.time) for f in claims} == {(60928, 255, 6, 2.0)}
     assert len({frame.data for frame in claims}) == 3
+
+
+def test_no_two_units_of_the_truck_have_the_same_name() -> None:
+    # Two units of one NAME make each other give up their addresses (J1939-81).
+    names = unit_names(sorted(truck_addresses()))
+    assert len({name.to_bytes() for name in names.values()}) == len(names) == 7
+    assert {address: name.function for address, name in names.items()} == {
+        0: 0,
+        3: 3,
+        11: 9,
+        15: 12,
+        16: 13,
+        47: 35,
+        62: 45,
+    }
+    strangers = unit_names([200, 201, 202])
+    assert len({name.to_bytes() for name in strangers.values()}) == 3
 
 
 def test_name_has_its_fields_where_j1939_81_puts_them() -> None:
