@@ -150,7 +150,7 @@ class Link(Closing):
         self._wait = self._first_wait
 
     def _fail(self, state: LinkState, reason: str) -> None:
-        self.failures += 1
+        self.failures += self.state is LinkState.UP
         self._refused_since = None
         self._change(state, reason)
         if state is LinkState.DOWN:

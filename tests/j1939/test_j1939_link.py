@@ -149,6 +149,23 @@ def test_controller_that_restarts_itself_is_believed(medium: Medium, clock: Cloc
     assert (link.restarts, medium.opened, link.failures) == (0, 1, 1)
 
 
+def test_bus_off_that_ends_in_an_unreadable_bus_is_one_failure(
+    medium: Medium, clock: Clock
+) -> None:
+    link = _link(clock, "socketcan")
+    medium.waiting.append(_message(arbitration_id=0x040, is_error_frame=True))
+    link.receive()
+    medium.readable = False
+    link.receive()
+    assert (link.state, link.failures) == (LinkState.DOWN, 1)
+    medium.readable = True
+    clock.now += 10.0
+    link.receive()
+    states = [LinkState.BUS_OFF, LinkState.DOWN, LinkState.UP]
+    assert [change.state for change in link.changes] == states
+    assert (link.failures, link.restarts) == (1, 1)
+
+
 def test_controller_that_stays_bus_off_is_opened_again(medium: Medium, clock: Clock) -> None:
     link = _link(clock)
     medium.off = True
