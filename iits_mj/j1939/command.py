@@ -8,16 +8,15 @@ from __future__ import annotations
 import functools
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 
 from iits_mj.errors import BusError, InputError
 from iits_mj.j1939.addresses import CONTROLLER, DRIVELINE_RETARDER, ENGINE_RETARDER
 from iits_mj.j1939.checksum import tsc1_checksum, with_byte8, xbr_checksum
-from iits_mj.j1939.database import cycle_time, encode
+from iits_mj.j1939.data_maker import DataMaker, FieldOf
+from iits_mj.j1939.database import cycle_time, identifier
 from iits_mj.j1939.frame import Frame
-from iits_mj.j1939.group import Group
-from iits_mj.j1939.group_maker import GroupMaker
 from iits_mj.j1939.mapping import commands
 from iits_mj.j1939.schedule import Schedule
 from iits_mj.j1939.senders import checked_sources
@@ -37,24 +36,24 @@ _numbers = operator.attrgetter(*(field.name for field in _FIELDS))
 
 @dataclass(frozen=True, slots=True)
 class _Order:
-    """A message of a command: how its group is made and its last byte sealed.
+    """A message of a command: how its bytes are made and the last one sealed.
 
     Attributes:
       message: name in the DBC; destination: address, None for everybody.
-      group: from the command and the message's counter.
+      data: from the command and the message's counter.
       counters: how many numbers the counter has; checksum: None for a message without either.
     """
 
     message: str
     destination: int | None
-    group: Callable[[VehicleCommand, int], Group]
+    data: Callable[[VehicleCommand, int], bytes]
     counters: int = 16
     checksum: Callable[[Frame], int] | None = xbr_checksum
 
     def frame(self, command: VehicleCommand, counter: int, time: float, source: int) -> Frame:
         number = counter % self.counters
-        group = self.group(command, number)
-        frame = encode(group, time=time, source=source, destination=self.destination)
+        can_id = identifier(self.message, source, self.destination)
+        frame = Frame(can_id, self.data(command, number), time)
         if self.checksum is None:
             return frame
         return with_byte8(frame, number, self.checksum(frame))
@@ -132,44 +131,43 @@ def _check(command: VehicleCommand) -> None:
 
 @functools.cache
 def _orders() -> tuple[_Order, ...]:
-    xbr, body, pedal = (_maker(message) for message in ("XBR", "IITS_COMMAND", "EEC2"))
+    pedal = _maker("EEC2")
+    xbr = _maker("XBR", extra=("xbr_priority", "xbr_message_counter"))
+    body = _maker(
+        "IITS_COMMAND",
+        extra=("parking_brake_request", "steering_control_mode", "command_message_counter"),
+    )
+
+    def switches(command: VehicleCommand, counter: int) -> tuple[float, ...]:
+        return float(command.parking_brake >= 0.5), _STEERING_ON, counter
+
     return (
         _Order("EEC2", None, lambda command, _counter: pedal(command), checksum=None),
-        _Order(
-            "XBR",
-            None,
-            lambda command, counter: xbr(
-                command, xbr_priority=_XBR_PRIORITY, xbr_message_counter=counter
-            ),
-        ),
+        _Order("XBR", None, lambda command, counter: xbr(command, extra=(_XBR_PRIORITY, counter))),
         _retarder(ENGINE_RETARDER, "engine_brake"),
         _retarder(DRIVELINE_RETARDER, "retarder"),
         _Order(
             "IITS_COMMAND",
             None,
-            lambda command, counter: body(
-                command,
-                parking_brake_request=float(command.parking_brake >= 0.5),
-                steering_control_mode=_STEERING_ON,
-                command_message_counter=counter,
-            ),
+            lambda command, counter: body(command, extra=switches(command, counter)),
         ),
     )
 
 
 def _retarder(address: int, share: str) -> _Order:
-    make, wanted = _maker("TSC1", address), operator.attrgetter(share)
+    extra = ("override_control_mode", "tsc1_message_counter")
+    make, wanted = _maker("TSC1", address, extra), operator.attrgetter(share)
 
-    def group(command: VehicleCommand, counter: int) -> Group:
+    def data(command: VehicleCommand, counter: int) -> bytes:
         mode = TORQUE_CONTROL if wanted(command) != 0.0 else 0
-        return make(command, override_control_mode=mode, tsc1_message_counter=counter)
+        return make(command, extra=(mode, counter))
 
-    return _Order("TSC1", address, group, counters=8, checksum=tsc1_checksum)
+    return _Order("TSC1", address, data, counters=8, checksum=tsc1_checksum)
 
 
-def _maker(message: str, address: int | None = None) -> GroupMaker:
+def _maker(message: str, address: int | None = None, extra: Sequence[str] = ()) -> DataMaker:
     rows = [r for r in commands() if r.message == message and address in (None, r.address)]
-    return GroupMaker(message, rows, {f.name: operator.attrgetter(f.name) for f in _FIELDS})
+    return DataMaker(message, rows, {f.name: FieldOf(0, f.name) for f in _FIELDS}, extra=extra)
 
 
 def _within(name: str, value: float, low: float, high: float) -> None:

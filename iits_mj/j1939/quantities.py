@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 
 from iits_mj.errors import BusError
 from iits_mj.j1939 import addresses, codes
-from iits_mj.j1939.group_maker import FieldOf
+from iits_mj.j1939.data_maker import FieldOf
 from iits_mj.messages import EgoState, TruckReport
 from iits_mj.parameters import TruckParameters
 
@@ -23,8 +23,9 @@ _PLACES = ("front_left", "front_right", "rear_left", "rear_right", "trailer")
 PRESSURES = tuple(f"brake_pressure_{place}" for place in _PLACES)
 _WHEELS = ("front_left", "front_right", "rear1_left", "rear1_right", "rear2_left", "rear2_right")
 _RELATIVE_SPEEDS = tuple(f"relative_speed_{wheel}" for wheel in _WHEELS)
+_FIELDS_OF_STATE = tuple(f.name for f in dataclasses.fields(EgoState))
 _TUPLES = ("brake_pressures", "wheel_speeds", "axle_loads")
-_EGO = tuple(f.name for f in dataclasses.fields(EgoState) if f.name not in _TUPLES)
+_EGO = tuple(name for name in _FIELDS_OF_STATE if name not in _TUPLES)
 _REPORT = tuple(f.name for f in dataclasses.fields(TruckReport) if f.name not in _TUPLES)
 # Distance over fuel in overrun [m/kg]: beyond every signal's range.
 _ENDLESS = 1e9
@@ -115,6 +116,7 @@ def quantities() -> dict[str, Quantity]:
     }
 
 
+_all_of_state = operator.attrgetter(*_FIELDS_OF_STATE)
 _numbers_of_state = operator.attrgetter(*_EGO)
 _numbers_of_report = operator.attrgetter(*_REPORT)
 
@@ -138,12 +140,12 @@ def check_finite(state: EgoState, report: TruckReport) -> None:
 
 def to_state(found: Mapping[str, float], references: ReferenceTorques, base: EgoState) -> EgoState:
     """The state with the quantities that were heard; the rest is `base`'s."""
-    values: dict[str, Any] = dict(zip(_EGO, _numbers_of_state(base), strict=True))
-    values |= {name: found[name] for name in _EGO if name in found}
+    values: dict[str, Any] = dict(found)
     for name, others in _INSTEAD.items():
-        heard = [found[other] for other in others if other in found]
-        if name not in found and heard:
-            values[name] = heard[0]
+        if name not in values:
+            heard = [found[other] for other in others if other in found]
+            if heard:
+                values[name] = heard[0]
     if "heading" in found:
         values["yaw"] = found["heading"]
     if "gear" in values:
@@ -155,10 +157,9 @@ def to_state(found: Mapping[str, float], references: ReferenceTorques, base: Ego
         net = found["engine_torque_percent"] - found["torque_loss_percent"]
         braking = references.engine_brake * found.get("engine_brake_percent", 0.0)
         values["engine_torque"] = 0.01 * (references.engine * net + braking)
-    values["brake_pressures"] = tuple(
-        found.get(name, old) for name, old in zip(PRESSURES, base.brake_pressures, strict=True)
-    )
-    return EgoState(**values)
+    values["brake_pressures"] = tuple(map(found.get, PRESSURES, base.brake_pressures))
+    fetch: Callable[[str, Any], Any] = values.get
+    return EgoState(*map(fetch, _FIELDS_OF_STATE, _all_of_state(base)))
 
 
 def to_report(

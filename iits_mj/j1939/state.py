@@ -6,10 +6,9 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from iits_mj.j1939.database import cycle_time, encode, pgn_of
+from iits_mj.j1939.data_maker import DataMaker
+from iits_mj.j1939.database import cycle_time, identifier, pgn_of
 from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame
-from iits_mj.j1939.group import Group
-from iits_mj.j1939.group_maker import GroupMaker
 from iits_mj.j1939.mapping import Mapping, reports, sender
 from iits_mj.j1939.quantities import ReferenceTorques, check_finite, quantities
 from iits_mj.j1939.schedule import Schedule, spread
@@ -23,20 +22,18 @@ _AXLES = 6
 
 @dataclass(frozen=True, slots=True)
 class _Report:
-    """A message that one control unit sends, and how its groups are made."""
+    """A message that one control unit sends, and how the bytes of its frames are made."""
 
     message: str
     pgn: int
     source: int
-    groups: Callable[[EgoState, TruckReport, ReferenceTorques], list[Group]]
+    can_id: int
+    contents: Callable[[EgoState, TruckReport, ReferenceTorques], list[bytes]]
 
     def frames(
         self, state: EgoState, report: TruckReport, references: ReferenceTorques, time: float
     ) -> list[Frame]:
-        return [
-            encode(group, time=time, source=self.source, saturate=True)
-            for group in self.groups(state, report, references)
-        ]
+        return [Frame(self.can_id, data, time) for data in self.contents(state, report, references)]
 
 
 def state_to_frames(
@@ -125,8 +122,9 @@ def _reports() -> tuple[_Report, ...]:
     found = []
     for message, address in dict.fromkeys((row.message, sender(row)) for row in reports()):
         rows = [r for r in reports() if (r.message, sender(r)) == (message, address)]
-        groups = _weights(rows) if message == "VW" else _single(rows)
-        found.append(_Report(message, pgn_of(message), address, groups))
+        contents = _weights(rows) if message == "VW" else _single(rows)
+        can_id = identifier(message, address)
+        found.append(_Report(message, pgn_of(message), address, can_id, contents))
     return tuple(found)
 
 
@@ -141,26 +139,21 @@ def _offsets() -> tuple[float, ...]:
     return tuple(first if sent.message in own else next(offsets) for sent in _reports())
 
 
-def _single(rows: list[Mapping]) -> Callable[..., list[Group]]:
-    make = GroupMaker(rows[0].message, rows, quantities())
+def _single(rows: list[Mapping]) -> Callable[..., list[bytes]]:
+    make = DataMaker(rows[0].message, rows, quantities(), saturate=True)
     return lambda *sources: [make(*sources)]
 
 
-def _weights(rows: list[Mapping]) -> Callable[..., list[Group]]:
-    """VW: a group an axle, whose number from the front stands in the high nibble of its place."""
+def _weights(rows: list[Mapping]) -> Callable[..., list[bytes]]:
+    """VW: a frame an axle, whose number from the front stands in the high nibble of its place."""
     load = next(row for row in rows if row.quantity == "axle_load")
-    make = GroupMaker("VW", [row for row in rows if row is not load], quantities())
+    extra = ("axle_location", load.signal)
+    make = DataMaker("VW", rows, quantities(), extra=extra, saturate=True)
 
-    def groups(state: EgoState, report: TruckReport, references: ReferenceTorques) -> list[Group]:
+    def contents(state: EgoState, report: TruckReport, references: ReferenceTorques) -> list[bytes]:
         return [
-            make(
-                state,
-                report,
-                references,
-                axle_location=axle << 4,
-                axle_weight_kg=force / load.scale,
-            )
+            make(state, report, references, extra=(axle << 4, force / load.scale))
             for axle, force in enumerate(report.axle_loads)
         ]
 
-    return groups
+    return contents

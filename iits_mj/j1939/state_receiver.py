@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
-from typing import TypeAlias
+from dataclasses import dataclass
 
 from iits_mj.errors import BusError
+from iits_mj.j1939.codec import Codec
 from iits_mj.j1939.configuration import ConfigurationReceiver
-from iits_mj.j1939.database import decode
+from iits_mj.j1939.database import codec_of, name_of
 from iits_mj.j1939.frame import Frame
-from iits_mj.j1939.group import Group, Status, Value
-from iits_mj.j1939.group_maker import fields_getter
-from iits_mj.j1939.groups import VW
+from iits_mj.j1939.group import Status, Value
 from iits_mj.j1939.mapping import Mapping, commands, reports, sender
 from iits_mj.j1939.quantities import ReferenceTorques, to_report, to_state
 from iits_mj.messages import EgoState, TruckReport
@@ -49,28 +47,25 @@ class StateReceiver:
 
     def receive(self, frame: Frame) -> bool:
         """Takes any frame; returns True when it told something about the state. Never raises."""
+        picks = _picks(frame.can_id)
+        if picks is None:
+            # Packets of a long message are in no group of the DBC.
+            return self._configuration.receive(frame)
         try:
-            decoded = decode(frame)
+            values = picks.codec.unpack(frame.data)
         except BusError:
             self.malformed += 1
             return False
-        if decoded is None:
-            # Packets of a long message are in no group of the DBC.
-            return self._configuration.receive(frame)
         if not math.isfinite(frame.time):
             self.malformed += 1
             return False
         told = False
-        group = decoded.group
-        fetch, rows = _rows().get(decoded.name, _NO_ROWS)
-        for value, (quantity, scale, source) in zip(fetch(group), rows, strict=True):
-            if source is not None and source != decoded.source:
-                continue
-            if not isinstance(value, Status):
+        for value, (quantity, scale) in zip(values, picks.quantities, strict=True):
+            if isinstance(value, float):
                 self._found[quantity] = value * scale
                 told = True
-        if isinstance(group, VW):
-            told = self._weigh(group) or told
+        if picks.axle is not None:
+            told = self._weigh(*picks.axle.unpack(frame.data)) or told
         if told:
             self._found["time"] = frame.time
         return told
@@ -84,36 +79,52 @@ class StateReceiver:
         loads = tuple(self._axle_loads[axle] for axle in sorted(self._axle_loads))
         return to_report(self._found, self._configuration.references, loads)
 
-    def _weigh(self, group: VW) -> bool:
-        place, weight = group.axle_location, group.axle_weight_kg
+    def _weigh(self, place: Value, weight: Value) -> bool:
         if isinstance(place, Status) or isinstance(weight, Status):
             return False
         self._axle_loads[int(place) >> 4] = weight * GRAVITY
         return True
 
 
-# How the signals of a message are fetched, and for each its quantity, the SI units in one unit of
-# it, and whom alone it is taken from.
-_Rows: TypeAlias = tuple[
-    Callable[[Group], tuple[Value, ...]], tuple[tuple[str, float, int | None], ...]
-]
-_NO_ROWS: _Rows = (lambda _group: (), ())
+@dataclass(frozen=True, slots=True)
+class _Picks:
+    """What is taken from the frames of one identifier.
+
+    Attributes:
+      codec: of the signals that are read.
+      quantities: of each, with the SI units in one unit of it.
+      axle: of place and weight, where the frame is an axle's.
+    """
+
+    codec: Codec
+    quantities: tuple[tuple[str, float], ...]
+    axle: Codec | None
+
+
+@functools.lru_cache(maxsize=4096)
+def _picks(can_id: int) -> _Picks | None:
+    """None for a group that is not in the DBC."""
+    frame = Frame(can_id, b"")
+    message = name_of(frame.pgn)
+    if message is None:
+        return None
+    rows = [row for row, source in _rows().get(message, ()) if source in (None, frame.source)]
+    codec = codec_of(message)
+    return _Picks(
+        codec.part(row.signal for row in rows),
+        tuple((row.quantity, row.scale) for row in rows),
+        codec.part(("axle_location", "axle_weight_kg")) if message == "VW" else None,
+    )
 
 
 @functools.cache
-def _rows() -> dict[str, _Rows]:
-    """What is read back, by message."""
+def _rows() -> dict[str, list[tuple[Mapping, int | None]]]:
+    """What is read back, by message, and whom alone it is taken from."""
     commanded = {row.message for row in commands()}
     found: dict[str, list[tuple[Mapping, int | None]]] = {}
     for row in reports():
         bound = row.message in commanded or row.message.startswith("IITS_")
-        source = sender(row) if bound else row.address
         if row.back:
+            source = sender(row) if bound else row.address
             found.setdefault(row.message, []).append((row, source))
-    return {
-        message: (
-            fields_getter([row.signal for row, _ in rows]),
-            tuple((row.quantity, row.scale, source) for row, source in rows),
-        )
-        for message, rows in found.items()
-    }
+    return found
