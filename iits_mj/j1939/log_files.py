@@ -40,6 +40,8 @@ _GZIP = b"\x1f\x8b"
 # 1990: earlier times are seconds since some start, not a date.
 _FIRST_DATE = 631_152_000.0
 _FIRST_YEAR = 1990
+# Later ones, of the year 2286 and beyond, do not fit into every format [s].
+_LAST_TIME = 1e10
 _BY_PATH = ("db", "mf4")
 # Without a frame, too, these have a header.
 _HEADED = (".bin", ".blf", ".db", ".mf4")
@@ -113,9 +115,11 @@ class LogWriter(Closing):
             raise BusError(f"CAN log {self._path!r} cannot be written: {error}") from error
 
     def write(self, frame: Frame) -> None:
-        """Appends one frame; BusError when its time is not finite or the file takes no more."""
-        if not math.isfinite(frame.time):
-            raise BusError(f"frame {frame.can_id:08X} at time {frame.time!r}: not a finite number")
+        """Appends one frame; BusError when its time cannot stand in a log or the file is full."""
+        if not 0.0 <= frame.time <= _LAST_TIME:
+            raise BusError(
+                f"frame {frame.can_id:08X} at time {frame.time!r} s: 0 to {_LAST_TIME:g} allowed"
+            )
         if self._closed:
             raise BusError(f"CAN log {self._path!r} is closed")
         try:
@@ -142,7 +146,7 @@ class LogWriter(Closing):
 
 def _epoch(time: float) -> float:
     """Time that a file's own times count from: a whole second, so that no digit is lost."""
-    return math.floor(time) if time >= _FIRST_DATE or time < 0.0 else 0.0
+    return math.floor(time) if time >= _FIRST_DATE else 0.0
 
 
 def _start(writer: can.io.generic.MessageWriter, epoch: float) -> None:
