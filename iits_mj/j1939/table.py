@@ -47,12 +47,16 @@ def write_table(
 
     Raises:
       BusError: the file cannot be written, or the frames cannot be read; what was written until
-        then is taken away.
+        then is taken away, as it is when the writing is interrupted.
     """
     path = Path(path)
     reader, summary = BusReader(), BusSummary()
     try:
-        with path.open("w", encoding="utf-8", newline="") as file:
+        file = path.open("w", encoding="utf-8", newline="")
+    except OSError as error:
+        raise BusError(f"table {str(path)!r} cannot be written: {error}") from error
+    try:
+        with file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(COLUMNS)
             for frame in frames:
@@ -62,7 +66,8 @@ def write_table(
     except OSError as error:
         _abandon(path)
         raise BusError(f"table {str(path)!r} cannot be written: {error}") from error
-    except BusError:
+    except BaseException:
+        # Interrupted, too.
         _abandon(path)
         raise
     reader.transport.finish()

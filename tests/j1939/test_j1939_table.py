@@ -1,4 +1,5 @@
 import csv
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -146,6 +147,30 @@ def test_a_table_that_cannot_be_written_or_read_to_its_end_leaves_no_file(tmp_pa
     assert link.is_symlink()
     with pytest.raises(BusError, match="No space left"):
         write_table(log(), "/dev/full")
+
+
+def test_a_table_that_is_interrupted_leaves_no_file(tmp_path):
+    def interrupted():
+        yield log()[0]
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_table(interrupted(), tmp_path / "table.csv")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_may_not_be_written_stays_as_it_is(tmp_path, monkeypatch):
+    path = tmp_path / "table.csv"
+    path.write_text("kept")
+
+    def refused(*_args, **_options):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refused)
+    with pytest.raises(BusError, match="Permission denied"):
+        write_table(log(), path)
+    monkeypatch.undo()
+    assert path.read_text() == "kept"
 
 
 @settings(max_examples=200, deadline=None)
