@@ -1,4 +1,8 @@
-"""Who drives: the commands that arrive, or, while they stay away, the stop in lane."""
+"""Who drives: the commands that arrive, or, while they stay away, the stop in lane.
+
+A stop never keeps anybody from braking harder: an XBR demand that is in force (of an emergency
+brake assistant, say, which has not fallen silent) and the driver's brake pedal count beside it.
+"""
 
 from __future__ import annotations
 
@@ -88,7 +92,9 @@ class Fallback:
         if lost:
             self._begin()
         if self.driver is Driver.STOP:
-            self._obeyed = self.stop.command(ego, self._obeyed)
+            stopping = self.stop.command(ego, self._obeyed)
+            parked = self.stop.phase is StopPhase.PARKED
+            self._obeyed = stopping if parked else _no_weaker(stopping, received)
             if self._may_return(ego, received, lost):
                 self.driver = Driver.RETURNING
                 self._returned_at, self._left = ego.time, self._obeyed
@@ -147,3 +153,15 @@ class Fallback:
             xbr_mode=XbrMode.MAXIMUM,
             xbr_ebi_mode=self._left.xbr_ebi_mode,
         )
+
+
+def _no_weaker(stopping: VehicleCommand, received: VehicleCommand) -> VehicleCommand:
+    """The stop's command with what others brake more."""
+    pedal = max(stopping.brake_pedal, received.brake_pedal)
+    if pedal > stopping.brake_pedal:
+        stopping = dataclasses.replace(stopping, brake_pedal=pedal)
+    if received.xbr_mode is XbrMode.OFF or received.xbr_demand >= stopping.xbr_demand:
+        return stopping
+    return dataclasses.replace(
+        stopping, xbr_demand=received.xbr_demand, xbr_ebi_mode=received.xbr_ebi_mode
+    )

@@ -113,7 +113,8 @@ class SafeStop:
         Args:
           ego: the truck.
           last: what was obeyed before the stop, looked at when it begins: its selector, driver's
-            brake pedal and parking brake stay, and the stop is not weaker than its XBR demand.
+            brake pedal and parking brake stay, and the stop is not weaker than its XBR demand, up
+            to `deceleration_max`.
 
         Raises:
           InputError: a value of the state that the stop uses is not finite.

@@ -309,6 +309,23 @@ def test_a_harder_demand_of_the_returning_commands_counts_at_once(make_fallback)
     assert (command.xbr_demand, command.xbr_mode) == (-5.0, XbrMode.ADDITION)
 
 
+def test_an_emergency_brake_in_force_is_obeyed_while_the_driver_is_lost(make_fallback):
+    fallback = make_fallback()
+    _lose(fallback)
+    weak = VehicleCommand(xbr_demand=-0.1, xbr_mode=XbrMode.MAXIMUM)
+    hard = VehicleCommand(xbr_demand=-8.0, xbr_mode=XbrMode.MAXIMUM, brake_pedal=0.9)
+    own = fallback.command(_ego(time=2.0, speed=10.0), weak, True)
+    assert own.xbr_demand < -1.0
+    assert own.brake_pedal == 0.0
+    braked = fallback.command(_ego(time=2.02, speed=10.0), hard, True)
+    assert (braked.xbr_demand, braked.brake_pedal) == (-8.0, 0.9)
+    assert braked.accelerator_pedal == 0.0
+    released = fallback.command(_ego(time=2.04, speed=10.0), VehicleCommand(), True)
+    assert released.xbr_demand == pytest.approx(own.xbr_demand, abs=0.1)
+    assert released.brake_pedal == 0.0
+    assert fallback.driver is Driver.STOP
+
+
 @pytest.mark.parametrize("wrong", [{"return_time": math.inf}, {"blend_time": -0.1}])
 def test_impossible_ways_back_are_refused(wrong):
     with pytest.raises(InputError, match=next(iter(wrong))):
