@@ -16,8 +16,8 @@ Other narrow fields (modes, counters) use all their values; the DBC's value tabl
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import cantools.database.can
 
@@ -34,6 +34,7 @@ class Signal:
       start: place of the lowest bit; length: [bit].
       scale, offset: value = raw number * scale + offset.
       top: the greatest valid raw number; error, missing: codes, missing being all ones.
+      unit: of the signal, in that of the values that a caller has.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Signal:
     top: int
     error: int | None
     missing: int
+    unit: float = 1.0
 
     @classmethod
     def of(cls, signal: cantools.database.can.Signal) -> Signal:
@@ -69,22 +71,25 @@ class Signal:
             return codes.get(high, Status.OUT_OF_RANGE)
         return Status.ERROR if raw == self.error else Status.NOT_AVAILABLE
 
-    def raw(self, value: Value, saturate: bool) -> int:
-        """The raw number of a value.
+    def raw(self, value: Value | None, saturate: bool) -> int:
+        """The raw number of a value; None is "not available".
 
         Raises:
           BusError: a number is not finite or out of range, or a code is not in the signal.
         """
+        if value is None:
+            return self.missing
         if isinstance(value, Status):
             return self._code(value)
         try:
-            raw = round((value - self.offset) / self.scale)
+            raw = round((value / self.unit - self.offset) / self.scale)
         except (ValueError, OverflowError) as error:
             wanted = "a finite number is wanted"
             raise BusError(f"signal {self.name} = {value!r}: {wanted}") from error
         if not 0 <= raw <= self.top:
             if not saturate:
-                low, high = self.offset, self.top * self.scale + self.offset
+                ends = (self.offset, self.top * self.scale + self.offset)
+                low, high = sorted(end * self.unit for end in ends)
                 raise BusError(f"signal {self.name} = {value!r}: allowed is {low:g} to {high:g}")
             raw = min(max(raw, 0), self.top)
         return raw
@@ -116,18 +121,21 @@ class Codec:
         own = sum(signal.missing << signal.start for signal in self._signals)
         self._others = (1 << 8 * length) - 1 - own
         # Flat for speed.
-        self._rules = [(s.start, s.missing, s.top, s.scale, s.offset, s) for s in self._signals]
+        self._rules = [
+            (s.start, s.missing, s.top, s.scale, s.offset, s.unit, s) for s in self._signals
+        ]
 
-    def part(self, names: Iterable[str]) -> Codec:
-        """The same message with these signals only; each at most once."""
-        signals = {signal.name: signal for signal in self._signals}
-        return Codec(self._message, self._length, [signals[name] for name in names])
+    def part(self, units: Mapping[str, float]) -> Codec:
+        """The same message with these signals only, each with the unit of `Signal`."""
+        known = {signal.name: signal for signal in self._signals}
+        signals = [replace(known[name], unit=unit) for name, unit in units.items()]
+        return Codec(self._message, self._length, signals)
 
-    def pack(self, values: Sequence[Value], *, saturate: bool = False) -> bytes:
+    def pack(self, values: Sequence[Value | None], *, saturate: bool = False) -> bytes:
         """The bytes of the message.
 
         Args:
-          values: of the signals.
+          values: of the signals; None is "not available".
           saturate: put a number outside the signal's range at its limit instead of refusing it.
 
         Raises:
@@ -137,11 +145,11 @@ class Codec:
             # The usual case in one go: numbers within their range, and what is not known.
             numbers = [
                 missing
-                if value is NOT_AVAILABLE
+                if value is None or value is NOT_AVAILABLE
                 else number
-                if 0 <= (number := round((value - offset) / scale)) <= top  # type: ignore[operator]
+                if 0 <= (number := round((value / unit - offset) / scale)) <= top  # type: ignore[operator]
                 else signal.raw(value, saturate)
-                for value, (_, missing, top, scale, offset, signal) in zip(
+                for value, (_, missing, top, scale, offset, unit, signal) in zip(
                     values, self._rules, strict=True
                 )
             ]
@@ -160,10 +168,10 @@ class Codec:
             raise BusError(f"{self._message} has {len(data)} bytes: {self._length} are wanted")
         whole = int.from_bytes(data, "little")
         return [
-            number * scale + offset
+            (number * scale + offset) * unit
             if (number := whole >> start & missing) <= top
             else NOT_AVAILABLE
             if number == missing
             else signal.status(number)
-            for start, missing, top, scale, offset, signal in self._rules
+            for start, missing, top, scale, offset, unit, signal in self._rules
         ]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 from iits_mj.j1939.database import codec_of
-from iits_mj.j1939.group import NOT_AVAILABLE, Value
+from iits_mj.j1939.group import Value
 from iits_mj.j1939.mapping import Mapping as Row
 
 
@@ -61,8 +61,8 @@ class DataMaker:
         ]
         self._derived = [quantity for quantity, _ in derived]
         ordered = [row for part in plain.values() for _, row in part] + [row for _, row in derived]
-        self._scales = [row.scale for row in ordered]
-        self._codec = codec_of(message).part([*(row.signal for row in ordered), *extra])
+        units = {row.signal: row.scale for row in ordered} | dict.fromkeys(extra, 1.0)
+        self._codec = codec_of(message).part(units)
         self._saturate = saturate
 
     def __call__(self, *sources: object, extra: Sequence[Value] = ()) -> bytes:
@@ -71,14 +71,11 @@ class DataMaker:
         Raises:
           BusError: a number is not finite, or out of range and not to be put at the limit.
         """
-        found: list[float | None] = []
+        values: list[Value | None] = []
         for source, fetch in self._plain:
-            found += fetch(sources[source])
-        found += [quantity(*sources) for quantity in self._derived]
-        values: list[Value] = [
-            NOT_AVAILABLE if value is None else value / scale
-            for value, scale in zip(found, self._scales, strict=True)
-        ]
+            values += fetch(sources[source])
+        for quantity in self._derived:
+            values.append(quantity(*sources))
         values += extra
         return self._codec.pack(values, saturate=self._saturate)
 

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections import Counter
 from collections.abc import Iterable
+from typing import NamedTuple
 
 from iits_mj.errors import InputError
 from iits_mj.j1939.addresses import BRAKES, DRIVELINE_RETARDER, ENGINE_RETARDER
 from iits_mj.j1939.checksum import tsc1_checksum, xbr_checksum
 from iits_mj.j1939.database import pgn_of
 from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame
-from iits_mj.j1939.group import Group
 from iits_mj.j1939.rejection import Reason, RejectedError
 from iits_mj.j1939.requests import (
+    BODY_SIGNALS,
+    PEDAL_SIGNALS,
+    RETARDER_SIGNALS,
+    XBR_SIGNALS,
     BodyRequest,
     PedalRequest,
     read_body,
@@ -24,10 +29,19 @@ from iits_mj.j1939.requests import (
 from iits_mj.j1939.senders import checked_sources, everybody_else
 from iits_mj.j1939.time_outs import Loss, TimeOuts
 from iits_mj.j1939.unit import Unit, strongest_share, strongest_xbr
-from iits_mj.messages import VehicleCommand
+from iits_mj.messages import TransmissionMode, VehicleCommand
 
 # The steering wheel's end stops [rad]: `steering.angle_max` of the truck's parameters.
 STEERING_ANGLE_MAX = 15.708
+
+
+class _Left(NamedTuple):
+    """What steering, pedal and switches are left at, as `VehicleCommand` has them."""
+
+    steering_wheel_angle: float = 0.0
+    parking_brake: float = 0.0
+    transmission_mode: TransmissionMode = TransmissionMode.DRIVE
+    brake_pedal: float = 0.0
 
 
 class CommandReceiver:
@@ -78,10 +92,20 @@ class CommandReceiver:
         self.accepted: Counter[str] = Counter()
         self.rejected: Counter[str] = Counter()
         self.ignored: Counter[str] = Counter()
-        self._left = VehicleCommand()
-        self._pedal = Unit("EEC2", "EEC2", GLOBAL_ADDRESS, read_pedal, self.time_outs.pedal)
+        self._left = _Left()
+        self._pedal = Unit(
+            "EEC2", "EEC2", GLOBAL_ADDRESS, PEDAL_SIGNALS, read_pedal, self.time_outs.pedal
+        )
         self._xbr = Unit(
-            "XBR", "XBR", BRAKES, read_xbr, self.time_outs.xbr, xbr_checksum, 16, shared=True
+            "XBR",
+            "XBR",
+            BRAKES,
+            XBR_SIGNALS,
+            read_xbr,
+            self.time_outs.xbr,
+            xbr_checksum,
+            16,
+            shared=True,
         )
         self._engine_retarder = _retarder(ENGINE_RETARDER, self.time_outs.engine_retarder)
         self._retarder = _retarder(DRIVELINE_RETARDER, self.time_outs.driveline_retarder)
@@ -89,7 +113,8 @@ class CommandReceiver:
             "IITS_COMMAND",
             "IITS_COMMAND",
             GLOBAL_ADDRESS,
-            self._read_body,
+            BODY_SIGNALS,
+            functools.partial(read_body, angle_max=steering_angle_max),
             self.time_outs.body,
             xbr_checksum,
             16,
@@ -162,21 +187,28 @@ class CommandReceiver:
         self.accepted[unit.name] += 1
         return True
 
-    def _read_body(self, group: Group) -> BodyRequest:
-        return read_body(group, self.steering_angle_max)
-
 
 def _retarder(address: int, time_out: float) -> Unit:
     name = f"TSC1 to {address}"
-    return Unit(name, "TSC1", address, read_retarder, time_out, tsc1_checksum, 8, shared=True)
+    return Unit(
+        name,
+        "TSC1",
+        address,
+        RETARDER_SIGNALS,
+        read_retarder,
+        time_out,
+        tsc1_checksum,
+        8,
+        shared=True,
+    )
 
 
-def _after(left: VehicleCommand, request: BodyRequest) -> VehicleCommand:
+def _after(left: _Left, request: BodyRequest) -> _Left:
     """What steering, pedal and switches are left at; what a request leaves out stays."""
     angle, pedal = request.steering_wheel_angle, request.brake_pedal
-    return VehicleCommand(
-        steering_wheel_angle=left.steering_wheel_angle if angle is None else angle,
-        parking_brake=request.parking_brake,
-        transmission_mode=request.transmission_mode,
-        brake_pedal=left.brake_pedal if pedal is None else pedal,
+    return _Left(
+        left.steering_wheel_angle if angle is None else angle,
+        request.parking_brake,
+        request.transmission_mode,
+        left.brake_pedal if pedal is None else pedal,
     )

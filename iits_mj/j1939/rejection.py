@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 
 from iits_mj.errors import BusError
-from iits_mj.j1939.group import Group, Status
+from iits_mj.j1939.group import Status, Value
 
 
 class Reason(enum.Enum):
@@ -40,13 +40,12 @@ _OF_STATUS = {
 }
 
 
-def number(group: Group, signal: str, low: float, high: float) -> float:
-    """The number in a field, within [low, high].
+def number(value: Value, low: float, high: float) -> float:
+    """The number that a field carries, within [low, high].
 
     Raises:
       RejectedError: the field carries no number, or one outside.
     """
-    value = getattr(group, signal)
     if isinstance(value, Status):
         raise RejectedError(_OF_STATUS[value])
     if not low <= value <= high:

@@ -60,9 +60,9 @@ class StateReceiver:
             self.malformed += 1
             return False
         told = False
-        for value, (quantity, scale) in zip(values, picks.quantities, strict=True):
+        for quantity, value in zip(picks.quantities, values, strict=True):
             if isinstance(value, float):
-                self._found[quantity] = value * scale
+                self._found[quantity] = value
                 told = True
         if picks.axle is not None:
             told = self._weigh(*picks.axle.unpack(frame.data)) or told
@@ -82,7 +82,7 @@ class StateReceiver:
     def _weigh(self, place: Value, weight: Value) -> bool:
         if isinstance(place, Status) or isinstance(weight, Status):
             return False
-        self._axle_loads[int(place) >> 4] = weight * GRAVITY
+        self._axle_loads[int(place) >> 4] = weight
         return True
 
 
@@ -91,13 +91,12 @@ class _Picks:
     """What is taken from the frames of one identifier.
 
     Attributes:
-      codec: of the signals that are read.
-      quantities: of each, with the SI units in one unit of it.
+      codec: of the signals that are read, in SI units; quantities: their names.
       axle: of place and weight, where the frame is an axle's.
     """
 
     codec: Codec
-    quantities: tuple[tuple[str, float], ...]
+    quantities: tuple[str, ...]
     axle: Codec | None
 
 
@@ -111,9 +110,9 @@ def _picks(can_id: int) -> _Picks | None:
     rows = [row for row, source in _rows().get(message, ()) if source in (None, frame.source)]
     codec = codec_of(message)
     return _Picks(
-        codec.part(row.signal for row in rows),
-        tuple((row.quantity, row.scale) for row in rows),
-        codec.part(("axle_location", "axle_weight_kg")) if message == "VW" else None,
+        codec.part({row.signal: row.scale for row in rows}),
+        tuple(row.quantity for row in rows),
+        codec.part({"axle_location": 1.0, "axle_weight_kg": GRAVITY}) if message == "VW" else None,
     )
 
 

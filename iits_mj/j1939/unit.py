@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 
 from iits_mj.errors import BusError
 from iits_mj.j1939.checksum import counter_and_checksum
-from iits_mj.j1939.database import decode
+from iits_mj.j1939.codec import Codec
+from iits_mj.j1939.database import codec_of
 from iits_mj.j1939.frame import Frame
-from iits_mj.j1939.group import Group
 from iits_mj.j1939.rejection import Reason, RejectedError
 from iits_mj.j1939.requests import Request, RetarderRequest, XbrRequest
 from iits_mj.j1939.stream import Stream
@@ -27,7 +27,8 @@ class Unit:
 
     Attributes:
       message: name in the DBC; address: of the unit; name: of both, as counted.
-      read: gives the request in the message; time_out: [s].
+      signals: of the message that count; read: makes the request of their values.
+      time_out: [s].
       checksum: of the message, None where it has none; modulus: of its counter, 0 for none.
       shared: whether several senders are listened to at once, of which the priority decides; else
         the first one holds the message.
@@ -38,7 +39,8 @@ class Unit:
     name: str
     message: str
     address: int
-    read: Callable[[Group], Request]
+    signals: tuple[str, ...]
+    read: Callable[..., Request]
     time_out: float
     checksum: Callable[[Frame], int] | None = None
     modulus: int = 0
@@ -46,6 +48,10 @@ class Unit:
     streams: dict[int, Stream] = field(default_factory=dict)
     holder: int | None = None
     lost: int = 0
+    _codec: Codec = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._codec = codec_of(self.message).part(dict.fromkeys(self.signals, 1.0))
 
     def take(self, frame: Frame) -> Request:
         """Checks a frame and keeps the request in it.
@@ -56,10 +62,9 @@ class Unit:
         if not math.isfinite(frame.time):
             raise RejectedError(Reason.TIME)
         try:
-            decoded = decode(frame)
+            values = self._codec.unpack(frame.data)
         except BusError as error:
             raise RejectedError(Reason.LENGTH) from error
-        assert decoded is not None
         counter, checksum = counter_and_checksum(frame)
         if self.checksum is not None:
             if counter >= self.modulus:
@@ -69,7 +74,7 @@ class Unit:
                 raise RejectedError(Reason.CHECKSUM)
         stream = self._stream(frame.source)
         self.lost += stream.follow(frame.time, counter)
-        request = self.read(decoded.group)
+        request = self.read(*values)
         if not self.shared:
             self._hold(frame)
         stream.take(request, frame.time)
