@@ -53,7 +53,8 @@ class BroadcastSender:
         if not self._frames and self._waiting:
             pgn = next(iter(self._waiting))
             self._frames = broadcast(pgn, self._waiting.pop(pgn), self.source)
-        if not self._frames or time < self._next - _RESOLUTION:
+        # A time that lies further back is that of another drive.
+        if not self._frames or _RESOLUTION < self._next - time <= self._spacing + _RESOLUTION:
             return []
         self._next = time + self._spacing
         frame = self._frames.pop(0)

@@ -102,7 +102,7 @@ class ConfigurationSender:
             for source, group in groups.items()
         ]
         self._period = cycle_time(EC1.MESSAGE)
-        self._next = -math.inf
+        self._next = self._last = -math.inf
 
     def frames(self, time: float) -> list[Frame]:
         """The frames that are due [s], at most one a unit; to be asked at least every 50 ms.
@@ -110,10 +110,12 @@ class ConfigurationSender:
         Raises:
           BusError: the time is not finite.
         """
-        if time >= self._next:
+        # Time goes back where a drive begins anew.
+        if time >= self._next or time < self._last:
             self._next = time + self._period
             for sender, pgn, data in self._contents:
                 sender.put(pgn, data)
+        self._last = time
         return [frame for sender, _, _ in self._contents for frame in sender.due(time)]
 
     def repeat(self, pgn: int, address: int) -> bool:

@@ -107,6 +107,17 @@ def test_configurations_are_repeated_every_5_s_by_each_unit():
         assert times == pytest.approx([0.0, 5.0, 10.0])
 
 
+def test_a_drive_that_begins_anew_broadcasts_from_its_beginning():
+    sender = ConfigurationSender(PARAMETERS)
+
+    def drive():
+        return [frame for tick in range(100) for frame in sender.frames(0.01 * tick)]
+
+    first = drive()
+    assert first[0].time == 0.0
+    assert drive() == first
+
+
 def test_percent_torque_is_read_by_what_the_engine_says_of_itself():
     receiver = StateReceiver(references=ReferenceTorques(engine=2700.0))
     receiver.receive(encode(EEC1(actual_engine_torque_percent=50.0, engine_speed_rpm=1200.0)))
