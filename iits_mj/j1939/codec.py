@@ -15,7 +15,6 @@ Other narrow fields (modes, counters) use all their values; the DBC's value tabl
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -111,15 +110,13 @@ class Codec:
       signals: the values are theirs, in this order; all other bits are ones, "not available".
     """
 
-    __slots__ = ("_length", "_message", "_others", "_rules", "_signals", "_starts")
+    __slots__ = ("_length", "_message", "_rules", "_signals", "_unknown")
 
     def __init__(self, message: str, length: int, signals: Iterable[Signal]) -> None:
         self._message = message
         self._length = length
         self._signals = tuple(signals)
-        self._starts = [signal.start for signal in self._signals]
-        own = sum(signal.missing << signal.start for signal in self._signals)
-        self._others = (1 << 8 * length) - 1 - own
+        self._unknown = (1 << 8 * length) - 1
         # Flat for speed.
         self._rules = [
             (s.start, s.missing, s.top, s.scale, s.offset, s.unit, s) for s in self._signals
@@ -141,21 +138,20 @@ class Codec:
         Raises:
           BusError: a number is not finite or out of range, or a code is not in the signal.
         """
-        try:
-            # The usual case in one go: numbers within their range, and what is not known.
-            numbers = [
-                missing
-                if value is None or value is NOT_AVAILABLE
-                else number
-                if 0 <= (number := round((value / unit - offset) / scale)) <= top  # type: ignore[operator]
-                else signal.raw(value, saturate)
-                for value, (_, missing, top, scale, offset, unit, signal) in zip(
-                    values, self._rules, strict=True
-                )
-            ]
-        except (TypeError, ValueError, OverflowError):
-            numbers = [s.raw(v, saturate) for v, s in zip(values, self._signals, strict=True)]
-        whole = sum(map(operator.lshift, numbers, self._starts), self._others)
+        # All bits are ones until a field is known.
+        whole = self._unknown
+        for value, (start, missing, top, scale, offset, unit, signal) in zip(
+            values, self._rules, strict=True
+        ):
+            if value is None or value is NOT_AVAILABLE:
+                continue
+            try:
+                number = round((value / unit - offset) / scale)  # type: ignore[operator]
+            except (TypeError, ValueError, OverflowError):
+                number = -1
+            if not 0 <= number <= top:
+                number = signal.raw(value, saturate)
+            whole -= (missing - number) << start
         return whole.to_bytes(self._length, "little")
 
     def unpack(self, data: bytes) -> list[Value]:
