@@ -67,10 +67,8 @@ class Bus(Closing):
 
     def send(self, frame: Frame) -> None:
         """Sends one frame without waiting; BusError when the bus does not take it."""
-        message = to_can(frame)
-        message.channel = self._mark
         try:
-            self._bus.send(message, timeout=0.0)
+            self._bus.send(to_can(frame, self._mark), timeout=0.0)
         except _FAILURES as error:
             reason = _reason(error)
             raise BusError(f"CAN bus {self.name} refused {frame.can_id:08X}: {reason}") from error
