@@ -2,6 +2,8 @@
 
 import dataclasses
 import math
+import re
+from pathlib import Path
 
 import pytest
 
@@ -498,6 +500,19 @@ def test_time_outs_are_five_periods_of_the_message():
         (limits.body, "IITS_COMMAND"),
     ):
         assert time_out == pytest.approx(5.0 * cycle_time(message))
+
+
+def test_the_page_tells_the_time_outs_as_they_are():
+    page = Path(__file__).resolve().parents[2] / "docs" / "j1939_fail_safe.md"
+    told = dict(re.findall(r"^\| (\S[^|]*) \| ([\d.]+) s(?: each)? \|", page.read_text(), re.M))
+    limits = TimeOuts()
+    assert {name: float(seconds) for name, seconds in told.items()} == {
+        "EEC2": limits.pedal,
+        "XBR": limits.xbr,
+        "TSC1 to 15, to 16": limits.engine_retarder,
+        "IITS_COMMAND": limits.body,
+    }
+    assert limits.engine_retarder == limits.driveline_retarder
 
 
 @pytest.mark.parametrize("angle", [0.0, -1.0, math.nan, math.inf])
