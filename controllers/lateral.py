@@ -16,10 +16,27 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
 from controllers.lateral_model import STATES, LateralModel
+from iits_mj.errors import InputError
 from iits_mj.messages import EgoState, Trajectory
 from iits_mj.parameters import TruckParameters
 
 FloatArray = NDArray[np.float64]
+# What steering uses of the truck's state.
+USED = (
+    "time",
+    "x",
+    "y",
+    "yaw",
+    "speed",
+    "lateral_speed",
+    "yaw_rate",
+    "trailer_yaw_rate",
+    "articulation",
+    "steering_wheel_angle",
+    "road_wheel_angle",
+    "mass",
+    "station",
+)
 
 
 @dataclass(frozen=True)
@@ -207,3 +224,15 @@ def path_error(ego: EgoState, trajectory: Trajectory) -> tuple[float, float]:
     error = -math.sin(yaw) * (ego.x - x) + math.cos(yaw) * (ego.y - y)
     turned = ego.yaw - yaw
     return error, math.atan2(math.sin(turned), math.cos(turned))
+
+
+def check_finite(ego: EgoState, names: tuple[str, ...] = USED) -> None:
+    """Holds the numbers that are used of a state to be finite.
+
+    Raises:
+      InputError: one of them is not.
+    """
+    for name in names:
+        value = getattr(ego, name)
+        if not math.isfinite(value):
+            raise InputError(f"ego state: {name} is {value}: must be finite")

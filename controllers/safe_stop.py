@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from controllers.lane_change import quintic_back
-from controllers.lateral import LateralController
+from controllers.lateral import USED, LateralController, check_finite
 from controllers.quintic import Quintic
 from controllers.road_preview import LanePath, RoadPreview
 from controllers.safe_stop_config import SafeStopConfig, StopPhase
 from controllers.stop_profile import StopLimits, StopStart, roll_to_stop, stop_distance
 from controllers.trajectory import on_road
-from iits_mj.errors import InputError
 from iits_mj.messages import (
     EgoState,
     PlanMode,
@@ -37,23 +36,7 @@ if TYPE_CHECKING:
 
 # Instants are compared with this much slack [s].
 _SLACK = 1e-6
-_USED = (
-    "time",
-    "x",
-    "y",
-    "yaw",
-    "speed",
-    "lateral_speed",
-    "acceleration",
-    "yaw_rate",
-    "trailer_yaw_rate",
-    "articulation",
-    "steering_wheel_angle",
-    "road_wheel_angle",
-    "mass",
-    "station",
-    "offset",
-)
+_USED = (*USED, "acceleration", "offset")
 
 
 class SafeStop:
@@ -119,10 +102,7 @@ class SafeStop:
         Raises:
           InputError: a value of the state that the stop uses is not finite.
         """
-        for name in _USED:
-            value = getattr(ego, name)
-            if not math.isfinite(value):
-                raise InputError(f"ego state: {name} is {value}: must be finite")
+        check_finite(ego, _USED)
         if self.trajectory is None:
             self._begin(ego, last)
         elif ego.time - self._commanded_at < self.config.control_period - _SLACK:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from controllers.lateral import LateralConfig, LateralController
+from controllers.lateral import USED, LateralConfig, LateralController, check_finite
 from controllers.longitudinal import LongitudinalConfig, LongitudinalController
-from iits_mj.errors import InputError
 from iits_mj.messages import EgoState, Trajectory, VehicleCommand
 from iits_mj.parameters import TruckParameters
 
@@ -60,10 +58,7 @@ class Tracker:
         Raises:
           InputError: a value of the state that the controllers use is not finite.
         """
-        for name in _USED:
-            value = getattr(ego, name)
-            if not math.isfinite(value):
-                raise InputError(f"ego state: {name} is {value}: must be finite")
+        check_finite(ego, _USED)
         speed = self.longitudinal.command(ego, trajectory, self.grade(ego))
         return VehicleCommand(
             accelerator_pedal=speed.pedal,
@@ -85,20 +80,4 @@ class Tracker:
         return share * front + (1.0 - share) * rear
 
 
-_USED = (
-    "time",
-    "x",
-    "y",
-    "yaw",
-    "speed",
-    "lateral_speed",
-    "yaw_rate",
-    "trailer_yaw_rate",
-    "articulation",
-    "steering_wheel_angle",
-    "road_wheel_angle",
-    "mass",
-    "station",
-    "engine_speed",
-    "engine_torque",
-)
+_USED = (*USED, "engine_speed", "engine_torque")
