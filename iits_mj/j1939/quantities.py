@@ -73,7 +73,7 @@ def quantities() -> dict[str, Quantity]:
     found |= {name: _relative_speed(wheel) for wheel, name in enumerate(_RELATIVE_SPEEDS)}
     return found | {
         "heading": lambda s, _r, _t: math.remainder(s.yaw, 2.0 * math.pi),
-        "longitudinal_acceleration": lambda s, _r, _t: s.acceleration,
+        "longitudinal_acceleration": FieldOf(0, "acceleration"),
         "front_axle_speed": lambda _s, r, _t: _front_axle_speed(r),
         # Their sensors count teeth: they do not know the sense of rotation.
         "propeller_shaft_speed": lambda _s, r, _t: _magnitude(r.propeller_shaft_speed),
