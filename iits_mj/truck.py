@@ -192,13 +192,15 @@ class Truck:
         Raises:
           Error: the simulation diverged (MuJoCo reports a state that is not finite).
         """
+        # MuJoCo puts data that diverged back to the beginning, its time as well.
+        begin = self.data.time
         mujoco.mj_step(self.model, self.data, n)
         for warning in _FATAL_WARNINGS:
             if self.data.warning[warning].number:
                 raise Error(
-                    f"the simulation diverged near t = {self.data.time:.3f} s "
+                    f"the simulation diverged after t = {begin:.3f} s "
                     f"({warning.name}, element {self.data.warning[warning].lastinfo}); "
-                    "use a smaller time step"
+                    "use a smaller time step, unless the truck has rolled over"
                 )
 
     def sensor(self, name: str) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ import pytest
 from mujoco import rollout
 
 import iits_mj
-from iits_mj.errors import InputError
+from iits_mj.errors import Error, InputError
 from iits_mj.messages import XbrMode
 from iits_mj.road import Route
 
@@ -211,6 +211,16 @@ def test_truck_starts_stops_holds_and_restarts_on_a_5_percent_grade(payload):
 def test_wrong_command_is_refused_and_named(truck, field, value):
     with pytest.raises(InputError, match=field):
         truck.command(**{field: value})
+
+
+def test_divergence_is_told_with_the_time_at_which_it_came(truck):
+    truck.reset(speed=20.0)
+    truck.step(500)
+    truck.data.qvel[0] = 1e20
+    with pytest.raises(Error, match=rf"diverged after t = {500 * truck.model.opt.timestep:.3f} s"):
+        truck.step()
+    truck.reset(speed=20.0)
+    truck.step()
 
 
 def test_wrong_time_step_is_refused():
