@@ -17,6 +17,7 @@ from scipy.signal import savgol_filter
 
 from iits_mj.errors import InputError
 from iits_mj.identification.log import Log
+from iits_mj.j1939.command import XBR_DEMAND_MIN
 from iits_mj.messages import TransmissionMode, VehicleCommand, XbrEbiMode, XbrMode
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
@@ -29,7 +30,7 @@ FloatArray = NDArray[np.float64]
 NEEDED = ("speed", "grade", "command_accelerator_pedal")
 _COMMANDS = {
     "accelerator_pedal": (0.0, 1.0),
-    "xbr_demand": (-10.0, 0.0),
+    "xbr_demand": (XBR_DEMAND_MIN, 0.0),
     "xbr_mode": (0.0, 2.0),
     "engine_brake": (0.0, 1.0),
     "retarder": (0.0, 1.0),

@@ -29,7 +29,7 @@ TORQUE_CONTROL = 2
 _SHARES = ("accelerator_pedal", "engine_brake", "retarder", "brake_pedal")
 # SPN 2915: second of four, below an emergency brake.
 _XBR_PRIORITY = 1
-_STEERING_ON = 1
+STEERING_ON = 1
 _FIELDS = fields(VehicleCommand)
 _numbers = operator.attrgetter(*(field.name for field in _FIELDS))
 
@@ -139,7 +139,7 @@ def _orders() -> tuple[_Order, ...]:
     )
 
     def switches(command: VehicleCommand, counter: int) -> tuple[float, ...]:
-        return float(command.parking_brake >= 0.5), _STEERING_ON, counter
+        return float(command.parking_brake >= 0.5), STEERING_ON, counter
 
     return (
         _Order("EEC2", None, lambda command, _counter: pedal(command), checksum=None),

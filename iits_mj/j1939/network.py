@@ -160,13 +160,14 @@ class ControlUnits:
             return []
         wanted = int.from_bytes(frame.data, "little")
         target = frame.destination
-        if target != GLOBAL_ADDRESS and (target not in self._names or target in self.lost):
+        if target != GLOBAL_ADDRESS and target not in self._names:
             return []
-        found: Sequence[Frame] | None
         if wanted == ADDRESS_CLAIMED:
-            found = [f for f in self.claims(time) if target in (GLOBAL_ADDRESS, f.source)]
-        else:
-            found = groups(wanted, target)
+            self.counts["answered"] += 1
+            return self._claimed(target, time)
+        if target in self.lost:
+            return []
+        found = groups(wanted, target)
         if found is not None:
             self.counts["answered"] += 1
             return [frame for frame in found if self.owns(frame)]
@@ -175,6 +176,14 @@ class ControlUnits:
             return []
         self.counts["refused"] += 1
         return [_refusal(wanted, target, frame.source, time)]
+
+    def _claimed(self, target: int, time: float) -> list[Frame]:
+        """Claims of the units asked, which say so when they have lost their address."""
+        return [
+            _claim(NULL_ADDRESS if address in self.lost else address, name, time)
+            for address, name in self._names.items()
+            if target in (GLOBAL_ADDRESS, address)
+        ]
 
     def _contest(self, frame: Frame, time: float) -> list[Frame]:
         ours = self._names.get(frame.source)

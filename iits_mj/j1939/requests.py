@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from iits_mj.j1939.command import TORQUE_CONTROL, XBR_DEMAND_MIN
+from iits_mj.j1939.command import STEERING_ON, TORQUE_CONTROL, XBR_DEMAND_MIN
 from iits_mj.j1939.group import NOT_AVAILABLE, Value
 from iits_mj.j1939.rejection import Reason, RejectedError, number
 from iits_mj.messages import TransmissionMode, XbrEbiMode, XbrMode
@@ -16,7 +16,6 @@ _DEMAND_SLACK = 1e-3
 ANGLE_SLACK = 0.5 / 1024
 # SPN 695: no override.
 _OVERRIDE_OFF = 0
-_STEERING_ON = 1
 _LAST_MODE, _LAST_EBI_MODE, _LAST_SELECTOR = max(XbrMode), max(XbrEbiMode), max(TransmissionMode)
 # By the numbers of the bus, in less than half the time that the enumerations take.
 _MODES: dict[float, XbrMode] = {mode.value: mode for mode in XbrMode}
@@ -151,7 +150,7 @@ def read_body(
 ) -> BodyRequest:
     """The request in IITS_COMMAND; `angle_max` is the steering wheel's end stop [rad]."""
     wanted: float | None = None
-    if number(steering, 0, 1) == _STEERING_ON:
+    if number(steering, 0, 1) == STEERING_ON:
         reach = angle_max + ANGLE_SLACK
         wanted = number(angle, -reach, reach)
         wanted = math.copysign(min(abs(wanted), angle_max), wanted)

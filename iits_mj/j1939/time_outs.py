@@ -65,5 +65,5 @@ class Loss:
 
     @property
     def driver(self) -> bool:
-        """Whether nobody drives: no steering command, or an accelerator that has gone silent."""
-        return self.body is not Heard.ALIVE or self.pedal is Heard.SILENT
+        """Whether nobody drives: no steering, or an accelerator or brake demand that is gone."""
+        return self.body is not Heard.ALIVE or Heard.SILENT in (self.pedal, self.xbr)

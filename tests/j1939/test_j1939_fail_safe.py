@@ -20,9 +20,11 @@ from iits_mj.j1939 import (
     state_to_frames,
 )
 from iits_mj.j1939.checksum import tsc1_checksum, with_byte8, xbr_checksum
+from iits_mj.j1939.command import XBR_DEMAND_MIN
 from iits_mj.j1939.receiver import STEERING_ANGLE_MAX
 from iits_mj.messages import EgoState, TransmissionMode, VehicleCommand, XbrEbiMode, XbrMode
 from iits_mj.parameters import TruckParameters
+from iits_mj.truck import Truck
 
 FIRST = VehicleCommand(
     accelerator_pedal=0.4,
@@ -359,6 +361,11 @@ def test_the_end_stops_are_the_trucks():
     assert TruckParameters.load().steering.angle_max == STEERING_ANGLE_MAX
 
 
+def test_the_lowest_brake_demand_is_the_models():
+    control = Truck.load(payload=0.0, visuals=False).model.actuator("xbr_demand")
+    assert tuple(control.ctrlrange) == (XBR_DEMAND_MIN, 0.0)
+
+
 def test_an_angle_at_the_end_stop_is_not_rounded_beyond_it():
     receiver = CommandReceiver()
     for sign, counter in ((1, 0), (-1, 1)):
@@ -550,6 +557,17 @@ def test_a_driver_who_steers_but_whose_pedal_is_silent_is_lost():
     receiver.receive(frame_of("EEC2", FIRST, 0, 0.0))
     assert receiver.loss(0.38).pedal is Heard.SILENT
     assert receiver.loss(0.38).driver
+
+
+def test_a_brake_demand_that_falls_silent_while_it_brakes_is_a_lost_driver():
+    receiver = CommandReceiver()
+    for k in range(20):
+        receiver.receive(frame_of("IITS_COMMAND", FIRST, k, 0.02 * k))
+        if k < 10:
+            receiver.receive(frame_of("XBR", FIRST, k, 0.02 * k))
+    assert not receiver.loss(0.28).driver
+    assert receiver.loss(0.3).silent == ("xbr",)
+    assert receiver.loss(0.3).driver
 
 
 def test_a_brake_demand_that_was_released_is_not_lost():

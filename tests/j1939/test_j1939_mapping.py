@@ -33,7 +33,7 @@ STANDARD = {
     "HRLFC": (6, 0),
     "AIR1": (6, 11),
     "VW": (6, 47),
-    "CVW": (6, 11),
+    "CVW": (7, 11),
 }
 # The suspect parameters of the truck's own reports and commands, as the public tables number them.
 SPNS = {

@@ -130,6 +130,10 @@ def test_smaller_name_takes_the_address_and_the_unit_falls_silent(units: Control
     assert units.owns(EEC1)
     assert units.answer([request(ETC2.pgn, TESTER, 3)], _groups) == []
     assert [frame.source for frame in units.claims()] == [0, 11]
+    # Asked for its claim it says that it has no address.
+    assert units.answer([request(ADDRESS_CLAIMED, TESTER, 3)], _groups) == [given_up]
+    everybody = units.answer([request(ADDRESS_CLAIMED, TESTER)], _groups)
+    assert [frame.source for frame in everybody] == [0, 0xFE, 11]
 
 
 def test_greater_name_is_answered_with_our_claim(units: ControlUnits) -> None:
