@@ -1,7 +1,8 @@
 """Values of signals to the bytes of a message and back, with J1939-71's codes for no value.
 
-A message is one whole number of the bus's byte order, Intel's, and a signal some bits of it. What
-the raw numbers of a signal mean is J1939's:
+A message is one whole number of the bus's byte order, Intel's, and a signal some bits of it, as
+cantools reads them from the DBC; its own coding, which takes twice as long and does not know
+J1939's codes, is what the tests hold this one to. What the raw numbers of a signal mean is J1939's:
 
 | width | valid | out of range | error | not available |
 |---|---|---|---|---|
@@ -48,7 +49,13 @@ class Signal:
 
     @classmethod
     def of(cls, signal: cantools.database.can.Signal) -> Signal:
-        """A signal as the DBC has it."""
+        """A signal as the DBC has it.
+
+        Raises:
+          BusError: it is not an unsigned field of Intel byte order.
+        """
+        if signal.is_signed or signal.is_float or signal.byte_order != "little_endian":
+            raise BusError(f"signal {signal.name}: an unsigned field of Intel order is wanted")
         width = signal.length
         codes = {str(name): int(raw) for raw, name in (signal.choices or {}).items()}
         error, missing = codes.get("error"), codes.get("not_available")

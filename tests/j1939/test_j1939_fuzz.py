@@ -15,7 +15,9 @@ from iits_mj.j1939 import (
     make_group,
     make_id,
     message_names,
+    pack,
     pgn_of,
+    unpack,
 )
 from iits_mj.j1939.layouts import layouts
 from iits_mj.messages import VehicleCommand, XbrEbiMode, XbrMode
@@ -42,6 +44,25 @@ def test_encode_undoes_decode_on_the_grid(name, data):
     again = decode(encode(make_group(name, known)))
     for signal, value in known.items():
         assert getattr(again.group, signal) == value
+
+
+@settings(max_examples=400, deadline=None)
+@given(name=st.sampled_from(message_names()), data=st.data())
+def test_numbers_are_those_that_cantools_reads_and_bytes_those_that_it_writes(name, data):
+    layout = layouts().get_message_by_name(name)
+    sent = data.draw(st.binary(min_size=layout.length, max_size=layout.length))
+    theirs = layout.decode(sent, decode_choices=False)
+    ours = dict(unpack(pgn_of(name), sent).items())
+    assert ours.keys() == theirs.keys()
+    known = {signal: value for signal, value in ours.items() if not isinstance(value, Status)}
+    for signal, value in known.items():
+        assert value == pytest.approx(theirs[signal], rel=1e-12, abs=1e-12)
+    # What is left out is all ones, as J1939 has what is not available.
+    ones = {s.name: (1 << s.length) - 1 for s in layout.signals}
+    raw = layout.decode(sent, decode_choices=False, scaling=False)
+    raw = {signal: raw[signal] if signal in known else ones[signal] for signal in ones}
+    written = layout.encode(raw, scaling=False, padding=True, strict=False)
+    assert pack(make_group(name, known)) == written
 
 
 @settings(max_examples=300, deadline=None)
