@@ -31,6 +31,14 @@ from iits_mj.j1939.time_outs import Loss, TimeOuts
 from iits_mj.j1939.unit import Unit, strongest_share, strongest_xbr
 from iits_mj.messages import TransmissionMode, VehicleCommand
 
+# What the units are called, by the names that their commands have in `TimeOuts` and `Loss`.
+UNIT_NAMES = {
+    "pedal": "EEC2",
+    "xbr": "XBR",
+    "engine_retarder": f"TSC1 to {ENGINE_RETARDER}",
+    "driveline_retarder": f"TSC1 to {DRIVELINE_RETARDER}",
+    "body": "IITS_COMMAND",
+}
 # The steering wheel's end stops [rad]: `steering.angle_max` of the truck's parameters.
 STEERING_ANGLE_MAX = 15.708
 
@@ -94,10 +102,15 @@ class CommandReceiver:
         self.ignored: Counter[str] = Counter()
         self._left = _Left()
         self._pedal = Unit(
-            "EEC2", "EEC2", GLOBAL_ADDRESS, PEDAL_SIGNALS, read_pedal, self.time_outs.pedal
+            UNIT_NAMES["pedal"],
+            "EEC2",
+            GLOBAL_ADDRESS,
+            PEDAL_SIGNALS,
+            read_pedal,
+            self.time_outs.pedal,
         )
         self._xbr = Unit(
-            "XBR",
+            UNIT_NAMES["xbr"],
             "XBR",
             BRAKES,
             XBR_SIGNALS,
@@ -107,10 +120,16 @@ class CommandReceiver:
             16,
             shared=True,
         )
-        self._engine_retarder = _retarder(ENGINE_RETARDER, self.time_outs.engine_retarder)
-        self._retarder = _retarder(DRIVELINE_RETARDER, self.time_outs.driveline_retarder)
+        self._engine_retarder = _retarder(
+            UNIT_NAMES["engine_retarder"], ENGINE_RETARDER, self.time_outs.engine_retarder
+        )
+        self._retarder = _retarder(
+            UNIT_NAMES["driveline_retarder"],
+            DRIVELINE_RETARDER,
+            self.time_outs.driveline_retarder,
+        )
         self._body = Unit(
-            "IITS_COMMAND",
+            UNIT_NAMES["body"],
             "IITS_COMMAND",
             GLOBAL_ADDRESS,
             BODY_SIGNALS,
@@ -188,8 +207,7 @@ class CommandReceiver:
         return True
 
 
-def _retarder(address: int, time_out: float) -> Unit:
-    name = f"TSC1 to {address}"
+def _retarder(name: str, address: int, time_out: float) -> Unit:
     return Unit(
         name,
         "TSC1",
