@@ -5,14 +5,18 @@ from __future__ import annotations
 import csv
 import html.parser
 import json
+import math
 from pathlib import Path
 
 import mujoco
 import pytest
 
+from controllers.stack import Stack
 from iits_mj import cli
 from iits_mj.errors import RenderError
+from iits_mj.messages import EgoState, VehicleCommand
 from iits_mj.simulation import Simulation
+from iits_mj.truck import Truck
 
 SHORT = ("--duration", "2", "--seed", "3")
 
@@ -104,6 +108,45 @@ def test_interrupted_drive_keeps_and_reports_what_was_driven(
     assert cli.main(words) == 130
     assert "interrupted" in capsys.readouterr().out
     assert len(list(csv.reader((tmp_path / "telemetry.csv").open()))) == 12
+    assert (tmp_path / "report.html").is_file()
+
+
+def test_drive_that_rolls_over_ends_there_and_fails(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def turn(self: Stack, ego: EgoState) -> VehicleCommand:
+        return VehicleCommand(steering_wheel_angle=15.0)
+
+    monkeypatch.setattr(Stack, "control", turn)
+    words = ["drive", "--no-video", "--traffic-mode", "none", "--speed", "24"]
+    words += ["--start-speed", "24", "--out", str(tmp_path)]
+    assert cli.main(words) == 1
+    assert "rolled over at t = " in capsys.readouterr().out
+    assert "rolled over at t = " in (tmp_path / "report.html").read_text()
+    summary = json.loads((tmp_path / "summary.json").read_text())["summary"]
+    assert summary["failed"]
+    assert not summary["collision"]
+    assert 1.0 < summary["duration_s"] < 3.0
+
+
+def test_drive_that_diverges_keeps_and_reports_what_was_driven(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    step = Truck.step
+
+    def broken(self: Truck, n: int = 1) -> None:
+        if self.time > 0.95:
+            self.data.qvel[0] = math.nan
+        step(self, n)
+
+    monkeypatch.setattr(Truck, "step", broken)
+    words = ["drive", *SHORT, "--no-video", "--traffic-mode", "none", "--out", str(tmp_path)]
+    assert cli.main(words) == 1
+    assert "the simulation diverged" in capsys.readouterr().out
+    assert len(list(csv.reader((tmp_path / "telemetry.csv").open()))) == 11
+    summary = json.loads((tmp_path / "summary.json").read_text())["summary"]
+    assert summary["failed"]
+    assert summary["duration_s"] == pytest.approx(0.9)
     assert (tmp_path / "report.html").is_file()
 
 

@@ -1,7 +1,8 @@
 """Drive the truck with its stack over a road in SUMO traffic.
 
 Leaves in --out: drive.mp4, telemetry.csv, plots, summary.json and report.html, which shows them
-all. Exit code 0 when the drive ended well, 1 after a collision, 2 on wrong use.
+all. Exit code 0 when the drive ended well, 1 after a collision or a roll-over and when the
+simulation diverged, 2 on wrong use.
 """
 
 from __future__ import annotations
@@ -30,9 +31,10 @@ from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveSummary, Observer, Simulation, Telemetry
 from iits_mj.simulation.bus_log import BusLog
 from iits_mj.simulation.driver import Driver
+from iits_mj.simulation.ending import DivergedError
 from iits_mj.simulation.figures import drive_figures
 from iits_mj.simulation.log_driver import LogDriver
-from iits_mj.simulation.summary import to_text
+from iits_mj.simulation.summary import counts_text, to_text
 from iits_mj.truck import Truck
 
 CAPTIONS = {
@@ -119,7 +121,7 @@ class Outcome:
     def rows(self) -> list[tuple[str, str]]:
         """Name and value of every figure, for tables that people read."""
         rows = self.summary.rows()
-        rows += [(f"frames {what}", _counts(n)) for what, n in self.frames().items()]
+        rows += [(f"frames {what}", counts_text(n)) for what, n in self.frames().items()]
         return rows
 
 
@@ -141,7 +143,7 @@ def perform(job: Job) -> int:
             print(f"{name}: {path}")
     if interrupted:
         return INTERRUPTED
-    return 1 if outcome.summary.collision else 0
+    return 1 if outcome.summary.failed else 0
 
 
 def _drive(job: Job) -> tuple[Outcome, bool]:
@@ -168,6 +170,8 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
         except KeyboardInterrupt:
             interrupted = True
             summary = simulation.summary("interrupted")
+        except DivergedError:
+            summary = simulation.summary()
     receiver = _receiver(simulation)
     if receiver is not None and not receiver.accepted["IITS_COMMAND"]:
         print(f"iits-mj: {UNSTEERED}", file=sys.stderr)
@@ -250,7 +254,3 @@ def _summary_object(job: Job, outcome: Outcome) -> dict[str, object]:
         "notes": list(outcome.notes),
     }
     return found | {what: dict(counts) for what, counts in outcome.frames().items()}
-
-
-def _counts(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{count} x {name}" for name, count in sorted(counts.items())) or "none"

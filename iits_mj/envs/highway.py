@@ -64,8 +64,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
     | speed     | minus the distance of the speed from the reference, per m/s and second      |
     | collision | -300                                                                        |
 
-    Terminated by a collision; truncated at the end of the time or of the road. Version history: v0,
-    first.
+    Terminated by a collision or a roll-over; truncated at the end of the time or of the road.
+    Version history: v0, first.
 
     Args:
       density: of the traffic, "dense", "medium", "sparse" or "empty".
@@ -157,7 +157,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
         terms += decision_charge(decision is not Decision.KEEP, stack.unsafe > unsafe, settings)
         if simulation.collision:
             terms += RewardTerms(collision=-settings.collision * settings.discount**elapsed)
-        terminated = simulation.collision
+        terminated = simulation.failed
         truncated = bool(simulation.ended) and not terminated
         return self._observation(), float(terms.total), terminated, truncated, self._info(terms)
 

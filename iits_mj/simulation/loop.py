@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import math
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -20,9 +19,10 @@ from iits_mj.simulation import gaps
 from iits_mj.simulation.command_path import CommandPath
 from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.driver import Driver
+from iits_mj.simulation.ending import DivergedError, check_finite, find_ending
 from iits_mj.simulation.frame import Frame, Observer
 from iits_mj.simulation.parts import load_map, make_stack, make_traffic
-from iits_mj.simulation.start import END_MARGIN, check_start
+from iits_mj.simulation.start import check_start
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
 from iits_mj.truck import Truck
 from traffic_bridge import Mirror, Recorder
@@ -51,6 +51,8 @@ class Simulation(Closing):
       driver: who drives, which is the stack unless it is told otherwise; path: the way of its
         commands to the truck.
       ended: why the drive is over, "" while it is not.
+      collision: the truck touched another vehicle; failed: that, or it rolled over, or the
+        simulation diverged.
 
     Raises:
       MapError: the map cannot be read. TrafficError: SUMO refuses the network.
@@ -117,7 +119,7 @@ class Simulation(Closing):
         if self.traffic is not None:
             self.vehicles = tuple(self.traffic.reset(ego))
         self.ended = ""
-        self.collision = False
+        self.collision = self.failed = False
         self._summary = SummaryBuilder()
         self._steps = 0
         self._fuel_start = ego.fuel_used
@@ -149,12 +151,12 @@ class Simulation(Closing):
         """Advances 100 ms and returns the frame at its end.
 
         Raises:
-          Error: the simulation diverged, or a number is not finite.
+          DivergedError: the simulation diverged, or a number is not finite; the drive is over.
           TrafficError: SUMO failed.
         """
         schedule = [(observer, round(observer.period / TIMESTEP)) for observer in observers]
         for _ in range(CYCLE_STEPS // CONTROL_STEPS):
-            ego = self.truck.observe()
+            ego = self._observe()
             self._drive_on(ego)
             self._command = self.path.pass_on(self.driver.control(ego), self.time)
             self.truck.command(self._command)
@@ -165,8 +167,7 @@ class Simulation(Closing):
                 # Those due at the cycle's end see the new plan, below.
                 if self._steps % CYCLE_STEPS:
                     self._show(schedule)
-        ego = self.truck.observe()
-        self._check_finite(ego)
+        ego = self._observe()
         self._drive_on(ego)
         if self.traffic is not None:
             self.vehicles = tuple(self.traffic.step(ego))
@@ -183,11 +184,14 @@ class Simulation(Closing):
         observers: Sequence[Observer] = (),
         progress: Callable[[Frame], None] | None = None,
     ) -> DriveSummary:
-        """Drives to the end of the time or of the route, or to a collision.
+        """Drives to the end of the time or of the route, to a collision or a roll-over.
 
         Args:
           observers: see `Observer`; they also see the instant of the start.
           progress: called after each 100 ms.
+
+        Raises:
+          DivergedError: see `cycle`; `summary` has the figures up to then.
         """
         for observer in observers:
             observer.observe(self, self.frame)
@@ -209,6 +213,7 @@ class Simulation(Closing):
             wall_time=time.perf_counter() - self._wall_start,
             ended=ended or self.ended or "still driving",
             collision=self.collision,
+            failed=self.failed,
             fuel=self.frame.ego.fuel_used - self._fuel_start,
             warnings=warnings,
         )
@@ -233,7 +238,10 @@ class Simulation(Closing):
             self.traffic.close()
 
     def _advance(self, steps: int) -> None:
-        self.truck.step(steps)
+        try:
+            self.truck.step(steps)
+        except Error as error:
+            raise self._diverged(str(error)) from error
         self._steps += steps
 
     def _drive_on(self, ego: EgoState) -> None:
@@ -310,21 +318,25 @@ class Simulation(Closing):
         mujoco.mj_fwdPosition(self.truck.model, self.truck.data)
         return self.mirror.contacts(self.truck.data)
 
-    def _check_finite(self, ego: EgoState) -> None:
-        for field in dataclasses.fields(ego):
-            value = getattr(ego, field.name)
-            values = value if isinstance(value, tuple) else (value,)
-            if not all(math.isfinite(number) for number in values):
-                raise Error(f"the truck's {field.name} is {value!r} at t = {self.time:.1f} s")
+    def _observe(self) -> EgoState:
+        try:
+            ego = self.truck.observe()
+            check_finite(ego)
+        except Error as error:
+            raise self._diverged(str(error)) from error
+        return ego
+
+    def _diverged(self, reason: str) -> DivergedError:
+        self.ended, self.failed = reason, True
+        return DivergedError(reason)
 
     def _judge_end(self, ego: EgoState) -> None:
-        front = ego.station + self.truck.footprint.front_overhang
         touched = self._contacts() if self.frame.box_distance < NEAR else []
         if touched or self.frame.box_distance == 0.0:
             who = f"{touched[0][0]} at the {touched[0][1]}" if touched else "another vehicle"
-            self.collision = True
+            self.collision = self.failed = True
             self.ended = f"collision with {who} at t = {self.time:.1f} s"
-        elif front >= self.route.length - END_MARGIN:
-            self.ended = "reached the end of the route"
+        elif (found := find_ending(ego, self.route, self.truck.footprint)) is not None:
+            self.ended, self.failed = found
         elif self.time >= self.config.duration - 0.5 * TIMESTEP:
             self.ended = "reached the end of the time"

@@ -6,9 +6,8 @@ from iits_mj.errors import InputError
 from iits_mj.messages import EgoFootprint
 from iits_mj.road import Route
 from iits_mj.simulation.config import TruckStart
+from iits_mj.simulation.ending import END_MARGIN
 
-# A drive ends when the front bumper is this close to the end of the route [m].
-END_MARGIN = 5.0
 _ROOM = 10.0
 
 

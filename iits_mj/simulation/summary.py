@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -19,6 +19,7 @@ class DriveSummary:
 
     Attributes:
       ended: why it ended, in words; collision: True when the truck touched another vehicle.
+      failed: True after a collision or a roll-over, or when the simulation diverged.
       duration: simulated time [s]; distance [m]; mean_speed, max_speed [m/s].
       lane_changes: completed; refused: asked for and refused.
       closest_gap: least bumper-to-bumper gap to the vehicle ahead in the lane [m], inf without one.
@@ -30,6 +31,7 @@ class DriveSummary:
 
     ended: str
     collision: bool
+    failed: bool
     duration: float
     distance: float
     mean_speed: float
@@ -57,8 +59,8 @@ class DriveSummary:
         rows = [
             ("ended", self.ended),
             ("time", f"{self.duration:.1f} s"),
-            ("distance", f"{self.distance / 1e3:.3f} km"),
-            ("mean speed", f"{self.mean_speed:.2f} m/s ({self.mean_speed * 3.6:.1f} km/h)"),
+            ("distance", f"{self.distance / 1e3:z.3f} km"),
+            ("mean speed", f"{self.mean_speed:z.2f} m/s ({self.mean_speed * 3.6:z.1f} km/h)"),
             ("lane changes", f"{self.lane_changes} completed, {self.refused} refused"),
             ("closest gap ahead", _metres(self.closest_gap, "no vehicle was ahead in the lane")),
             ("closest vehicle", _metres(self.closest_box, "none came near")),
@@ -71,8 +73,7 @@ class DriveSummary:
             ("largest articulation", f"{math.degrees(self.max_articulation):.2f} deg"),
             ("real-time factor", f"{self.real_time_factor:.1f}"),
         ]
-        warned = ", ".join(f"{count} x {name}" for name, count in self.warnings.items())
-        rows.append(("engine warnings", warned or "none"))
+        rows.append(("engine warnings", counts_text(self.warnings)))
         return rows
 
     def to_text(self) -> str:
@@ -93,17 +94,29 @@ class DriveSummary:
             "max_articulation": "rad",
         }
         values = asdict(self) | {"fuel_per_100km_l": self.fuel_per_100km}
-        named = {f"{k}_{units[k]}" if k in units else k: v for k, v in values.items()}
-        return {
-            key: None if isinstance(value, float) and not math.isfinite(value) else value
-            for key, value in named.items()
-        }
+        return with_units(values, units)
 
 
 def to_text(rows: Sequence[tuple[str, str]]) -> str:
     """Names and values as aligned plain text."""
     width = max(len(name) for name, _ in rows)
     return "\n".join(f"  {name.ljust(width)}  {value}" for name, value in rows)
+
+
+def counts_text(counts: Mapping[str, int]) -> str:
+    """Says "3 x this, 2 x that", the most frequent first, or "none"."""
+    ordered = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+    return ", ".join(f"{count} x {name}" for name, count in ordered if count) or "none"
+
+
+def with_units(values: Mapping[str, Any], units: Mapping[str, str]) -> dict[str, Any]:
+    """Figures for JSON, the unit in the name; a number that is not finite becomes None."""
+    return {
+        f"{name}_{units[name]}" if name in units else name: (
+            None if isinstance(value, float) and not math.isfinite(value) else value
+        )
+        for name, value in values.items()
+    }
 
 
 def _metres(value: float, otherwise: str) -> str:
@@ -138,6 +151,7 @@ class SummaryBuilder:
         wall_time: float,
         ended: str,
         collision: bool,
+        failed: bool,
         fuel: float,
         warnings: dict[str, int],
     ) -> DriveSummary:
@@ -146,6 +160,7 @@ class SummaryBuilder:
         return DriveSummary(
             ended=ended,
             collision=collision,
+            failed=failed,
             duration=duration,
             distance=last.distance,
             mean_speed=last.distance / duration if duration > 0.0 else 0.0,

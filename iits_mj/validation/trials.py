@@ -25,7 +25,7 @@ class Trial:
     Attributes:
       world, density, traffic_speed, method, seed: what was driven.
       speed_loss: mean of (v_ref - v) / v_ref; changes: carried out; refused: decisions refused.
-      collisions; time: [s]; distance: [m].
+      collisions: with a vehicle, or a roll-over; time: [s]; distance: [m].
       closest: least gap to the leader, in s (fast world) or m (full chain).
       fuel: [kg], nan in the fast world.
     """
@@ -109,7 +109,7 @@ def run_full(density: str, traffic_speed: float, method: str, seed: int, duratio
         (REFERENCE_SPEED - result.mean_speed) / REFERENCE_SPEED,
         result.lane_changes,
         result.refused,
-        int(result.collision),
+        int(result.failed),
         result.duration,
         result.distance,
         result.closest_gap,

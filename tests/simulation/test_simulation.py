@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from iits_mj.errors import Error, InputError
+from iits_mj.errors import InputError
 from iits_mj.messages import TrackedVehicle
 from iits_mj.simulation import DriveConfig, Frame, Simulation, Telemetry
+from iits_mj.simulation.ending import DivergedError
 from iits_mj.simulation.telemetry import COLUMNS
 
 
@@ -124,6 +125,7 @@ def test_driving_into_a_standing_vehicle_ends_as_a_collision() -> None:
         )
         simulation.cycle()
     assert simulation.collision
+    assert simulation.summary().failed
     assert "collision with wall" in simulation.ended
 
 
@@ -131,8 +133,12 @@ def test_state_that_is_not_finite_stops_with_an_error() -> None:
     with Simulation(DriveConfig(traffic_mode="none"), visuals=False) as simulation:
         simulation.cycle()
         simulation.truck.data.qvel[0] = np.nan
-        with pytest.raises(Error):
+        with pytest.raises(DivergedError, match="the simulation diverged"):
             simulation.cycle()
+    summary = simulation.summary()
+    assert summary.failed
+    assert summary.ended.startswith("the simulation diverged")
+    assert summary.duration == pytest.approx(0.1)
 
 
 def test_stopped_drive_keeps_its_rows_and_replaces_an_older_table_whole(tmp_path: Path) -> None:
