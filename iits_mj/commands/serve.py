@@ -1,14 +1,14 @@
 """Serve the truck on a CAN bus: it obeys the frames of somebody's own controller and reports.
 
-Ends with its time, at the end of the road, or with Ctrl-C or SIGTERM, and prints what was obeyed.
-Exit code 0 however it ends, 2 on wrong use.
+Ends with its time, at the end of the road, or with Ctrl-C or SIGTERM (exit code 0), or when the
+truck rolls over or leaves the road or the simulation diverges (1); prints what was obeyed. Exit
+code 2 on wrong use.
 """
 
 from __future__ import annotations
 
 import contextlib
 import json
-import logging
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -29,8 +29,6 @@ class Options(ServeConfig):
 
 def run(options: Options) -> int:
     """Serves and prints the summary."""
-    # What python-can has to say of a failing bus is in our own messages.
-    logging.getLogger("can").addHandler(logging.NullHandler())
     with Server(options, tell=_tell) as server, _signals(server.stop):
         _tell(f"serving on CAN bus {server.bus.link.name}; Ctrl-C ends it")
         summary = server.run()
@@ -39,7 +37,7 @@ def run(options: Options) -> int:
         print(json.dumps(content | {"summary": summary.as_dict()}, allow_nan=False))
     else:
         print(summary.to_text())
-    return 0
+    return 1 if summary.failed else 0
 
 
 @contextlib.contextmanager

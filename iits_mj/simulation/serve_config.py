@@ -41,7 +41,7 @@ class ServeConfig(TruckStart):
     )
     duration: float | None = option(
         None,
-        help="time to serve; without it until Ctrl-C, SIGTERM or the end of the road",
+        help="time to serve; without it until Ctrl-C, SIGTERM, the end of the road or an accident",
         unit="s",
         low=0.1,
         high=1e7,

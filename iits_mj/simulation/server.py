@@ -7,33 +7,31 @@ what the bus has brought since the last tick is obeyed for the 10 ms that follow
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import time
 from collections.abc import Callable
 
 from controllers.fallback import Fallback
 from controllers.safe_stop import SafeStop
 from iits_mj.closing import Closing
+from iits_mj.errors import Error
 from iits_mj.j1939 import CommandReceiver, Link, LinkState, LogWriter
+from iits_mj.j1939.link import LinkChange
+from iits_mj.j1939.receiver import UNIT_NAMES
 from iits_mj.j1939.time_outs import Heard, Loss
 from iits_mj.messages import EgoState, VehicleCommand
+from iits_mj.simulation.ending import Ending, check_finite, find_ending, find_leaving
 from iits_mj.simulation.loop import TIMESTEP
 from iits_mj.simulation.pace import Pace
 from iits_mj.simulation.parts import load_map
 from iits_mj.simulation.serve_config import ServeConfig
 from iits_mj.simulation.serve_summary import ServeSummary
-from iits_mj.simulation.start import END_MARGIN, check_start
+from iits_mj.simulation.start import check_start
 from iits_mj.simulation.truck_bus import TruckBus
 from iits_mj.truck import Truck
 
 TICK = 0.01
 TICK_STEPS = round(TICK / TIMESTEP)
-_MESSAGES = {
-    "pedal": "EEC2",
-    "xbr": "XBR",
-    "engine_retarder": "TSC1 to 15",
-    "driveline_retarder": "TSC1 to 16",
-    "body": "IITS_COMMAND",
-}
 
 
 class Server(Closing):
@@ -41,14 +39,16 @@ class Server(Closing):
 
     Args:
       config: which truck, where, on which bus.
-      tell: called with a line of text when the bus or the commands are lost or come back.
+      tell: called with a line of text when the bus or the commands are lost or come back, and
+        when the log is lost.
       clock: monotonic time [s]; sleep: waits for so many seconds.
 
     Attributes:
       config, route, truck, pace: the parts; receiver: of the commands; bus: the truck's end of it.
       state: what the truck observes now; command: what it obeys.
       silent: True while the commands that it cannot do without stay away.
-      ended: why it is over, "" while it is not.
+      ended: why it is over, "" while it is not; failed: the truck rolled over or left the road,
+        or the simulation diverged.
 
     Raises:
       MapError: the map cannot be read. InputError: the start is not on the route.
@@ -88,10 +88,12 @@ class Server(Closing):
         self.pace = Pace(TICK, clock=clock, sleep=sleep)
         self.command = VehicleCommand()
         self.silent = True
-        self.ended = ""
+        self.ended, self.failed = "", False
         self._tell = tell or (lambda _line: None)
         self._clock = clock
-        self._ticks = self._silences = self._silent_ticks = self._told = 0
+        self._ticks = self._silences = self._silent_ticks = 0
+        self._told: LinkChange | None = None
+        self._log_told = False
         self._distance = 0.0
         self._max_speed = self.state.speed
         self.bus = self._join()
@@ -116,29 +118,37 @@ class Server(Closing):
     def tick(self) -> None:
         """Waits until the next tick is due and serves it.
 
-        Raises:
-          Error: the simulation diverged. BusError: the log cannot be written.
+        A simulation that diverges ends the serving, with the state before that tick.
         """
         self.pace.wait()
         self.bus.exchange(self.time)
         self._tell_of_bus()
+        self._tell_of_log()
         self.command = self._decide()
         self.truck.command(self.command)
-        self.truck.step(TICK_STEPS)
+        try:
+            state = self._advance()
+        except Error as error:
+            self._end(Ending(str(error), failed=True))
+            return
         self._ticks += 1
-        last, self.state = self.state, self.truck.observe()
-        self._distance += 0.5 * (last.speed + self.state.speed) * TICK
+        self._distance += 0.5 * (self.state.speed + state.speed) * TICK
+        self.state = state
         self._max_speed = max(self._max_speed, self.state.speed)
-        self.bus.prepare(self.state, self.truck.report())
         self._judge_end()
 
     def run(self) -> ServeSummary:
-        """Serves until the end of the time or of the road, or until `stop` is called."""
+        """Serves until the end of the time or of the road, or until `stop` is called.
+
+        The log of the bus is complete then.
+        """
         wall, processor = self._clock(), time.process_time()
         while not self.ended:
             self.tick()
-        elapsed = self._clock() - wall
-        return self.summary((time.process_time() - processor) / elapsed if elapsed > 0.0 else 0.0)
+        elapsed, processor = self._clock() - wall, time.process_time() - processor
+        self.bus.finish_log()
+        self._tell_of_log()
+        return self.summary(processor / elapsed if elapsed > 0.0 else 0.0)
 
     def stop(self, reason: str) -> None:
         """Ends serving after the present tick; may be called from a signal handler or a thread."""
@@ -149,6 +159,7 @@ class Server(Closing):
         link, pace = self.bus.link, self.pace
         return ServeSummary(
             ended=self.ended or "still serving",
+            failed=self.failed,
             duration=self.time,
             distance=self._distance,
             mean_speed=self._distance / self.time if self._ticks else 0.0,
@@ -157,6 +168,7 @@ class Server(Closing):
             accepted=dict(self.receiver.accepted),
             rejected=dict(self.receiver.rejected),
             passed_over=dict(self.receiver.ignored),
+            lost=self.receiver.lost,
             silences=self._silences,
             silent_time=self._silent_ticks * TICK,
             sent=link.sent,
@@ -167,6 +179,7 @@ class Server(Closing):
             bus_failures=link.failures,
             bus_restarts=link.restarts,
             bus_state=link.state.value,
+            log_failure=self.bus.log_failure,
             ticks=pace.ticks,
             late_ticks=pace.late,
             worst_lateness=pace.worst,
@@ -179,6 +192,18 @@ class Server(Closing):
     def close(self) -> None:
         """Leaves the bus and finishes the log."""
         self.bus.close()
+
+    def _advance(self) -> EgoState:
+        """A tick of physics, and what is to be said after it.
+
+        Raises:
+          Error: the simulation diverged.
+        """
+        self.truck.step(TICK_STEPS)
+        state = self.truck.observe()
+        check_finite(state)
+        self.bus.prepare(state, self.truck.report())
+        return state
 
     def _decide(self) -> VehicleCommand:
         """What the truck obeys now: the bus, or its safe state."""
@@ -201,27 +226,43 @@ class Server(Closing):
         self.silent = loss.driver
         if self.silent:
             self._silences += 1
-            missing = ", ".join(_MESSAGES[name] for name in loss.silent) or "none of them heard"
+            missing = ", ".join(UNIT_NAMES[name] for name in loss.silent) or "none of them heard"
             self._tell(f"commands lost at t = {self.time:.2f} s: {missing}")
         else:
             self._tell(f"commands obeyed from t = {self.time:.2f} s")
 
     def _tell_of_bus(self) -> None:
-        """Passes on what has happened to the link since the last tick."""
+        """Passes on what has happened to the link since the last tick, everything in its order."""
         link = self.bus.link
-        changes = link.failures + link.restarts
-        if changes == self._told:
-            return
-        self._told = changes
-        last = link.changes[-1]
-        why = f": {last.reason}" if last.reason else ""
-        again = " again" if link.state is LinkState.UP else ", will be opened again"
-        self._tell(f"CAN bus {link.name} is {last.state.value}{again}{why}")
+        new = list(itertools.takewhile(lambda c: c is not self._told, reversed(link.changes)))
+        for change in reversed(new):
+            self._told = change
+            if change.state is LinkState.UP:
+                self._tell(f"CAN bus {link.name} is up again")
+            else:
+                why = f": {change.reason}" if change.state is LinkState.DOWN else ""
+                self._tell(
+                    f"CAN bus {link.name} is {change.state.value}, will be opened again{why}"
+                )
+
+    def _tell_of_log(self) -> None:
+        """Says once that the log has come to an early end."""
+        if self.bus.log_failure and not self._log_told:
+            self._log_told = True
+            self._tell(
+                f"serving goes on without a log from t = {self.time:.2f} s: {self.bus.log_failure}"
+            )
 
     def _judge_end(self) -> None:
+        place = (self.state, self.route, self.truck.footprint)
+        found = find_ending(*place) or find_leaving(*place)
         duration = self.config.duration
-        front = self.state.station + self.truck.footprint.front_overhang
-        if duration is not None and self.time >= duration - 0.5 * TICK:
+        if found is not None:
+            self._end(found)
+        elif duration is not None and self.time >= duration - 0.5 * TICK:
             self.stop("reached the end of the time")
-        elif front >= self.route.length - END_MARGIN:
-            self.stop("reached the end of the road")
+
+    def _end(self, ending: Ending) -> None:
+        if not self.ended:
+            self.failed = ending.failed
+        self.stop(ending.reason)

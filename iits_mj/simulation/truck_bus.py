@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from iits_mj.closing import Closing
+from iits_mj.errors import BusError
 from iits_mj.j1939 import CommandReceiver, Frame, Link, LogWriter, ReferenceTorques
 from iits_mj.j1939.configuration import ConfigurationSender
 from iits_mj.j1939.network import ControlUnits, unit_names
@@ -19,10 +20,11 @@ class TruckBus(Closing):
       link: the bus; it is closed with this.
       receiver: gets every frame that is heard.
       parameters: of the truck, for its percent torques and configurations.
-      log: gets every frame, both ways; it is closed with this.
+      log: gets every frame, both ways, until it cannot be written; it is closed with this.
 
     Attributes:
       link, receiver: as given; units: the truck's control units in the network.
+      log_failure: why the log ends before its time, "" when it does not.
     """
 
     def __init__(
@@ -37,6 +39,7 @@ class TruckBus(Closing):
         self._sender = StateSender(ReferenceTorques.of(parameters))
         self._configurations = ConfigurationSender(parameters)
         self._log = log
+        self.log_failure = ""
         self._state, self._report = EgoState(), TruckReport()
         self._due: list[Frame] = []
         # Claimed before anything else is sent, and again whenever the bus was opened anew.
@@ -65,16 +68,34 @@ class TruckBus(Closing):
         self._due = []
         heard = self.link.receive(time)
         for frame in heard:
-            if self._log is not None:
-                self._log.write(frame)
+            self._note(frame)
             self.receiver.receive(frame)
         self._send(self.units.answer(heard, self._groups, time))
 
     def close(self) -> None:
         """Leaves the bus and finishes the log."""
         self.link.close()
-        if self._log is not None:
-            self._log.close()
+        self.finish_log()
+
+    def finish_log(self) -> None:
+        """Completes the log and goes on without one; may be called again."""
+        log, self._log = self._log, None
+        if log is None:
+            return
+        try:
+            log.close()
+        except BusError as error:
+            self.log_failure = self.log_failure or str(error)
+
+    def _note(self, frame: Frame) -> None:
+        """Logs a frame; a log that cannot be written is finished, and the bus goes on without."""
+        if self._log is None:
+            return
+        try:
+            self._log.write(frame)
+        except BusError as error:
+            self.log_failure = str(error)
+            self.finish_log()
 
     def _groups(self, pgn: int, address: int) -> list[Frame] | None:
         """What a unit (255: all of them) says now with a group; None when it never does."""
@@ -84,5 +105,5 @@ class TruckBus(Closing):
 
     def _send(self, frames: list[Frame]) -> None:
         for frame in frames:
-            if self.link.send(frame) and self._log is not None:
-                self._log.write(frame)
+            if self.link.send(frame):
+                self._note(frame)

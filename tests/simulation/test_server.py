@@ -26,8 +26,10 @@ from iits_mj.j1939 import (
     read_log,
 )
 from iits_mj.j1939.network import ADDRESS_CLAIMED, request
-from iits_mj.messages import VehicleCommand
+from iits_mj.j1939.receiver import UNIT_NAMES
+from iits_mj.messages import TransmissionMode, VehicleCommand, XbrMode
 from iits_mj.simulation import ServeConfig, Server
+from iits_mj.simulation.ending import LEAVE_MARGIN, ROLL_OVER
 from iits_mj.simulation.server import TICK
 
 KEEP = VehicleCommand(accelerator_pedal=0.4)
@@ -47,9 +49,10 @@ class Clock:
 
 
 class Plug(VirtualBus):
-    """A virtual bus whose plug can be pulled."""
+    """A virtual bus whose plug can be pulled and whose controller can be bus-off."""
 
     pulled = False
+    off = False
 
     def __init__(self, *args: object, **kwargs: object) -> None:
         if Plug.pulled:
@@ -60,6 +63,18 @@ class Plug(VirtualBus):
         if Plug.pulled:
             raise can.CanOperationError("network is down")
         super()._check_if_open()
+
+    @property
+    def state(self) -> can.BusState:
+        return can.BusState.ERROR if Plug.off else can.BusState.ACTIVE
+
+
+@pytest.fixture
+def plug(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Buses are plugs, in and working."""
+    monkeypatch.setitem(can.interfaces.BACKENDS, "virtual", (__name__, "Plug"))
+    monkeypatch.setattr(Plug, "pulled", False)
+    monkeypatch.setattr(Plug, "off", False)
 
 
 class Bench:
@@ -229,11 +244,10 @@ def test_silent_bus_stops_the_truck_in_its_lane_when_so_configured(
     assert here.server.state.speed > 0.5
 
 
+@pytest.mark.usefixtures("plug")
 def test_truck_outlives_a_pulled_plug_and_obeys_again_after_it(
-    bench: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch
+    bench: Callable[..., Bench],
 ) -> None:
-    monkeypatch.setitem(can.interfaces.BACKENDS, "virtual", (__name__, "Plug"))
-    monkeypatch.setattr(Plug, "pulled", False)
     here = bench()
     here.serve(0.5, KEEP)
     Plug.pulled = True
@@ -254,11 +268,10 @@ def test_truck_outlives_a_pulled_plug_and_obeys_again_after_it(
     assert sum("will be opened again" in line for line in here.told) == 1
 
 
+@pytest.mark.usefixtures("plug")
 def test_addresses_are_claimed_again_on_a_bus_that_came_back(
-    bench: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch
+    bench: Callable[..., Bench],
 ) -> None:
-    monkeypatch.setitem(can.interfaces.BACKENDS, "virtual", (__name__, "Plug"))
-    monkeypatch.setattr(Plug, "pulled", False)
     here = bench()
     here.serve(0.1)
     Plug.pulled = True
@@ -268,6 +281,69 @@ def test_addresses_are_claimed_again_on_a_bus_that_came_back(
     here.heard.clear()
     here.serve(1.0)
     assert ADDRESS_CLAIMED in {frame.pgn for frame in here.heard}
+
+
+@pytest.mark.usefixtures("plug")
+def test_controller_that_recovers_from_bus_off_by_itself_is_told_as_up_again(
+    bench: Callable[..., Bench],
+) -> None:
+    here = bench()
+    here.serve(0.1)
+    Plug.off = True
+    here.server.tick()
+    Plug.off = False
+    here.serve(0.1)
+    name = here.server.bus.link.name
+    assert here.server.bus.link.restarts == 0
+    assert here.told == [
+        f"CAN bus {name} is bus-off, will be opened again",
+        f"CAN bus {name} is up again",
+    ]
+
+
+@pytest.mark.usefixtures("plug")
+def test_every_change_of_the_bus_within_a_tick_is_told(bench: Callable[..., Bench]) -> None:
+    here = bench()
+    here.serve(0.1)
+    Plug.off = True
+    here.server.tick()
+    first = len(here.told)
+    # Opened again while still off: up and bus-off come in one tick.
+    for _ in range(12):
+        here.server.tick()
+    assert [line.split(" is ")[1] for line in here.told[first:]] == [
+        "up again",
+        "bus-off, will be opened again",
+    ]
+
+
+def test_frames_that_never_came_are_counted(bench: Callable[..., Bench]) -> None:
+    here = bench()
+    here.serve(0.2, KEEP)
+    here.counter += 3
+    here.serve(0.2, KEEP)
+    summary = here.server.summary()
+    assert (summary.lost["XBR"], summary.lost["IITS_COMMAND"]) == (3, 3)
+    assert "3 x XBR" in dict(summary.rows())["commands that never came"]
+    assert summary.as_dict()["lost"] == summary.lost
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no full device")
+@pytest.mark.parametrize("suffix", [".asc", ".blf", ".log"])
+def test_full_disk_ends_the_log_and_not_the_serving(
+    bench: Callable[..., Bench], tmp_path: Path, suffix: str
+) -> None:
+    path = tmp_path / f"bus{suffix}"
+    path.symlink_to("/dev/full")
+    here = bench(can_log=path, duration=2.0)
+    summary = here.server.run()
+    assert (summary.ended, summary.failed) == ("reached the end of the time", False)
+    assert summary.duration == pytest.approx(2.0)
+    assert len(here.told) == 1
+    assert "without a log" in here.told[0]
+    assert "No space left on device" in summary.log_failure
+    assert "No space left on device" in dict(summary.rows())["log"]
+    here.server.close()
 
 
 def test_log_has_both_ways_of_the_bus(bench: Callable[..., Bench], tmp_path: Path) -> None:
@@ -318,7 +394,7 @@ def test_serving_ends_with_its_time_when_told_and_at_the_end_of_the_road(
     assert told.server.run().ended == "enough"
     end = told.server.route.length
     near = bench(start_station=end - 25.0, start_speed=20.0, duration=20.0)
-    assert near.server.run().ended == "reached the end of the road"
+    assert near.server.run().ended == "reached the end of the route"
 
 
 @pytest.mark.parametrize(
@@ -341,3 +417,86 @@ def test_unusable_log_or_bus_is_one_clear_error(tmp_path: Path) -> None:
         Server(ServeConfig(bus="virtual", can_log=tmp_path / "log.docx"))
     with pytest.raises(BusError, match="cannot be opened"):
         Server(ServeConfig(bus="udp_multicast", channel="not an address"))
+
+
+@pytest.mark.parametrize("angle", [15.0, -15.0])
+def test_truck_that_rolls_over_ends_the_serving_as_failed(
+    bench: Callable[..., Bench], angle: float
+) -> None:
+    here = bench(start_speed=25.0, start_station=950.0)
+    while not here.server.ended and here.server.time < 4.0:
+        here.serve(0.02, VehicleCommand(steering_wheel_angle=angle))
+    summary = here.server.run()
+    assert summary.ended.startswith("rolled over at t = ")
+    assert summary.failed
+    assert ROLL_OVER < abs(here.server.state.roll) < ROLL_OVER + 0.1
+    assert 1.0 < summary.duration < 2.5
+
+
+def test_hard_bend_that_the_truck_can_take_ends_nothing(bench: Callable[..., Bench]) -> None:
+    here = bench(start_speed=5.0, start_station=950.0)
+    here.serve(2.0, VehicleCommand(steering_wheel_angle=8.0))
+    assert not here.server.ended
+    assert abs(here.server.state.roll) < 0.2
+
+
+def test_simulation_that_diverges_ends_with_its_summary(bench: Callable[..., Bench]) -> None:
+    here = bench()
+    here.serve(0.5, KEEP)
+    before = here.server.state
+    here.server.truck.data.qvel[0] = float("nan")
+    summary = here.server.run()
+    assert summary.ended.startswith("the simulation diverged")
+    assert summary.failed
+    assert summary.duration == pytest.approx(0.5)
+    assert here.server.state == before
+    assert summary.as_dict()["last_speed_mps"] == pytest.approx(16.0, abs=0.5)
+
+
+def test_truck_that_backs_past_the_begin_of_the_road_ends_the_serving(
+    bench: Callable[..., Bench],
+) -> None:
+    here = bench(start_speed=0.0, start_station=20.0, payload=0.0)
+    back = VehicleCommand(accelerator_pedal=0.5, transmission_mode=TransmissionMode.REVERSE)
+    while not here.server.ended and here.server.time < 30.0:
+        here.serve(0.02, back)
+    assert here.server.ended.startswith("left the road at t = ")
+    assert here.server.ended.endswith("5 m before its begin")
+    assert here.server.failed
+    footprint = here.server.truck.footprint
+    rear = here.server.state.station + footprint.front_overhang - footprint.length
+    assert rear == pytest.approx(-LEAVE_MARGIN, abs=0.1)
+
+
+@pytest.mark.parametrize(("angle", "side"), [(0.8, "left"), (-0.8, "right")])
+def test_truck_that_leaves_the_road_sideways_ends_the_serving(
+    bench: Callable[..., Bench], angle: float, side: str
+) -> None:
+    here = bench(payload=0.0, start_station=950.0)
+    while not here.server.ended and here.server.time < 20.0:
+        here.serve(0.02, VehicleCommand(steering_wheel_angle=angle))
+    assert here.server.ended.endswith(f"5 m to the {side} of it")
+    assert here.server.failed
+    state = here.server.state
+    right, left = here.server.route.surface_edges(state.station)
+    outside = state.offset - left if side == "left" else right - state.offset
+    assert outside == pytest.approx(LEAVE_MARGIN, abs=0.1)
+
+
+def test_no_number_of_the_summary_is_minus_zero(bench: Callable[..., Bench]) -> None:
+    summary = dataclasses.replace(
+        bench().server.summary(), mean_speed=-0.001, last_speed=-0.004, distance=-0.4
+    )
+    assert "-0.0" not in summary.to_text()
+
+
+def test_lost_commands_are_called_as_the_receiver_counts_them(
+    bench: Callable[..., Bench],
+) -> None:
+    here = bench()
+    everything = dataclasses.replace(KEEP, engine_brake=0.2, retarder=0.2, xbr_mode=XbrMode.MAXIMUM)
+    here.serve(0.5, everything)
+    names = set(here.server.summary().accepted)
+    here.serve(0.5)
+    assert here.server.receiver.loss(here.server.time).silent == tuple(UNIT_NAMES)
+    assert set(UNIT_NAMES.values()) == names
