@@ -12,8 +12,10 @@ import argparse
 import math
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NoReturn
 
 from controllers.planner import PlannerConfig
 from controllers.stack import Stack
@@ -98,16 +100,50 @@ class BusDriver:
         return figures
 
 
-def main() -> int:
-    """Command line; exit code 0 when speed and lane were kept."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+class Parser(argparse.ArgumentParser):
+    """Wrong use is one line on stderr and exit code 2."""
+
+    def error(self, message: str) -> NoReturn:
+        """Ends the program."""
+        self.exit(2, f"{self.prog}: {message}\n")
+
+
+def number(low: float, high: float) -> Callable[[str], float]:
+    """Type of an argument: a number of a range."""
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        # Not a number is in no range.
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text!r}: use a number, {low:g} to {high:g}")
+        return value
+
+    return parse
+
+
+def arguments() -> argparse.Namespace:
+    """The command line."""
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--interface", default="udp_multicast", help="of python-can")
     parser.add_argument("--channel", help="group or group:port, or CAN interface")
     parser.add_argument("--map", type=Path, help="the truck's OpenDRIVE map; default the built-in")
-    parser.add_argument("--speed", type=float, default=60.0, help="km/h")
-    parser.add_argument("--duration", type=float, default=60.0, help="s")
-    parser.add_argument("--settle", type=float, default=10.0, help="s before errors count")
+    parser.add_argument("--speed", type=number(5.0, 90.0), default=60.0, help="km/h")
+    parser.add_argument("--duration", type=number(STEP, 86400.0), default=60.0, help="s")
+    parser.add_argument(
+        "--settle", type=number(0.0, 86400.0), default=10.0, help="s before errors count"
+    )
     given = parser.parse_args()
+    if given.settle >= given.duration:
+        parser.error(f"--settle {given.settle:g}: use less than --duration {given.duration:g}")
+    return given
+
+
+def main() -> int:
+    """Command line; exit code 0 when speed and lane were kept."""
+    given = arguments()
     try:
         road = RoadMap.builtin() if given.map is None else RoadMap.from_opendrive(given.map)
         plan = PlannerConfig()

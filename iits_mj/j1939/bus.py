@@ -6,6 +6,7 @@ come back with it are left out, so that every kind of bus behaves as CAN does.
 
 from __future__ import annotations
 
+import logging
 import uuid
 from collections import Counter
 from typing import Any
@@ -23,6 +24,9 @@ DEFAULT_CHANNELS = {"virtual": "iits_mj", "socketcan": "can0", "udp_multicast": 
 FRAMES_AT_ONCE = 8192
 # Error classes in the identifier of a SocketCAN error frame (Linux, can/error.h).
 _BUS_OFF, _RESTARTED = 0x040, 0x100
+# What python-can has to say of a failing bus is in our own messages; the standard library writes
+# it to stderr beside them where nobody handles it.
+logging.getLogger("can").addHandler(logging.NullHandler())
 _FAILURES = (can.CanError, OSError, ValueError)
 
 
