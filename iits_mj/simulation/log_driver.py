@@ -22,11 +22,15 @@ from iits_mj.simulation.frame import Frame
 if TYPE_CHECKING:
     from iits_mj.simulation.loop import Simulation
 
+# Longest silence of the whole bus that is driven through [s]; a clock that is set leaves years.
+LONGEST_SILENCE = 60.0
 _STEERING = "IITS_COMMAND"
 
 
 class LogDriver:
     """A `Driver` that sends what a log holds, and an observer that ends the drive with the log.
+
+    A log in which nobody says anything for more than `LONGEST_SILENCE` ends where that begins.
 
     The log's first frame is the beginning of the drive. Each 20 ms the receiver hears the frames up
     to that instant, so that a log of `iits-mj drive` gives the drive again, while frames of
@@ -66,6 +70,7 @@ class LogDriver:
         self._keeper = keeper
         self._left: Iterator[BusFrame] = iter(())
         self._next: BusFrame | None = None
+        self._end = ""
         self.receiver = self._new_receiver()
         self.heard = self.lane_changes = 0
 
@@ -79,6 +84,7 @@ class LogDriver:
         self.heard = self.lane_changes = 0
         self._counter = 0
         self._lane: int | None = None
+        self._end = "reached the end of the log"
         self._left = iter(self._read())
         self._next = next(self._left, None)
         if self._next is None:
@@ -115,10 +121,10 @@ class LogDriver:
         return math.nan
 
     def observe(self, simulation: Simulation, frame: Frame) -> None:
-        """Ends the drive when the log has no more frames."""
+        """Ends the drive when the log has no more frames, or none for long."""
         del frame
         if self._next is None:
-            simulation.stop("reached the end of the log")
+            simulation.stop(self._end)
 
     def _hear(self, time: float) -> None:
         while self._next is not None:
@@ -129,7 +135,19 @@ class LogDriver:
             self.heard += 1
             if self._passes(frame):
                 self.receiver.receive(BusFrame(frame.can_id, frame.data, stamp))
-            self._next = next(self._left, None)
+            self._next = self._following(frame.time)
+
+    def _following(self, time: float) -> BusFrame | None:
+        """The frame after one of a time [s]; None at the end, and before a long silence."""
+        frame = next(self._left, None)
+        # Not a number is no silence that can be driven through either.
+        if frame is not None and not frame.time - time <= LONGEST_SILENCE:
+            self._end = (
+                f"reached a gap in the log: frame {self.heard + 1} ({frame.can_id:08X}) comes "
+                f"{frame.time - time:.0f} s after the one before; {LONGEST_SILENCE:g} s at most"
+            )
+            return None
+        return frame
 
     def _passes(self, frame: BusFrame) -> bool:
         """False for what the keeper says in place of the log, and for who would speak with it."""

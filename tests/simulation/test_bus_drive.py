@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections import Counter
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -20,7 +21,7 @@ from iits_mj.j1939 import Frame, command_to_frames, database_path, read_log
 from iits_mj.j1939.addresses import CONTROLLER
 from iits_mj.messages import Decision, VehicleCommand
 from iits_mj.road import Route
-from iits_mj.simulation import DriveConfig, Simulation, Telemetry
+from iits_mj.simulation import DriveConfig, Simulation, Telemetry, log_driver
 from iits_mj.simulation.bus_log import BusLog
 from iits_mj.simulation.command_path import CommandPath
 from iits_mj.simulation.log_driver import LogDriver
@@ -265,6 +266,36 @@ def test_truck_in_a_log_of_commands_alone_is_safe_after_their_end() -> None:
     driver = driven_by(frames, duration=1.9)
     assert driver.receiver.command(0.98).accelerator_pedal == pytest.approx(0.5, abs=0.01)
     assert driver.receiver.command(1.9).accelerator_pedal == 0.0
+
+
+def test_a_log_whose_clock_jumps_by_years_ends_at_the_jump(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    frames = [
+        frame for k in range(10) for frame in command_to_frames(VehicleCommand(), k, 0.02 * k)
+    ]
+    year = 86_400.0 * 365.0
+
+    def drive_by(*later: float) -> Simulation:
+        log = frames + [Frame(0x18FEF100, b"\xff" * 8, time) for time in later]
+
+        def driver(route: Route, truck: Truck) -> LogDriver:
+            return LogDriver(lambda: log, route)
+
+        config = DriveConfig(traffic_mode="none", duration=100.0, start_speed=0.0)
+        with Simulation(config, driver=driver, visuals=False) as replay:
+            assert isinstance(replay.driver, LogDriver)
+            replay.run([replay.driver])
+        return replay
+
+    replay = drive_by(year)
+    assert replay.time < 0.5
+    assert re.search(r"frame 51 \(18FEF100\) comes 3153\d{4} s after .*60 s", replay.ended)
+    # What is shorter than that is driven through.
+    monkeypatch.setattr(log_driver, "LONGEST_SILENCE", 2.0)
+    replay = drive_by(2.1, year)
+    assert replay.time == pytest.approx(2.1, abs=0.2)
+    assert "frame 52 " in replay.ended
 
 
 def test_empty_log_and_unknown_format_are_told(tmp_path: Path) -> None:
