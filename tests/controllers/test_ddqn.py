@@ -13,6 +13,15 @@ from controllers.decision.ddqn import DoubleDqn, LearnerConfig, double_q_target 
 from controllers.decision.training import TrainConfig, sample_trip, train  # noqa: E402
 
 
+@pytest.fixture(autouse=True)
+def one_thread():
+    """As training does: threads that wait for each other's cores take ten times as long."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
 def transition(reward=0.0, discount=0.5, action=1, mark=0.0):
     first = np.full(OBSERVATION_SIZE, mark, np.float32)
     return Transition(first, action, reward, discount, first + 0.5)
