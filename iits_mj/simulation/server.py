@@ -250,7 +250,7 @@ class Server(Closing):
         if self.bus.log_failure and not self._log_told:
             self._log_told = True
             self._tell(
-                f"serving goes on without a log from t = {self.time:.2f} s: {self.bus.log_failure}"
+                f"nothing more is logged from t = {self.time:.2f} s on: {self.bus.log_failure}"
             )
 
     def _judge_end(self) -> None:

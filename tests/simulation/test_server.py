@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import uuid
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -12,6 +13,7 @@ import can
 import pytest
 from can.interfaces.virtual import VirtualBus
 
+from iits_mj import cli
 from iits_mj.errors import BusError, InputError
 from iits_mj.j1939 import (
     Bus,
@@ -31,6 +33,7 @@ from iits_mj.messages import TransmissionMode, VehicleCommand, XbrMode
 from iits_mj.simulation import ServeConfig, Server
 from iits_mj.simulation.ending import LEAVE_MARGIN, ROLL_OVER
 from iits_mj.simulation.server import TICK
+from iits_mj.truck import Truck
 
 KEEP = VehicleCommand(accelerator_pedal=0.4)
 
@@ -340,7 +343,7 @@ def test_full_disk_ends_the_log_and_not_the_serving(
     assert (summary.ended, summary.failed) == ("reached the end of the time", False)
     assert summary.duration == pytest.approx(2.0)
     assert len(here.told) == 1
-    assert "without a log" in here.told[0]
+    assert here.told[0].startswith("nothing more is logged from t = ")
     assert "No space left on device" in summary.log_failure
     assert "No space left on device" in dict(summary.rows())["log"]
     here.server.close()
@@ -500,3 +503,22 @@ def test_lost_commands_are_called_as_the_receiver_counts_them(
     here.serve(0.5)
     assert here.server.receiver.loss(here.server.time).silent == tuple(UNIT_NAMES)
     assert set(UNIT_NAMES.values()) == names
+
+
+def test_command_line_prints_the_summary_of_a_diverged_truck_and_exits_with_1(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    step = Truck.step
+
+    def broken(self: Truck, n: int = 1) -> None:
+        if self.time > 0.15:
+            self.data.qvel[0] = float("nan")
+        step(self, n)
+
+    monkeypatch.setattr(Truck, "step", broken)
+    words = ["serve", "--bus", "virtual", "--channel", uuid.uuid4().hex, "--start-speed", "16"]
+    assert cli.main([*words, "--json"]) == 1
+    summary = json.loads(capsys.readouterr().out)["summary"]
+    assert summary["failed"]
+    assert summary["ended"].startswith("the simulation diverged")
+    assert summary["duration_s"] == pytest.approx(0.16, abs=0.011)
