@@ -83,7 +83,7 @@ check: $(VENV)/installed-test
 	$(BIN)/pytest -m "not slow" -n $(JOBS)
 
 test-slow: $(VENV)/installed-test
-	$(BIN)/pytest -m slow -n $(JOBS)
+	$(BIN)/pytest -m slow -n $(JOBS) --dist load
 
 # The plugin runs with the pinned MuJoCo; its sources must compile against the next one as well.
 check-mujoco4: $(BIN)/cmake
