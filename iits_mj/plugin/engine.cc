@@ -191,7 +191,7 @@ void Engine::Update(const EngineRequest& request, const EnginePoint& at, double 
     return;
   }
   double limit = at.limit + at.drag;
-  double wanted = PedalTorque(at, request.pedal) + at.drag;
+  double wanted = request.torque + at.drag;
   double demand = std::min(limit, std::max(wanted, IdleTorque(at, h, s)));
   UpdateBoost(demand, h, s);
   double target = std::min(demand, s->boost);

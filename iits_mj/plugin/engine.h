@@ -42,6 +42,7 @@ struct EngineRequest {
   double target_speed;   // kSpeed [rad/s]
   double inertia;        // kSpeed: what turns with the crankshaft [kg m2]
   bool limited = false;  // kPedal: another controller takes torque away, faster than a pedal does
+  double torque = 0;     // kPedal: brake torque that the pedal asks for at the present speed [N m]
 };
 
 // Until the engine's torque has reached a level.

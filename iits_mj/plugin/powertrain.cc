@@ -210,6 +210,10 @@ void Powertrain::Step(const Controls& controls, double shaft_speed, double h, St
   gearbox_.Update(engine_, input, h, gearbox);
   EngineRequest request = gearbox_.Request(engine_, input, *gearbox);
   request.limited = core->held_back > 0;
+  // Nearly always the driver's pedal is the one that counts: one look into the map serves both.
+  const double pedal = controls.levers.pedal;
+  const double driver_torque = engine_.PedalTorque(at, pedal);
+  request.torque = request.pedal == pedal ? driver_torque : engine_.PedalTorque(at, request.pedal);
   if (core->driveline.engagement < 1) request.engine_brake = 0;
   engine_.Update(request, at, h, engine);
 
@@ -224,7 +228,7 @@ void Powertrain::Step(const Controls& controls, double shaft_speed, double h, St
                   &core->driveline, &engine->speed, &s->work);
   core->shaft_torque = s->work.shaft_torque;
 
-  ReportStep(at, request, command, retarder_max, controls.levers.pedal, s);
+  ReportStep(at, request, command, retarder_max, pedal, driver_torque, s);
   ReportGears(s);
   core->fuel_used += h * s->output.fuel_rate;
   const EnduranceGearing after = Gearing(*core);

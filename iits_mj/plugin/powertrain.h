@@ -93,7 +93,7 @@ class Powertrain {
   void ReportStart(const Core& core, Output* output) const;
   void ReportStep(const EnginePoint& at, const EngineRequest& request,
                   const EnduranceCommand& command, double retarder_max, double pedal,
-                  State* s) const;
+                  double driver_torque, State* s) const;
   void ReportGears(State* s) const;
 
   Engine engine_;

@@ -111,7 +111,7 @@ void Powertrain::ReportStart(const Core& core, Output* o) const {
 // retarder; braking is negative.
 void Powertrain::ReportStep(const EnginePoint& at, const EngineRequest& request,
                             const EnduranceCommand& command, double retarder_max, double pedal,
-                            State* s) const {
+                            double driver_torque, State* s) const {
   const Core& core = s->next;
   Output* o = &s->output;
   const double of_reference = 100 / engine_.reference_torque();
@@ -124,7 +124,7 @@ void Powertrain::ReportStep(const EnginePoint& at, const EngineRequest& request,
   o->engine_torque = engine_.BrakeTorque(at, core.engine);
   o->engine_torque_percent = of_reference * core.engine.torque;
   o->torque_loss_percent = of_reference * at.drag;
-  o->engine_torque_percent_driver = of_reference * (engine_.PedalTorque(at, pedal) + at.drag);
+  o->engine_torque_percent_driver = of_reference * (driver_torque + at.drag);
   const double greatest = at.limit + at.drag;
   o->engine_load_percent = greatest > 0 ? 100 * std::min(1.0, core.engine.torque / greatest) : 0;
   o->engine_torque_mode = TorqueModeOf(request, pedal);
