@@ -17,6 +17,7 @@ import iits_mj
 from iits_mj.commands import drive
 from iits_mj.errors import InputError
 from iits_mj.j1939 import Frame, read_log
+from iits_mj.j1939.senders import LAST_ADDRESS
 from iits_mj.j1939.table import write_table
 from iits_mj.options import option
 from iits_mj.road import Route
@@ -53,7 +54,7 @@ class Options(drive.Kept, TruckStart):
         help="obey this sender only, for instance 0, a recorded truck's engine, whose EEC2 holds "
         "its pedal; without it whoever may command",
         low=0,
-        high=253,
+        high=LAST_ADDRESS,
         metavar="ADDRESS",
     )
     keep_lane: bool = option(False, help="steer in the lane, whatever the log says of steering")

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from iits_mj.closing import Closing
 from iits_mj.j1939 import Frame as BusFrame
-from iits_mj.j1939 import LogWriter, ReferenceTorques, StateSender
-from iits_mj.j1939.configuration import ConfigurationSender
+from iits_mj.j1939 import LogWriter
+from iits_mj.j1939.truck_sender import TruckSender
 from iits_mj.simulation.frame import Frame
 
 if TYPE_CHECKING:
@@ -38,9 +38,7 @@ class BusLog(Closing):
     def __init__(self, path: Path, simulation: Simulation) -> None:
         self.path = path
         self.count = 0
-        parameters = simulation.truck.parameters
-        self._sender = StateSender(ReferenceTorques.of(parameters))
-        self._configurations = ConfigurationSender(parameters)
+        self._sender = TruckSender(simulation.truck.parameters)
         self._writer = LogWriter(path)
         self._commands = simulation.path
         self._commands.listen(self._write)
@@ -49,8 +47,7 @@ class BusLog(Closing):
         """Writes the reports that are due."""
         # Log files keep microseconds, and the sum of many steps is not exact.
         state = dataclasses.replace(frame.ego, time=round(frame.time, 6))
-        reports = self._sender.frames(state, simulation.truck.report())
-        for report in reports + self._configurations.frames(state.time):
+        for report in self._sender.frames(state, simulation.truck.report()):
             self._write(report)
 
     def close(self) -> None:

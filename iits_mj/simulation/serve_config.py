@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from iits_mj.j1939.senders import LAST_ADDRESS
 from iits_mj.options import option
 from iits_mj.simulation.config import TruckStart
 
@@ -57,7 +58,7 @@ class ServeConfig(TruckStart):
         None,
         help="obey this sender only; without it every address but the truck's own",
         low=0,
-        high=253,
+        high=LAST_ADDRESS,
         metavar="ADDRESS",
     )
     can_log: Path | None = option(

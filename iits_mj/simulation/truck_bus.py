@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from iits_mj.closing import Closing
 from iits_mj.errors import BusError
-from iits_mj.j1939 import CommandReceiver, Frame, Link, LogWriter, ReferenceTorques
-from iits_mj.j1939.configuration import ConfigurationSender
+from iits_mj.j1939 import CommandReceiver, Frame, Link, LogWriter
 from iits_mj.j1939.network import ControlUnits, unit_names
 from iits_mj.j1939.senders import truck_addresses
-from iits_mj.j1939.state import StateSender
+from iits_mj.j1939.truck_sender import TruckSender
 from iits_mj.messages import EgoState, TruckReport
 from iits_mj.parameters import TruckParameters
 
@@ -36,8 +35,7 @@ class TruckBus(Closing):
     ) -> None:
         self.link = link
         self.receiver = receiver
-        self._sender = StateSender(ReferenceTorques.of(parameters))
-        self._configurations = ConfigurationSender(parameters)
+        self._sender = TruckSender(parameters)
         self._log = log
         self.log_failure = ""
         self._state, self._report = EgoState(), TruckReport()
@@ -53,7 +51,7 @@ class TruckBus(Closing):
           BusError: a value is not finite.
         """
         self._state, self._report = state, report
-        self._due = self._sender.frames(state, report) + self._configurations.frames(state.time)
+        self._due = self._sender.frames(state, report)
 
     def exchange(self, time: float) -> None:
         """Sends what was prepared, hears what has come, answers it and hands it to the receiver.
@@ -98,10 +96,7 @@ class TruckBus(Closing):
             self.finish_log()
 
     def _groups(self, pgn: int, address: int) -> list[Frame] | None:
-        """What a unit (255: all of them) says now with a group; None when it never does."""
-        if self._configurations.repeat(pgn, address):
-            return []
-        return self._sender.answer(pgn, address, self._state, self._report) or None
+        return self._sender.answer(pgn, address, self._state, self._report)
 
     def _send(self, frames: list[Frame]) -> None:
         for frame in frames:
