@@ -82,6 +82,9 @@ def by_log(path: Path, duration: float = 60.0, **settings: object) -> tuple[Tele
     return telemetry, replay
 
 
+COMPARED = ("station [m]", "offset [m]", "yaw [rad]", "speed [m/s]")
+
+
 def apart(one: Telemetry, other: Telemetry, column: str) -> float:
     return float(np.abs(one.column(column) - other.column(column)).max())
 
@@ -112,6 +115,10 @@ def test_a_minute_with_two_lane_changes_stays_together(payload: float) -> None:
     straight = drive(THERE_AND_BACK, **settings)
     steps = drive(THERE_AND_BACK, CommandPath(over_bytes=True, sender=EveryCycle), **settings)
     rates = drive(THERE_AND_BACK, commands="j1939", **settings)
+    for name, other in (("signals' steps", steps), ("messages' rates", rates)):
+        # Shown by -s: the figures of docs/j1939_drive.md.
+        found = ", ".join(f"{apart(other, straight, c):.2g} {c}" for c in COMPARED)
+        print(f"\n{payload:g} kg, {name}: {found}")
     assert straight.column("lane_changes [-]")[-1] == 2
     assert 0.0 < apart(steps, straight, "station [m]") < 0.1
     assert apart(steps, straight, "offset [m]") < 0.005
