@@ -8,6 +8,7 @@ Lanes are counted from the right, 0 being the rightmost driving lane of the rout
 from __future__ import annotations
 
 import enum
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -222,6 +223,8 @@ class TrackedVehicle:
       id: stable name.
       kind: "car", "van", "truck" (rigid) or "articulated".
       x, y, z, yaw: [m], [rad].
+      pitch, roll: of the road under it, in its own direction [rad], pitch positive nose down.
+      yaw_rate: [rad/s].
       speed: along its heading [m/s]; acceleration: [m/s2].
       lateral_speed: across the lane, positive to the left [m/s].
       station, offset: of the box's centre on the ego route [m].
@@ -244,6 +247,9 @@ class TrackedVehicle:
     length: float = 4.8
     width: float = 1.9
     height: float = 1.5
+    pitch: float = 0.0
+    roll: float = 0.0
+    yaw_rate: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,7 +268,7 @@ class Scene:
 
     time: float
     ego: EgoState
-    vehicles: tuple[TrackedVehicle, ...] = ()
+    vehicles: Sequence[TrackedVehicle] = ()
     footprint: EgoFootprint = EgoFootprint()
 
 

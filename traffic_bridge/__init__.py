@@ -10,6 +10,7 @@ libsumo is imported when a simulation starts, not before.
 """
 
 from traffic_bridge.config import DENSITIES, LANE_CHANGE_MODELS, TrafficConfig
+from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.mirror import Mirror
 from traffic_bridge.modes import InterSim, PureSim, Traffic
 from traffic_bridge.network import Network, build_network, cache_dir, find_netconvert
@@ -32,6 +33,7 @@ __all__ = [
     "RepSim",
     "Traffic",
     "TrafficConfig",
+    "VehicleFrame",
     "VehicleType",
     "build_network",
     "cache_dir",
