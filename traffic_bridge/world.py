@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import NamedTuple
 
@@ -10,20 +9,17 @@ import numpy as np
 
 from iits_mj.messages import EgoState, TrackedVehicle
 from iits_mj.road import Route
-from traffic_bridge import mobil
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.demand import Demand
-from traffic_bridge.ego import EGO, SHADOW, EgoInTraffic, ego_type_xml
+from traffic_bridge.ego import EgoInTraffic, ego_type_xml
+from traffic_bridge.lane_changing import LaneChanger
 from traffic_bridge.lanes import RouteLanes
 from traffic_bridge.network import build_network
 from traffic_bridge.session import Session
-from traffic_bridge.signals import BLOCKER, TrafficController
+from traffic_bridge.signals import TrafficController
 from traffic_bridge.smoothing import LateralSmoother
 from traffic_bridge.vehicles import Vehicles
 
-MOBIL_PERIOD = 1.0  # [s] between rounds of decisions
-LOOK_AHEAD = 400.0  # [m]: MOBIL does not go to a lane that ends within this distance
-MOBIL_REST = 6.0  # [s] after a lane change before the next
 VIEW = "view"  # the SUMO point of interest that follows the ego, to ask who is near it
 VIEW_MARGIN = 30.0  # [m]: SUMO measures to front bumpers, we to centres
 TIGHT_TURN = 2.0  # [m/s] below which a sideways motion turns the box no further
@@ -81,8 +77,11 @@ class World:
         self._with_ego = with_ego
         self._api = self.session.api
         self._smoother = LateralSmoother(config.lane_change_duration)
-        self._changed: dict[str, float] = {}
-        self._until_mobil = MOBIL_PERIOD
+        self._lane_changer = (
+            LaneChanger(self.session, lanes, self.vehicles, config)
+            if config.lane_change == "mobil"
+            else None
+        )
         self._viewing = False
 
     def begin(self, ego: EgoState | None) -> list[TrackedVehicle]:
@@ -108,8 +107,8 @@ class World:
         """One step; the ego is where it is at the step's end. Returns the vehicles, by name."""
         with self.session.guard("adding vehicles"):
             self._demand.spawn(None if ego is None else ego.station)
-            if self.config.lane_change == "mobil":
-                self._change_lanes(ego)
+            if self._lane_changer is not None:
+                self._lane_changer.step(self.time, self._with_ego and ego is not None)
             if ego is not None:
                 self._look(ego)
         if self._with_ego and ego is not None:
@@ -247,63 +246,5 @@ class World:
     def _drop_arrived(self) -> None:
         for name in self._api.simulation.getArrivedIDList():
             self.vehicles.forget(name)
-            self._changed.pop(name, None)
-
-    # MOBIL -------------------------------------------------------------------------------------
-
-    def _change_lanes(self, ego: EgoState | None) -> None:
-        self._until_mobil -= self.config.step_length
-        if self._until_mobil > 1e-9:
-            return
-        self._until_mobil = MOBIL_PERIOD
-        places: dict[str, tuple[str, int, float]] = {}
-        drivers = []
-        for row in self._seen(None):
-            table = self.lanes.tables.get(row.lane)
-            if table is None or table.lane < 0:
-                continue
-            places[row.name] = (table.edge, table.index, row.position)
-            drivers.append(
-                mobil.Driver(
-                    row.name,
-                    table.at(row.position)[0],
-                    table.lane,
-                    row.speed,
-                    self.vehicles.desired_speed(row.name),
-                    self.vehicles.type_of(row.name),
-                    movable=not row.name.startswith(BLOCKER),
-                )
-            )
-        if self._with_ego and ego is not None:
-            drivers += self._ego_drivers()
-
-        def may_change(driver: mobil.Driver, target: int) -> bool:
-            edge, index, position = places[driver.name]
-            table = self.lanes.tables.get(f"{edge}_{index + target - driver.lane}")
-            if table is None or table.lane != target or edge.startswith(":"):
-                return False
-            if table.length - position < LOOK_AHEAD and not self.lanes.goes_on(table):
-                return False
-            return self.time - self._changed.get(driver.name, -math.inf) >= MOBIL_REST
-
-        for name, target in mobil.decide(drivers, may_change).items():
-            lane = next(driver.lane for driver in drivers if driver.name == name)
-            self._api.vehicle.changeLane(name, places[name][1] + target - lane, MOBIL_PERIOD)
-            self._changed[name] = self.time
-
-    def _ego_drivers(self) -> list[mobil.Driver]:
-        """The truck and its shadow, as obstacles to MOBIL."""
-        length = self.config.footprint.length
-        kind = dataclasses.replace(self.config.types[-1], length=length)
-        drivers = []
-        for name in self._api.vehicle.getIDList():
-            if name != EGO and not name.startswith(SHADOW):
-                continue
-            table = self.lanes.tables.get(self._api.vehicle.getLaneID(name))
-            if table is not None and table.lane >= 0:
-                station = table.at(self._api.vehicle.getLanePosition(name))[0]
-                speed = self._api.vehicle.getSpeed(name)
-                drivers.append(
-                    mobil.Driver(name, station, table.lane, speed, max(speed, 15.0), kind, False)
-                )
-        return drivers
+            if self._lane_changer is not None:
+                self._lane_changer.forget(name)
