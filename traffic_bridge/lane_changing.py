@@ -56,7 +56,9 @@ class LaneChanger:
         places: dict[str, tuple[str, int, float]] = {}
         drivers = []
         vehicle = self._api.vehicle
-        for name in self._vehicles.ids():
+        for name in sorted(vehicle.getIDList()):
+            if name not in self._vehicles:
+                continue
             lane_id = vehicle.getLaneID(name)
             table = self._lanes.tables.get(lane_id)
             if table is None or table.lane < 0:
