@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from functools import lru_cache
 
-from traffic_bridge import mobil
 from traffic_bridge.config import TrafficConfig
-from traffic_bridge.ego import EGO, SHADOW
+from traffic_bridge.demand import MOBIL_MODE
+from traffic_bridge.lane_graph import Lane, LaneGraph, Occupancy, Onward, Place, decide
 from traffic_bridge.lanes import RouteLanes
+from traffic_bridge.mobil import Driver
 from traffic_bridge.session import Session
-from traffic_bridge.signals import BLOCKER
-from traffic_bridge.vehicles import Vehicles
+from traffic_bridge.vehicles import Vehicles, VehicleType
 
 PERIOD = 1.0  # [s] between rounds of decisions
 LOOK_AHEAD = 400.0  # [m]: nobody goes to a lane that ends within this distance
@@ -19,24 +20,31 @@ REST = 6.0  # [s] after a lane change before the next
 
 
 class LaneChanger:
-    """Decides on the lane changes of all vehicles of the route once a second, by MOBIL.
+    """Decides on the lane changes of all vehicles once a second, by MOBIL.
+
+    Who changes lanes by MOBIL is told by SUMO's lane-change mode, which the demand sets; all other
+    vehicles (the truck and its shadow, standing and replayed vehicles) are there to be minded. SUMO
+    itself only moves vehicles to the lanes from which their way goes on.
 
     Args:
       session: the running SUMO.
       lanes: of the route.
       vehicles: what each vehicle is.
-      config: with the truck's footprint and the step length.
+      config: with the step length and the kinds of vehicles.
     """
 
     def __init__(
         self, session: Session, lanes: RouteLanes, vehicles: Vehicles, config: TrafficConfig
     ) -> None:
+        del lanes
         self._api = session.api
-        self._lanes = lanes
+        self._graph = LaneGraph.read(session.api)
         self._vehicles = vehicles
         self._config = config
         self._changed: dict[str, float] = {}
         self._until = PERIOD
+        self._ways: dict[str, Onward] = {}
+        self._obstacle = lru_cache(maxsize=64)(self._obstacle_of_length)
 
     def forget(self, name: str) -> None:
         """Drops a vehicle that has left."""
@@ -47,65 +55,72 @@ class LaneChanger:
 
         Args:
           time: of the traffic [s].
-          with_ego: the truck is in the traffic.
+          with_ego: the truck is in the traffic; SUMO knows it then.
         """
+        del with_ego
         self._until -= self._config.step_length
         if self._until > 1e-9:
             return
         self._until = PERIOD
-        places: dict[str, tuple[str, int, float]] = {}
-        drivers = []
         vehicle = self._api.vehicle
-        for name in sorted(vehicle.getIDList()):
-            if name not in self._vehicles:
-                continue
-            lane_id = vehicle.getLaneID(name)
-            table = self._lanes.tables.get(lane_id)
-            if table is None or table.lane < 0:
-                continue
-            position, speed = vehicle.getLanePosition(name), vehicle.getSpeed(name)
-            places[name] = (table.edge, table.index, position)
-            drivers.append(
-                mobil.Driver(
-                    name,
-                    table.at(position)[0],
-                    table.lane,
-                    speed,
-                    self._vehicles.desired_speed(name),
-                    self._vehicles.type_of(name),
-                    movable=not name.startswith(BLOCKER),
-                )
-            )
-        if with_ego:
-            drivers += self._ego_drivers()
+        permitted: dict[str, bool] = {}
 
-        def may_change(driver: mobil.Driver, target: int) -> bool:
-            edge, index, position = places[driver.name]
-            table = self._lanes.tables.get(f"{edge}_{index + target - driver.lane}")
-            if table is None or table.lane != target or edge.startswith(":"):
+        def may_change(place: Place, target: Lane) -> bool:
+            if time - self._changed.get(place.driver.name, -math.inf) < REST:
                 return False
-            if table.length - position < LOOK_AHEAD and not self._lanes.goes_on(table):
-                return False
-            return time - self._changed.get(driver.name, -math.inf) >= REST
+            if target.id not in permitted:
+                permitted[target.id] = self._is_open(target)
+            return permitted[target.id] and self._goes_on(place, target)
 
-        for name, target in mobil.decide(drivers, may_change).items():
-            lane = next(driver.lane for driver in drivers if driver.name == name)
-            vehicle.changeLane(name, places[name][1] + target - lane, PERIOD)
+        occupancy = Occupancy(self._graph, self._places())
+        for name, lane in decide(self._graph, occupancy, may_change).items():
+            vehicle.changeLane(name, lane.index, PERIOD)
             self._changed[name] = time
 
-    def _ego_drivers(self) -> list[mobil.Driver]:
-        """The truck and its shadow, as obstacles to MOBIL."""
-        length = self._config.footprint.length
-        kind = dataclasses.replace(self._config.types[-1], length=length)
-        drivers = []
-        for name in self._api.vehicle.getIDList():
-            if name != EGO and not name.startswith(SHADOW):
+    def _places(self) -> list[Place]:
+        vehicle, lanes = self._api.vehicle, self._graph.lanes
+        places = []
+        for name in vehicle.getIDList():
+            lane = lanes.get(vehicle.getLaneID(name))
+            if lane is None:
                 continue
-            table = self._lanes.tables.get(self._api.vehicle.getLaneID(name))
-            if table is not None and table.lane >= 0:
-                station = table.at(self._api.vehicle.getLanePosition(name))[0]
-                speed = self._api.vehicle.getSpeed(name)
-                drivers.append(
-                    mobil.Driver(name, station, table.lane, speed, max(speed, 15.0), kind, False)
-                )
-        return drivers
+            speed = vehicle.getSpeed(name)
+            # What SUMO's IDM aims at: the vehicle's own desire within the lane's limit.
+            desired = vehicle.getAllowedSpeed(name)
+            if name in self._vehicles:
+                kind = self._vehicles.type_of(name)
+                movable = vehicle.getLaneChangeMode(name) == MOBIL_MODE
+            else:
+                kind, movable = self._obstacle(vehicle.getLength(name)), False
+                desired = max(speed, desired)
+            driver = Driver(name, speed, desired, kind, movable)
+            onward = self._way(vehicle.getRouteID(name))
+            places.append(Place(driver, lane, vehicle.getLanePosition(name), onward))
+        return places
+
+    def _obstacle_of_length(self, length: float) -> VehicleType:
+        """The truck, its shadow or a replayed vehicle: drives like the last of the kinds."""
+        return dataclasses.replace(self._config.types[-1], length=length)
+
+    def _way(self, route: str) -> Onward:
+        if route not in self._ways:
+            edges = self._api.route.getEdges(route)
+            # On a way that visits an edge twice, the first visit tells where it leads.
+            following = dict(zip(reversed(edges[:-1]), reversed(edges[1:]), strict=True))
+            self._ways[route] = following.get
+        return self._ways[route]
+
+    def _is_open(self, lane: Lane) -> bool:
+        closed = self._api.lane.getDisallowed(lane.id)
+        return "passenger" not in closed and "all" not in closed
+
+    def _goes_on(self, place: Place, lane: Lane) -> bool:
+        """Whether the vehicle's way can be driven on a lane for a while."""
+        way = lane.length - place.position
+        while way < LOOK_AHEAD:
+            after = self._graph.after(lane, place.onward)
+            if after is None:
+                return not lane.internal and place.onward(lane.edge) is None
+            lane = after
+            way += lane.length
+        return True

@@ -1,5 +1,17 @@
 """MOBIL lane changes on top of the Intelligent Driver Model, as pure functions.
 
+MOBIL asks whether a change makes the decider (c), the new follower (n) and the old follower (o)
+faster together; `a` is an acceleration as things are, `a~` one after the change:
+
+    safety      a~_n >= -b_safe, a~_c >= -b_safe, and room for the vehicle
+    symmetric   a~_c - a_c + p (a~_n - a_n + a~_o - a_o) > a_th
+    keep right  to the right   a~_c^eur - a_c + p (a~_o - a_o) > a_th - a_bias
+                to the left    a~_c - a_c^eur + p (a~_n - a_n) > a_th + a_bias
+
+a^eur is the acceleration on the right lane where nobody may overtake on the right: the smaller of
+those on both lanes, if v_c > v of the leader on the left lane > v_crit. A vehicle type with
+`keep_right_bias` a_bias of zero follows the symmetric rule, another one the keep-right rule.
+
 Kesting, Treiber and Helbing, "General lane-changing model MOBIL for car-following models",
 Transportation Research Record 1999 (2007), 86-94; IDM: Treiber, Hennecke and Helbing, "Congested
 traffic states in empirical observations and microscopic simulations", Phys. Rev. E 62 (2000).
@@ -8,140 +20,119 @@ traffic states in empirical observations and microscopic simulations", Phys. Rev
 from __future__ import annotations
 
 import math
-from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from traffic_bridge.vehicles import VehicleType
 
-FREE_GAP = 1e4  # [m]
+LEAST_GAP = 0.1  # [m]: a gap that is used up counts as this, or the model would have no value
+CRITICAL_SPEED = 60.0 / 3.6  # [m/s]: v_crit of the paper; below it lanes may pass on the right
+MARGIN = 2.0  # [m] before and behind that must be free after a change
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Driver:
     """A vehicle as MOBIL sees it.
 
     Attributes:
       name: of the vehicle.
-      station: of the front bumper [m]; lane: index from the right.
       speed, desired_speed: [m/s].
-      type: its behaviour; movable: False for vehicles that decide elsewhere (the ego).
+      type: its behavior and length.
+      movable: False for vehicles that decide elsewhere (the ego, standing vehicles).
     """
 
     name: str
-    station: float
-    lane: int
     speed: float
     desired_speed: float
     type: VehicleType
     movable: bool = True
 
 
-def idm_acceleration(driver: Driver, leader: Driver | None) -> float:
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """Who is before and behind a vehicle on one lane, its own or one it may go to.
+
+    Attributes:
+      gap_ahead: from its front bumper to the leader's rear [m]; inf without a leader.
+      speed_ahead: of the leader [m/s]; the end of a lane is a leader that stands.
+      gap_behind: from its rear bumper to the follower's front [m]; inf without a follower.
+      follower: the vehicle behind.
+    """
+
+    gap_ahead: float = math.inf
+    speed_ahead: float = 0.0
+    gap_behind: float = math.inf
+    follower: Driver | None = None
+
+
+def idm_acceleration(driver: Driver, gap: float = math.inf, speed_ahead: float = 0.0) -> float:
     """IDM acceleration behind a leader, or on a free road [m/s2]; delta = 4.
 
     a [1 - (v / v0)^4 - (s* / s)^2] with s* = s0 + max(0, v T + v dv / (2 sqrt(a b))).
+
+    Args:
+      driver: the follower.
+      gap: to the leader's rear bumper [m]; inf for a free road.
+      speed_ahead: of the leader [m/s].
     """
     kind, v = driver.type, driver.speed
     free = 1.0 - (v / max(driver.desired_speed, 0.1)) ** 4
-    if leader is None:
+    if gap == math.inf:
         return kind.acceleration * free
-    gap = max(leader.station - leader.type.length - driver.station, 0.1)
     root = 2.0 * math.sqrt(kind.acceleration * kind.deceleration)
-    wanted = v * kind.time_headway + v * (v - leader.speed) / root
-    return kind.acceleration * (free - ((kind.minimum_gap + max(0.0, wanted)) / gap) ** 2)
+    wanted = v * kind.time_headway + v * (v - speed_ahead) / root
+    share = (kind.minimum_gap + max(0.0, wanted)) / max(gap, LEAST_GAP)
+    return kind.acceleration * (free - share * share)
 
 
-def neighbors(
-    drivers: Sequence[Driver], driver: Driver, lane: int
-) -> tuple[Driver | None, Driver | None]:
-    """The next vehicle ahead and the next behind on a lane, other than the driver's own."""
-    ahead: Driver | None = None
-    behind: Driver | None = None
-    for other in drivers:
-        if other.lane != lane or other.name == driver.name:
-            continue
-        if other.station >= driver.station:
-            if ahead is None or other.station < ahead.station:
-                ahead = other
-        elif behind is None or other.station > behind.station:
-            behind = other
-    return ahead, behind
-
-
-def incentive(
-    drivers: Sequence[Driver], driver: Driver, target: int, margin: float = 2.0
-) -> float | None:
-    """What a change to a neighboring lane gains above its threshold [m/s2]; None if not safe.
-
-    Safety criterion: the new follower need not brake harder than b_safe, and there is room.
-    Incentive criterion: (a~_c - a_c) + p [(a~_n - a_n) + (a~_o - a_o)] > a_th, with a bias to the
-    right: the threshold is lower by a_bias to the right and higher by it to the left.
+def gain(driver: Driver, here: Surroundings, there: Surroundings, to_right: bool) -> float | None:
+    """What a lane change gains above its threshold [m/s2]; None where it is not safe.
 
     Args:
-      drivers: every vehicle near the driver.
       driver: who decides.
-      target: lane index.
-      margin: least free distance before and behind after the change [m].
+      here: its surroundings on its own lane.
+      there: its surroundings on the lane it would go to.
+      to_right: whether that lane is the one to the right.
     """
     kind = driver.type
-    new_leader, new_follower = neighbors(drivers, driver, target)
-    if new_leader is not None:
-        if new_leader.station - new_leader.type.length - driver.station < margin:
+    if there.gap_ahead < MARGIN or there.gap_behind < MARGIN:
+        return None
+    own_after = idm_acceleration(driver, there.gap_ahead, there.speed_ahead)
+    if own_after < -kind.safe_braking:
+        return None
+    new_follower = 0.0
+    if there.follower is not None:
+        after = idm_acceleration(there.follower, there.gap_behind, driver.speed)
+        if after < -kind.safe_braking:
             return None
-        if idm_acceleration(driver, new_leader) < -kind.safe_braking:
-            return None
-    new_after = new_before = 0.0
-    if new_follower is not None:
-        if driver.station - kind.length - new_follower.station < margin:
-            return None
-        new_after = idm_acceleration(new_follower, driver)
-        new_before = idm_acceleration(new_follower, new_leader)
-        if new_after < -kind.safe_braking:
-            return None
-    old_leader, old_follower = neighbors(drivers, driver, driver.lane)
-    own = idm_acceleration(driver, new_leader) - idm_acceleration(driver, old_leader)
-    old = 0.0
-    if old_follower is not None:
-        old = idm_acceleration(old_follower, old_leader) - idm_acceleration(old_follower, driver)
-    bias = kind.keep_right_bias if target < driver.lane else -kind.keep_right_bias
-    return own + kind.politeness * (new_after - new_before + old) - kind.change_threshold + bias
+        new_follower = after - _behind_the_leader(driver, there)
+    old_follower = 0.0
+    if here.follower is not None:
+        before = idm_acceleration(here.follower, here.gap_behind, driver.speed)
+        old_follower = _behind_the_leader(driver, here) - before
+    own_before = idm_acceleration(driver, here.gap_ahead, here.speed_ahead)
+    if kind.keep_right_bias == 0.0:
+        others = new_follower + old_follower
+        threshold = kind.change_threshold
+    elif to_right:
+        others = old_follower
+        own_after = _european(driver, own_after, own_before, here)
+        threshold = kind.change_threshold - kind.keep_right_bias
+    else:
+        others = new_follower
+        own_before = _european(driver, own_before, own_after, there)
+        threshold = kind.change_threshold + kind.keep_right_bias
+    return own_after - own_before + kind.politeness * others - threshold
 
 
-def decide(
-    drivers: Sequence[Driver],
-    may_change: Callable[[Driver, int], bool],
-    reach: float = 300.0,
-) -> dict[str, int]:
-    """Lane changes of one round: name -> target lane.
+def _behind_the_leader(driver: Driver, lane: Surroundings) -> float:
+    """Acceleration of a lane's follower if the driver were not between it and the leader."""
+    assert lane.follower is not None
+    gap = lane.gap_behind + driver.type.length + lane.gap_ahead
+    return idm_acceleration(lane.follower, gap, lane.speed_ahead)
 
-    The vehicles are asked in the order of their names, and each sees the changes decided before
-    it, so the result does not hang on SUMO's order and two never take the same gap.
 
-    Args:
-      drivers: all vehicles.
-      may_change: whether a driver may go to a lane (it exists, is not closed, rest since the last).
-      reach: vehicles within this distance matter [m].
-    """
-    state = {driver.name: driver for driver in drivers}
-    ordered = sorted(drivers, key=lambda driver: driver.station)
-    stations = [driver.station for driver in ordered]
-    changes: dict[str, int] = {}
-    for name in sorted(state):
-        driver = state[name]
-        if not driver.movable:
-            continue
-        low = bisect_left(stations, driver.station - reach)
-        high = bisect_right(stations, driver.station + reach)
-        near = [state[other.name] for other in ordered[low:high]]
-        best, gain = driver.lane, 0.0
-        for target in (driver.lane - 1, driver.lane + 1):
-            if not may_change(driver, target):
-                continue
-            value = incentive(near, driver, target)
-            if value is not None and value > gain:
-                best, gain = target, value
-        if best != driver.lane:
-            changes[name] = best
-            state[name] = replace(driver, lane=best)
-    return changes
+def _european(driver: Driver, right: float, left: float, left_lane: Surroundings) -> float:
+    """Acceleration on the right lane without overtaking the left lane's leader on its right."""
+    if left_lane.gap_ahead < math.inf and driver.speed > left_lane.speed_ahead > CRITICAL_SPEED:
+        return min(right, left)
+    return right
