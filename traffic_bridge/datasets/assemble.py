@@ -1,0 +1,194 @@
+"""From a reader's rows, in any order, to `Trajectories`: what all data sets have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.errors import InputError
+from traffic_bridge.datasets.trajectories import INSTANT, Trajectories
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+LONGEST_GAP = 1.0  # [s]: a vehicle that is not seen for longer comes back as another one
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """k rows as a reader finds them, in SI units and in any order.
+
+    Attributes:
+      source: the file, for messages.
+      where: names the row of an index, as in "line 12".
+      name: of the vehicle, shape (k,), numbers or text.
+      kind: of the vehicle, shape (k,).
+      length, width, time, station, offset, speed: as in `Trajectories`, shape (k,).
+      lane: index from the right, shape (k,).
+      acceleration: shape (k,), or None to derive it from the speeds.
+      leader: name of the vehicle ahead, shape (k,), or None to find it by lane and station.
+    """
+
+    source: str
+    where: Callable[[int], str]
+    name: NDArray[np.generic]
+    kind: NDArray[np.str_]
+    length: FloatArray
+    width: FloatArray
+    time: FloatArray
+    lane: IntArray
+    station: FloatArray
+    offset: FloatArray
+    speed: FloatArray
+    acceleration: FloatArray | None = None
+    leader: NDArray[np.generic] | None = None
+
+    def must(self, good: NDArray[np.bool_], column: str, what: str) -> None:
+        """Raises InputError for the first row that is not good, naming file, row and column."""
+        wrong = np.flatnonzero(~good)
+        if wrong.size:
+            k = int(wrong[0])
+            raise InputError(
+                f"{self.source}, {self.where(k)}: {column} of vehicle {str(self.name[k])!r} {what}"
+            )
+
+
+def assemble(
+    rows: Rows, lane_count: int, lane_width: float, notes: tuple[str, ...] = ()
+) -> Trajectories:
+    """Sorts rows into tracks.
+
+    Rows that are there twice, alike, count once. A vehicle that is not seen for more than a second
+    comes back under a new name (`7#2`): some data sets use their names again.
+
+    Raises:
+      InputError: there are no rows, a value is impossible, or a vehicle is at two places at once.
+    """
+    if not len(rows.time):
+        raise InputError(f"{rows.source}: no rows")
+    for column in ("time", "station", "offset", "speed", "length", "width"):
+        rows.must(np.isfinite(getattr(rows, column)), column, "is not a finite number")
+    rows.must(rows.speed >= 0.0, "speed", "is negative")
+    rows.must((rows.lane >= 0) & (rows.lane < lane_count), "lane", f"is outside {lane_count} lanes")
+    names, vehicle = np.unique(rows.name, return_inverse=True)
+    order, extra = _sorted(rows, vehicle.astype(np.int64))
+    vehicle = vehicle[order]
+    time = rows.time[order]
+    new = np.concatenate(([True], np.diff(vehicle) != 0))
+    apart = np.concatenate(([False], np.diff(time) > LONGEST_GAP))
+    part = np.cumsum(new | apart) - 1
+    first = np.flatnonzero(new | apart)
+    speed, station, lane = rows.speed[order], rows.station[order], rows.lane[order]
+    if rows.acceleration is None:
+        acceleration = _slope(time, speed, first)
+    else:
+        rows.must(np.isfinite(rows.acceleration), "acceleration", "is not a finite number")
+        acceleration = rows.acceleration[order]
+    if rows.leader is None:
+        leader = leaders_ahead(time, lane, station, part)
+    else:
+        leader = _leaders(names, vehicle, time, part, rows.leader[order])
+    return Trajectories(
+        source=rows.source,
+        ids=_unique_names(names, vehicle[first]),
+        kinds=tuple(str(kind) for kind in rows.kind[order][first]),
+        length=rows.length[order][first],
+        width=rows.width[order][first],
+        time=time,
+        vehicle=part,
+        lane=lane,
+        station=station,
+        offset=rows.offset[order],
+        speed=speed,
+        acceleration=acceleration,
+        leader=leader,
+        lane_count=lane_count,
+        lane_width=lane_width,
+        notes=(*notes, *extra, *_reused(first, names)),
+    )
+
+
+def leaders_ahead(
+    time: FloatArray, lane: IntArray, station: FloatArray, vehicle: IntArray
+) -> IntArray:
+    """The next vehicle ahead in the same lane at the same instant, -1 for none.
+
+    Args:
+      time: of the rows, in any order, shape (k,) [s].
+      lane: index, shape (k,).
+      station: front bumper, shape (k,) [m].
+      vehicle: index, shape (k,).
+    """
+    instant = np.round(time / INSTANT).astype(np.int64)
+    order = np.lexsort((station, lane, instant))
+    together = (np.diff(instant[order]) == 0) & (np.diff(lane[order]) == 0)
+    leader = np.full(len(time), -1, dtype=np.int64)
+    leader[order[:-1][together]] = vehicle[order[1:][together]]
+    return leader
+
+
+def _sorted(rows: Rows, vehicle: IntArray) -> tuple[IntArray, tuple[str, ...]]:
+    """Order by vehicle and time, without repeated rows, and a note on these."""
+    order = np.lexsort((rows.time, vehicle))
+    same = (np.diff(vehicle[order]) == 0) & (np.diff(rows.time[order]) < INSTANT)
+    if not same.any():
+        return order, ()
+    twice = np.flatnonzero(same)
+    a, b = order[twice], order[twice + 1]
+    alike = (
+        (np.abs(rows.station[a] - rows.station[b]) < 1e-6)
+        & (rows.lane[a] == rows.lane[b])
+        & (np.abs(rows.speed[a] - rows.speed[b]) < 1e-6)
+    )
+    if not alike.all():
+        k = int(np.flatnonzero(~alike)[0])
+        raise InputError(
+            f"{rows.source}, {rows.where(int(a[k]))} and {rows.where(int(b[k]))}: vehicle "
+            f"{str(rows.name[a[k]])!r} is at two places at {rows.time[a[k]]:g} s"
+        )
+    keep = np.concatenate(([True], ~same))
+    return order[keep], (f"{int(same.sum())} rows that repeat another one are left out",)
+
+
+def _slope(time: FloatArray, speed: FloatArray, first: IntArray) -> FloatArray:
+    """Derivative of the speed within every track; zero for a track of one row."""
+    slope = np.zeros_like(speed)
+    for a, b in zip(first, [*first[1:], len(time)], strict=True):
+        if b - a > 1:
+            slope[a:b] = np.gradient(speed[a:b], time[a:b])
+    return slope
+
+
+def _leaders(
+    names: NDArray[np.generic],
+    vehicle: IntArray,
+    time: FloatArray,
+    part: IntArray,
+    leader: NDArray[np.generic],
+) -> IntArray:
+    """Track of the named leader at the same instant, -1 where that is not in the set."""
+    place = np.minimum(np.searchsorted(names, leader), len(names) - 1)
+    raw = np.where(names[place] == leader, place, -1)
+    instant = np.round(time / INSTANT).astype(np.int64) + 2**38
+    keys, wanted = vehicle * 2**40 + instant, raw * 2**40 + instant
+    row = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    found = (keys[row] == wanted) & (raw >= 0) & (part[row] != part)
+    return np.where(found, part[row], -1)
+
+
+def _unique_names(names: NDArray[np.generic], vehicle: IntArray) -> tuple[str, ...]:
+    """Names of the tracks: the vehicle's, with #2, #3 ... for its later ones."""
+    result, last, count = [], -1, 0
+    for v in vehicle.tolist():
+        count = count + 1 if v == last else 1
+        last = v
+        result.append(str(names[v]) if count == 1 else f"{names[v]}#{count}")
+    return tuple(result)
+
+
+def _reused(first: IntArray, names: NDArray[np.generic]) -> tuple[str, ...]:
+    more = len(first) - len(names)
+    return (f"{more} tracks begin anew after a gap of more than {LONGEST_GAP:g} s",) if more else ()

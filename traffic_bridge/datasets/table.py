@@ -1,0 +1,160 @@
+"""A data file as columns, with errors that name the file, the line and the column."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.errors import InputError
+from traffic_bridge.datasets import arrow
+
+FloatArray = NDArray[np.float64]
+
+_THOUSANDS = r"^\s*-?\d{1,3}(,\d{3})+(\.\d+)?\s*$"
+
+
+def plain(name: str) -> str:
+    """A column's name without capitals, spaces and underscores: spellings differ in those."""
+    return re.sub(r"[\s_]", "", name.strip().lower())
+
+
+class Table:
+    """Columns of text or numbers.
+
+    Args:
+      path: the file, for messages.
+      columns: name as in the file and values, n of each: pyarrow arrays or numpy arrays.
+      first_line: number of the first row in the file; 0 where rows have no lines (Parquet).
+    """
+
+    def __init__(self, path: Path, columns: dict[str, Any], first_line: int) -> None:
+        self.path = path
+        self._columns = {plain(name): (name, values) for name, values in columns.items()}
+        self._first_line = first_line
+        self.rows = len(next(iter(columns.values()))) if columns else 0
+        if self.rows == 0:
+            raise InputError(f"data set {path}: no rows")
+
+    def where(self, row: int) -> str:
+        """The row in words."""
+        return f"line {row + self._first_line}" if self._first_line else f"row {row + 1}"
+
+    def has(self, *names: str) -> bool:
+        """Whether there is a column of one of these names."""
+        return any(plain(name) in self._columns for name in names)
+
+    def numbers(self, *names: str, finite: bool = True) -> FloatArray:
+        """A column of finite numbers, shape (n,).
+
+        Args:
+          *names: the spellings under which it may be found.
+          finite: whether every value must be finite; otherwise what is missing becomes NaN.
+
+        Raises:
+          InputError: it is not there, or a value is not a finite number.
+        """
+        name, values = self._find(names)
+        numbers = values if isinstance(values, np.ndarray) else self._cast(name, values, finite)
+        numbers = np.asarray(numbers, dtype=np.float64)
+        if finite:
+            self.must(np.isfinite(numbers), name, numbers, "must be a finite number")
+        return numbers
+
+    def integers(self, *names: str) -> NDArray[np.int64]:
+        """A column of whole numbers, shape (n,).
+
+        Raises:
+          InputError: it is not there, or a value is not a whole number.
+        """
+        numbers = self.numbers(*names)
+        whole = (numbers == np.round(numbers)) & (np.abs(numbers) < 2**53)
+        self.must(whole, self._find(names)[0], numbers, "must be a whole number")
+        return numbers.astype(np.int64)
+
+    def texts(self, *names: str) -> NDArray[np.str_]:
+        """A column as text, shape (n,); missing values are empty.
+
+        Raises:
+          InputError: it is not there.
+        """
+        _, values = self._find(names)
+        if isinstance(values, np.ndarray):
+            return values.astype(str)
+        return np.array(values.cast("string").fill_null("").to_pylist(), dtype=str)
+
+    def must(self, good: NDArray[np.bool_], name: str, column: Any, what: str) -> None:
+        """Raises InputError for the first value that is not good."""
+        wrong = np.flatnonzero(~good)
+        if wrong.size:
+            k = int(wrong[0])
+            value = column[k]
+            shown = f"{value:g}" if isinstance(value, (float, np.floating)) else repr(str(value))
+            raise InputError(
+                f"data set {self.path}, {self.where(k)}, column {name!r}: {shown}: {what}"
+            )
+
+    def _find(self, names: Sequence[str]) -> tuple[str, Any]:
+        for name in names:
+            if plain(name) in self._columns:
+                return self._columns[plain(name)]
+        there = ", ".join(name for name, _ in self._columns.values())
+        raise InputError(f"data set {self.path}: no column {names[0]!r}; it has {there[:300]}")
+
+    def _cast(self, name: str, values: Any, finite: bool) -> FloatArray:
+        pyarrow, compute = arrow.load("", self.path), arrow.load("compute", self.path)
+        types = pyarrow.types
+        if types.is_dictionary(values.type):
+            values = values.cast(values.type.value_type)
+        if types.is_string(values.type) or types.is_large_string(values.type):
+            values = compute.utf8_trim_whitespace(values)
+            grouped = compute.fill_null(compute.match_substring_regex(values, _THOUSANDS), False)
+            if compute.any(grouped).as_py():
+                bare = compute.replace_substring(values, ",", "")
+                values = compute.if_else(grouped, bare, values)
+            if not finite:
+                values = compute.if_else(compute.equal(values, ""), None, values)
+        try:
+            values = values.cast("float64")
+        except pyarrow.ArrowInvalid:
+            self._refuse_text(name, values)
+        except pyarrow.ArrowNotImplementedError as error:
+            raise InputError(
+                f"data set {self.path}, column {name!r}: {values.type}, must be numbers"
+            ) from error
+        if values.null_count and finite:
+            row = values.is_null().to_numpy().argmax()
+            raise InputError(
+                f"data set {self.path}, {self.where(int(row))}, column {name!r}: is missing"
+            )
+        return np.asarray(values.to_numpy(), dtype=np.float64)
+
+    def _refuse_text(self, name: str, values: Any) -> None:
+        for row, value in enumerate(values.to_pylist()):
+            try:
+                float(value) if value is not None else None
+            except ValueError:
+                raise InputError(
+                    f"data set {self.path}, {self.where(row)}, column {name!r}: "
+                    f"{str(value)[:40]!r} is not a number"
+                ) from None
+        raise InputError(f"data set {self.path}, column {name!r}: not readable as numbers")
+
+
+def read_parquet(path: Path) -> Table:
+    """A Parquet file.
+
+    Raises:
+      InputError: pyarrow is not installed, or the file cannot be read.
+    """
+    pyarrow, parquet = arrow.load("", path), arrow.load("parquet", path)
+    try:
+        content = parquet.read_table(path)
+    except (OSError, pyarrow.ArrowException) as error:
+        raise InputError(f"data set {path}: not a readable Parquet file: {error}") from error
+    columns = {name: content[name].combine_chunks() for name in content.column_names}
+    return Table(path, columns, 0)
