@@ -10,19 +10,35 @@ libsumo is imported when a simulation starts, not before.
 """
 
 from traffic_bridge.config import DENSITIES, LANE_CHANGE_MODELS, TrafficConfig
+from traffic_bridge.departures import Departure
+from traffic_bridge.events import (
+    Event,
+    LaneClosure,
+    LightProgramRun,
+    LightState,
+    SlowConvoy,
+    SpeedLimit,
+    StoppedVehicle,
+    VehicleChange,
+)
 from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.mirror import Mirror
 from traffic_bridge.modes import InterSim, PureSim, Traffic
 from traffic_bridge.network import Network, build_network, cache_dir, find_netconvert
 from traffic_bridge.recorded import Recorder, RepSim, ReSim
 from traffic_bridge.recording import PoseDigest, Recording
-from traffic_bridge.vehicles import KINDS, VehicleType, default_types
+from traffic_bridge.vehicle_types import KINDS, VehicleType, default_types, read_types
 
 __all__ = [
     "DENSITIES",
     "KINDS",
     "LANE_CHANGE_MODELS",
+    "Departure",
+    "Event",
     "InterSim",
+    "LaneClosure",
+    "LightProgramRun",
+    "LightState",
     "Mirror",
     "Network",
     "PoseDigest",
@@ -31,12 +47,17 @@ __all__ = [
     "Recorder",
     "Recording",
     "RepSim",
+    "SlowConvoy",
+    "SpeedLimit",
+    "StoppedVehicle",
     "Traffic",
     "TrafficConfig",
+    "VehicleChange",
     "VehicleFrame",
     "VehicleType",
     "build_network",
     "cache_dir",
     "default_types",
     "find_netconvert",
+    "read_types",
 ]

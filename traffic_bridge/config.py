@@ -10,7 +10,9 @@ from typing import Any
 
 from iits_mj.errors import InputError
 from iits_mj.messages import EgoFootprint
-from traffic_bridge.vehicles import KINDS, VehicleType, default_types
+from traffic_bridge.departures import Departure
+from traffic_bridge.events import Event, SlowConvoy, StoppedVehicle, VehicleChange, event_of
+from traffic_bridge.vehicle_types import VehicleType, default_types, type_from_dict
 
 # Spawn probability per second and lane of the paper's three densities (section VI-C).
 DENSITIES = {"dense": 0.05, "medium": 0.02, "sparse": 0.005, "empty": 0.0}
@@ -25,11 +27,12 @@ class TrafficConfig:
     Attributes:
       density: "dense", "medium", "sparse", "empty", or the spawn probability itself, per second
         and lane, 0 to 0.5. It also fixes how many vehicles stand on the road at the beginning.
+        A mapping from type to probability gives each type its own; it takes `mix`'s place.
       speed_limit: maximum speed of the traffic [m/s]; every vehicle's desired speed is a fraction
         of it (see `VehicleType`). The paper uses 12.5 and 15.
       lane_change: "lc2013" (SUMO's model) or "mobil" (ours, see `traffic_bridge.mobil`).
-      mix: kind and weight of each kind of vehicle.
-      types: one `VehicleType` a kind.
+      mix: name and weight of each type of vehicle that comes by chance.
+      types: the `VehicleType`s there are, each with a name of its own.
       view_range: vehicles within this distance of the ego are reported [m].
       step_length: [s].
       lane_change_duration: time in which a lane change is carried out sideways [s]; 0 shows SUMO's
@@ -39,12 +42,14 @@ class TrafficConfig:
         beginning [m].
       oncoming: traffic on the opposite lanes of the route's roads too.
       footprint: size of the ego combination.
+      events: what happens at a time or station, see `traffic_bridge.events`.
+      departures: vehicles that come by a list, beside those that come by chance.
 
     Raises:
       InputError: a value is out of its range; the message names what is allowed.
     """
 
-    density: str | float = "medium"
+    density: str | float | Mapping[str, float] = "medium"
     speed_limit: float = 15.0
     lane_change: str = "lc2013"
     mix: tuple[tuple[str, float], ...] = DEFAULT_MIX
@@ -57,9 +62,17 @@ class TrafficConfig:
     fill_behind: float = 2_000.0
     oncoming: bool = False
     footprint: EgoFootprint = field(default_factory=EgoFootprint)
+    events: tuple[Event, ...] = ()
+    departures: tuple[Departure, ...] = ()
 
     def __post_init__(self) -> None:
-        """Checks every value; a mapping given as `mix` becomes a tuple."""
+        """Checks every value; mappings given as `mix` or `density` become plain values."""
+        if isinstance(self.density, Mapping):
+            object.__setattr__(self, "mix", tuple(self.density.items()))
+            shares = [weight for _, weight in self.mix]
+            if not all(isinstance(share, (int, float)) for share in shares):
+                raise InputError(f"density {self.density!r}: allowed are probabilities by type")
+            object.__setattr__(self, "density", float(sum(shares)))
         if isinstance(self.mix, Mapping):
             object.__setattr__(self, "mix", tuple(self.mix.items()))
         if isinstance(self.density, str):
@@ -81,31 +94,57 @@ class TrafficConfig:
         _in_range("clear_distance", self.clear_distance, 20.0, 5_000.0)
         _in_range("fill_ahead", self.fill_ahead, 0.0, 200_000.0)
         _in_range("fill_behind", self.fill_behind, 0.0, 200_000.0)
-        known = {vehicle_type.kind for vehicle_type in self.types}
-        if not self.mix or any(kind not in known for kind, _ in self.mix):
-            raise InputError(f"mix {self.mix!r}: the kinds are {', '.join(sorted(known))}")
+        names = [vehicle_type.name for vehicle_type in self.types]
+        if not names or len(set(names)) != len(names):
+            raise InputError(f"types {names!r}: at least one, each with a name of its own")
+        if not self.mix or any(name not in names for name, _ in self.mix):
+            raise InputError(f"mix {self.mix!r}: the kinds are {', '.join(sorted(names))}")
         if any(not (math.isfinite(w) and w >= 0.0) for _, w in self.mix) or not any(
             w > 0.0 for _, w in self.mix
         ):
             raise InputError(
                 f"mix {self.mix!r}: weights are zero or positive, one at least positive"
             )
+        self._check_scripts(names)
+
+    def _check_scripts(self, names: list[str]) -> None:
+        """Checks that events and departures are what they should be, of types there are."""
+        for what, kind in (("events", Event), ("departures", Departure)):
+            entries = tuple(getattr(self, what))
+            object.__setattr__(self, what, entries)
+            for entry in entries:
+                if not isinstance(entry, kind):
+                    raise InputError(f"{what}: {entry!r} is not a {kind.__name__}")
+        for entry in (*self.events, *self.departures):
+            named = isinstance(entry, (StoppedVehicle, SlowConvoy, Departure))
+            if named and entry.type not in names:  # type: ignore[union-attr]
+                raise InputError(f"{entry!r}: the types are {', '.join(names)}")
+            of_class = isinstance(entry, VehicleChange) and "." not in entry.target
+            if of_class and entry.target not in names:  # type: ignore[union-attr]
+                raise InputError(f"{entry!r}: the types are {', '.join(names)}")
 
     @property
     def probability(self) -> float:
         """Spawn probability per second and lane."""
-        return DENSITIES[self.density] if isinstance(self.density, str) else float(self.density)
+        if isinstance(self.density, str):
+            return DENSITIES[self.density]
+        return float(self.density)  # type: ignore[arg-type]
 
-    def type_of(self, kind: str) -> VehicleType:
-        """The type of a kind of vehicle."""
+    def type_of(self, name: str) -> VehicleType:
+        """The vehicle type of a name.
+
+        Raises:
+          InputError: there is none.
+        """
         for vehicle_type in self.types:
-            if vehicle_type.kind == kind:
+            if vehicle_type.name == name:
                 return vehicle_type
-        raise InputError(f"vehicle kind {kind!r}: allowed are {', '.join(KINDS)}")
+        known = ", ".join(vehicle_type.name for vehicle_type in self.types)
+        raise InputError(f"vehicle type {name!r}: allowed are {known}")
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for a JSON file; `from_dict` is the inverse."""
-        return dataclasses.asdict(self)
+        return dataclasses.asdict(self) | {"events": [event.as_dict() for event in self.events]}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> TrafficConfig:
@@ -116,9 +155,11 @@ class TrafficConfig:
         """
         try:
             given = dict(values)
-            given["types"] = tuple(VehicleType(**entry) for entry in given["types"])
+            given["types"] = tuple(type_from_dict(entry) for entry in given["types"])
             given["mix"] = tuple((str(kind), float(weight)) for kind, weight in given["mix"])
             given["footprint"] = EgoFootprint(**given["footprint"])
+            given["events"] = tuple(event_of(entry) for entry in given.get("events", ()))
+            given["departures"] = tuple(Departure(**entry) for entry in given.get("departures", ()))
             return cls(**given)
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"stored traffic configuration is not usable: {error}") from error

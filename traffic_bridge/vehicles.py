@@ -1,147 +1,110 @@
-"""Vehicle meta-information: kinds, dimensions, behaviour; changed for one or a class in the run."""
+"""The vehicles of a running simulation: what each one is, and how to change it."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-import tomllib
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from xml.sax.saxutils import quoteattr
-
-import numpy as np
 
 from iits_mj.errors import InputError
+from traffic_bridge.vehicle_types import (
+    HEAVY,
+    KINDS,
+    LC2013_ATTRIBUTES,
+    Color,
+    VehicleType,
+    check_color,
+    default_types,
+    read_types,
+)
 
 if TYPE_CHECKING:
     from traffic_bridge.session import Session
 
-KINDS = ("car", "van", "truck", "articulated")
+__all__ = ["HEAVY", "KINDS", "Color", "VehicleType", "Vehicles", "default_types", "read_types"]
 
-# What `Vehicles.change` can change, and the SUMO setter of each (vehicle and vehicle type alike).
-_SETTERS = {
-    "time_headway": "setTau",
-    "minimum_gap": "setMinGap",
-    "acceleration": "setAccel",
-    "deceleration": "setDecel",
-    "emergency_deceleration": "setEmergencyDecel",
-    "desired_speed": "setMaxSpeed",
+# What `Vehicles.change` can change, and SUMO's name of each (vehicle and vehicle type alike).
+_SUMO_NAMES = {
+    "time_headway": "Tau",
+    "minimum_gap": "MinGap",
+    "acceleration": "Accel",
+    "deceleration": "Decel",
+    "emergency_deceleration": "EmergencyDecel",
+    "desired_speed": "MaxSpeed",
 }
 # Read by our own MOBIL only.
 _MOBIL_FIELDS = ("politeness", "change_threshold", "keep_right_bias", "safe_braking")
-
-
-@dataclass(frozen=True)
-class VehicleType:
-    """One kind of vehicle; defaults with their sources are in `vehicle_types.toml`.
-
-    Attributes:
-      kind: "car", "van", "truck" (rigid) or "articulated".
-      length, width, height: [m].
-      minimum_gap: IDM standstill gap s0 [m]; time_headway: IDM T [s].
-      acceleration, deceleration: IDM a and b, both positive [m/s2].
-      emergency_deceleration: the hardest braking possible [m/s2].
-      desired_speed_mean, desired_speed_deviation, desired_speed_low: of the normal distribution of
-        the desired speed as a fraction of the traffic's maximum speed, cut to [low, 1].
-      politeness: MOBIL p; change_threshold: MOBIL a_th [m/s2]; keep_right_bias: MOBIL a_bias
-        [m/s2]; safe_braking: MOBIL b_safe [m/s2].
-    """
-
-    kind: str
-    length: float
-    width: float
-    height: float
-    minimum_gap: float
-    time_headway: float
-    acceleration: float
-    deceleration: float
-    emergency_deceleration: float
-    desired_speed_mean: float
-    desired_speed_deviation: float
-    desired_speed_low: float
-    politeness: float
-    change_threshold: float
-    keep_right_bias: float
-    safe_braking: float
-
-    def __post_init__(self) -> None:
-        """Checks that every figure is finite and not negative."""
-        if self.kind not in KINDS:
-            raise InputError(f"vehicle kind {self.kind!r}: allowed are {', '.join(KINDS)}")
-        for entry in dataclasses.fields(self)[1:]:
-            value = getattr(self, entry.name)
-            if not (isinstance(value, (int, float)) and math.isfinite(value) and value >= 0.0):
-                raise InputError(f"{self.kind}.{entry.name} = {value!r}: must be zero or positive")
-        for name in ("length", "width", "height", "acceleration", "deceleration", "time_headway"):
-            if getattr(self, name) <= 0.0:
-                raise InputError(f"{self.kind}.{name} = {getattr(self, name)!r}: must be positive")
-
-    def sample_desired_speed(self, maximum: float, rng: np.random.Generator) -> float:
-        """Desired speed of one vehicle [m/s], for a traffic maximum speed [m/s]."""
-        factor = rng.normal(self.desired_speed_mean, self.desired_speed_deviation)
-        return float(maximum * min(max(factor, self.desired_speed_low), 1.0))
-
-    def to_sumo_xml(self, maximum_speed: float) -> str:
-        """The `vType` element: IDM, LC2013, no random term, every vehicle at its own speed.
-
-        Args:
-          maximum_speed: of the type before a vehicle gets its own [m/s].
-        """
-        attributes = {
-            "id": self.kind,
-            "length": self.length,
-            "width": self.width,
-            "height": self.height,
-            "minGap": self.minimum_gap,
-            "maxSpeed": maximum_speed,
-            "carFollowModel": "IDM",
-            "tau": self.time_headway,
-            "accel": self.acceleration,
-            "decel": self.deceleration,
-            "emergencyDecel": max(self.emergency_deceleration, self.deceleration),
-            "speedFactor": 1,
-            "speedDev": 0,
-            "laneChangeModel": "LC2013",
-        }
-        text = " ".join(f"{key}={quoteattr(str(value))}" for key, value in attributes.items())
-        return f"<vType {text}/>"
-
-
-@cache
-def default_types() -> tuple[VehicleType, ...]:
-    """The four kinds as `vehicle_types.toml` has them."""
-    path = Path(__file__).with_name("vehicle_types.toml")
-    with path.open("rb") as file:
-        table = tomllib.load(file)
-    return tuple(VehicleType(kind=kind, **table[kind]) for kind in KINDS)
+CHANGEABLE = (*_SUMO_NAMES, *_MOBIL_FIELDS, *LC2013_ATTRIBUTES, "color")
+_POSITIVE = ("time_headway", "acceleration", "deceleration", "desired_speed", "lc_assertive")
 
 
 class Vehicles:
-    """The vehicles of a running simulation: what each one is, and how to change it.
+    """The vehicles of a running simulation; PureSim and InterSim offer it as `traffic.vehicles`.
 
-    Made by PureSim and InterSim as `traffic.vehicles`.
+    Args:
+      session: the running SUMO.
+      types: the vehicle types that SUMO was started with.
     """
 
     def __init__(self, session: Session, types: tuple[VehicleType, ...]) -> None:
         self._session = session
-        self._types = {vehicle_type.kind: vehicle_type for vehicle_type in types}
+        self._types = {vehicle_type.name: vehicle_type for vehicle_type in types}
         self._of_vehicle: dict[str, VehicleType] = {}
+        self._drawn: dict[str, float] = {}
         self._desired: dict[str, float] = {}
+        self._ceiling: dict[str, float] = {}
         self._class_speed: dict[str, float] = {}
+        self._colors: dict[str, Color] = {}
+        self._scripted: set[str] = set()
+        # LC2013's figures of a class, which SUMO does not hand on to vehicles that come later.
+        self._class_motives: dict[str, dict[str, Any]] = {}
+        self._undressed: list[str] = []
 
-    def add(self, name: str, kind: str, desired_speed: float) -> float:
-        """Notes a vehicle that is being put on the road; returns the desired speed to use."""
-        self._of_vehicle[name] = self._types[kind]
-        self._desired[name] = self._class_speed.get(kind, desired_speed)
+    # Coming and going, called by who puts vehicles on the road ---------------------------------
+
+    def add(
+        self, name: str, vehicle_type: str, desired_speed: float, scripted: bool = False
+    ) -> float:
+        """Notes a vehicle that is being put on the road; returns the desired speed to use.
+
+        Args:
+          name: of the vehicle.
+          vehicle_type: name of its type.
+          desired_speed: [m/s].
+          scripted: it is driven by an event: no lane change of its own, no speed of its class.
+        """
+        self._of_vehicle[name] = self._types[vehicle_type]
+        self._drawn[name] = desired_speed
+        self._desired[name] = desired_speed
+        if scripted:
+            self._scripted.add(name)
+        else:
+            self._desired[name] = self._class_speed.get(vehicle_type, desired_speed)
+        if vehicle_type in self._class_motives:
+            self._undressed.append(name)
         return self._desired[name]
+
+    def dress(self) -> None:
+        """Gives vehicles that were added since what SUMO does not take from their class."""
+        if not self._undressed:
+            return
+        names, self._undressed = self._undressed, []
+        for name in names:
+            if name in self._of_vehicle:
+                self._apply(
+                    self._session.api.vehicle,
+                    name,
+                    self._class_motives.get(self._of_vehicle[name].name, {}),
+                )
 
     def forget(self, name: str) -> None:
         """Drops a vehicle that has left."""
-        self._of_vehicle.pop(name, None)
-        self._desired.pop(name, None)
+        for table in (self._of_vehicle, self._drawn, self._desired, self._ceiling, self._colors):
+            table.pop(name, None)
+        self._scripted.discard(name)
+
+    # Reading -----------------------------------------------------------------------------------
 
     def ids(self) -> list[str]:
         """Names of the vehicles, sorted."""
@@ -157,50 +120,192 @@ class Vehicles:
         except KeyError:
             raise InputError(f"no vehicle {name!r} in the traffic") from None
 
+    def types(self) -> tuple[VehicleType, ...]:
+        """The types of vehicles to come, with the changes made to their classes."""
+        return tuple(self._types.values())
+
+    def is_scripted(self, name: str) -> bool:
+        """Whether an event drives it: a standing or convoy vehicle, which keeps its lane."""
+        return name in self._scripted
+
     def desired_speed(self, name: str) -> float:
-        """Desired speed of a vehicle [m/s]."""
+        """Desired speed of a vehicle on a road without limits [m/s]."""
         self.type_of(name)
         return self._desired[name]
 
-    def change(self, target: str, **values: float) -> None:
-        """Changes parameters of one vehicle, or of every present and future one of a kind.
+    def present_speed(self, name: str) -> float:
+        """Desired speed of a vehicle where it is: at most what a limit by station allows [m/s]."""
+        return min(self.desired_speed(name), self._ceiling.get(name, math.inf))
 
-        Args:
-          target: a vehicle's name, or one of "car", "van", "truck", "articulated".
-          **values: of `time_headway`, `minimum_gap`, `acceleration`, `deceleration`,
-            `emergency_deceleration`, `desired_speed` [m/s], `politeness`, `change_threshold`,
-            `keep_right_bias`, `safe_braking`.
+    def color(self, name: str) -> Color:
+        """Paint of a vehicle, red, green, blue from 0 to 1: by its name from its type's colors."""
+        vehicle_type = self.type_of(name)
+        return self._colors.get(name) or vehicle_type.color_of(name)
+
+    def in_force(self, name: str) -> dict[str, Any]:
+        """What holds for a vehicle now, each parameter that `change` takes.
+
+        What SUMO acts on is read back from SUMO; `desired_speed` is what SUMO holds, with a limit
+        by station in it.
 
         Raises:
-          InputError: unknown vehicle, unknown parameter or a value that is not finite and >= 0.
+          InputError: no such vehicle.
         """
-        allowed = (*_SETTERS, *_MOBIL_FIELDS)
-        for name, value in values.items():
-            if name not in allowed:
-                raise InputError(f"parameter {name!r}: allowed are {', '.join(allowed)}")
-            if not (isinstance(value, (int, float)) and math.isfinite(value) and value >= 0.0):
-                raise InputError(f"{target}.{name} = {value!r}: must be finite and not negative")
-        fields: dict[str, Any] = {n: v for n, v in values.items() if n != "desired_speed"}
-        if target in self._types:
-            changed = dataclasses.replace(self._types[target], **fields)
-            members = [n for n in self.ids() if self._of_vehicle[n].kind == target]
-            self._types[target] = changed
-            if "desired_speed" in values:
-                self._class_speed[target] = values["desired_speed"]
-            self._apply(self._session.api.vehicletype, target, values)
-        else:
-            self.type_of(target)
-            members = [target]
-        # A vehicle with a speed of its own has a private copy of its type in SUMO.
-        for name in members:
-            self._of_vehicle[name] = dataclasses.replace(self._of_vehicle[name], **fields)
-            if "desired_speed" in values:
-                self._desired[name] = values["desired_speed"]
-            self._apply(self._session.api.vehicle, name, values)
+        kind = self.type_of(name)
+        api = self._session.api.vehicle
+        found: dict[str, Any] = {}
+        with self._session.guard(f"reading vehicle {name}"):
+            for field, sumo_name in _SUMO_NAMES.items():
+                found[field] = float(getattr(api, f"get{sumo_name}")(name))
+            for field, attribute in LC2013_ATTRIBUTES.items():
+                found[field] = float(api.getParameter(name, f"laneChangeModel.{attribute}"))
+        for field in _MOBIL_FIELDS:
+            found[field] = getattr(kind, field)
+        found["color"] = self.color(name)
+        return found
 
-    def _apply(self, domain: Any, target: str, values: dict[str, float]) -> None:
-        for name, value in values.items():
-            if name in _SETTERS:
-                setter: Callable[[str, float], None] = getattr(domain, _SETTERS[name])
-                with self._session.guard(f"changing {name} of {target}"):
-                    setter(target, float(value))
+    # Changing ----------------------------------------------------------------------------------
+
+    def change(self, target: str, **values: Any) -> Callable[[], None]:
+        """Changes parameters of one vehicle, or of every present and future one of a type.
+
+        Args:
+          target: a vehicle's name, or a type's ("car", "van", "truck", "articulated", own ones).
+          **values: of `time_headway`, `minimum_gap`, `acceleration`, `deceleration`,
+            `emergency_deceleration`, `desired_speed` [m/s], `politeness`, `change_threshold`,
+            `keep_right_bias`, `safe_braking`, the `lc_...` of `VehicleType`, and `color`
+            (red, green, blue from 0 to 1).
+
+        Returns:
+          A function that puts these parameters back as they were, of vehicles that came since too.
+
+        Raises:
+          InputError: unknown vehicle, unknown parameter or a value that is not allowed.
+        """
+        check_changes(target, values)
+        if "color" in values:
+            values["color"] = check_color(target, values["color"])
+        if target not in self._types:
+            before = self._values_of(target, values)
+            self._set(target, values)
+            return lambda: self._set(target, before) if target in self else None
+        members = [n for n in self.ids() if self._of_vehicle[n].name == target]
+        befores = {name: self._values_of(name, values) for name in members}
+        class_before = (
+            self._types[target],
+            self._class_speed.get(target),
+            dict(self._class_motives.get(target, {})),
+        )
+        self._set_class(target, values)
+        for name in members:
+            self._set(name, values)
+
+        def undo() -> None:
+            self._restore_class(target, values, class_before)
+            for name in self.ids():
+                if self._of_vehicle[name].name == target:
+                    self._set(name, befores.get(name) or self._class_values(name, values))
+
+        return undo
+
+    def hold_below(self, name: str, speed: float | None) -> None:
+        """Keeps a vehicle at or below a speed [m/s], whatever it desires; None lets it go."""
+        if speed is None:
+            if self._ceiling.pop(name, None) is None or name not in self._of_vehicle:
+                return
+        elif abs(self._ceiling.get(name, math.inf) - speed) < 1e-9:
+            return
+        else:
+            self._ceiling[name] = speed
+        self._session.api.vehicle.setMaxSpeed(name, max(self.present_speed(name), 0.01))
+
+    # Inside ------------------------------------------------------------------------------------
+
+    def _values_of(self, name: str, wanted: dict[str, Any]) -> dict[str, Any]:
+        kind = self.type_of(name)
+        own: dict[str, Any] = {"desired_speed": self._desired[name], "color": self.color(name)}
+        return {field: own[field] if field in own else getattr(kind, field) for field in wanted}
+
+    def _class_values(self, name: str, wanted: dict[str, Any]) -> dict[str, Any]:
+        """What a vehicle would have been given, had its class not been changed."""
+        kind = self._types[self._of_vehicle[name].name]
+        speed = self._class_speed.get(kind.name, self._drawn[name])
+        own: dict[str, Any] = {"desired_speed": speed, "color": kind.color_of(name)}
+        return {field: own[field] if field in own else getattr(kind, field) for field in wanted}
+
+    def _set(self, name: str, values: dict[str, Any]) -> None:
+        self._of_vehicle[name] = _changed(self._of_vehicle[name], values)
+        if "color" in values:
+            self._colors[name] = values["color"]
+        if "desired_speed" in values:
+            self._desired[name] = float(values["desired_speed"])
+            values = {**values, "desired_speed": self.present_speed(name)}
+        # A vehicle with a speed of its own has a private copy of its type in SUMO.
+        self._apply(self._session.api.vehicle, name, values)
+
+    def _set_class(self, target: str, values: dict[str, Any]) -> None:
+        self._types[target] = _changed(self._types[target], values)
+        if "color" in values:
+            color = (values["color"],)
+            self._types[target] = dataclasses.replace(self._types[target], colors=color)
+        if "desired_speed" in values:
+            self._class_speed[target] = float(values["desired_speed"])
+        motives = {n: v for n, v in values.items() if n in LC2013_ATTRIBUTES}
+        if motives:
+            self._class_motives.setdefault(target, {}).update(motives)
+        self._apply(self._session.api.vehicletype, target, values)
+
+    def _restore_class(
+        self,
+        target: str,
+        values: dict[str, Any],
+        before: tuple[VehicleType, float | None, dict[str, Any]],
+    ) -> None:
+        kind, speed, motives = before
+        fields: dict[str, Any] = {
+            n: getattr(kind, n) for n in values if n not in ("color", "desired_speed")
+        }
+        self._set_class(target, fields)
+        if "color" in values:
+            self._types[target] = dataclasses.replace(self._types[target], colors=kind.colors)
+        if "desired_speed" in values:
+            self._class_speed.pop(target, None)
+            if speed is not None:
+                self._class_speed[target] = speed
+        if self._class_motives.get(target) and not motives:
+            self._class_motives.pop(target)
+
+    def _apply(self, domain: Any, target: str, values: dict[str, Any]) -> None:
+        with self._session.guard(f"changing {', '.join(values)} of {target}"):
+            for name, value in values.items():
+                if name in _SUMO_NAMES:
+                    getattr(domain, f"set{_SUMO_NAMES[name]}")(target, float(value))
+                elif name in LC2013_ATTRIBUTES and domain is self._session.api.vehicle:
+                    attribute = f"laneChangeModel.{LC2013_ATTRIBUTES[name]}"
+                    domain.setParameter(target, attribute, str(value))
+
+
+def check_changes(target: str, values: dict[str, Any]) -> None:
+    """Refuses what `Vehicles.change` could not use.
+
+    Raises:
+      InputError: no or an unknown parameter, or a value that is not allowed.
+    """
+    if not values:
+        raise InputError(f"no parameter of {target} to change: there are {', '.join(CHANGEABLE)}")
+    for name, value in values.items():
+        if name not in CHANGEABLE:
+            raise InputError(f"parameter {name!r}: allowed are {', '.join(CHANGEABLE)}")
+        if name == "color":
+            check_color(target, value)
+            continue
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not number or not math.isfinite(value) or value < 0.0:
+            raise InputError(f"{target}.{name} = {value!r}: must be finite and not negative")
+        if name in _POSITIVE and value == 0.0:
+            raise InputError(f"{target}.{name} = {value!r}: must be positive")
+
+
+def _changed(kind: VehicleType, values: dict[str, Any]) -> VehicleType:
+    fields = {n: v for n, v in values.items() if n not in ("desired_speed", "color")}
+    return dataclasses.replace(kind, **fields)
