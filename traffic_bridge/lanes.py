@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import re
 from bisect import bisect_right
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,77 +14,34 @@ from numpy.typing import NDArray
 from iits_mj.errors import TrafficError
 from iits_mj.road import Route
 from iits_mj.road.elements import DRIVING_TYPES
+from traffic_bridge.lane_poses import LanePoses
+from traffic_bridge.lane_table import (
+    JUNCTION_SPACING,
+    SAMPLE_SPACING,
+    LaneTable,
+    locate_along,
+    locate_each,
+    route_pose,
+    sample_shape,
+    with_curvature,
+)
 from traffic_bridge.network import Network, lane_kinds
 from traffic_bridge.session import Session
 
 FloatArray = NDArray[np.float64]
 
-SAMPLE_SPACING = 10.0
 GAP = 10.0  # [m] between edges, at most: netconvert's internal lanes at a change of lanes
-MAXIMUM_SAMPLES = 1500  # of a lane: keeps very long roads affordable
 NET_SPEED = 13.89  # [m/s], netconvert's default for OpenDRIVE roads
 UNLIMITED = 70.0  # [m/s], where a road has no speed limit
 
 
-@dataclass(frozen=True, eq=False)
-class LaneTable:
-    """One SUMO lane on the route.
-
-    Attributes:
-      id: SUMO's lane id; edge: its edge; index: SUMO's index from the right.
-      lane: index from the right among the route's driving lanes; -1 for lanes that are none.
-      direction: +1 in the route's direction of travel, -1 for oncoming lanes.
-      length: as SUMO counts positions [m].
-      spacing: between samples, in SUMO's positions [m].
-      station, offset: of the lane's centre at the samples [m], shape (n,).
-      x, y: of SUMO's lane at the samples, in SUMO's coordinates [m], shape (n,).
-    """
-
-    id: str
-    edge: str
-    index: int
-    lane: int
-    direction: int
-    length: float
-    spacing: float
-    station: FloatArray
-    offset: FloatArray
-    x: FloatArray
-    y: FloatArray
-
-    def at(self, position: float) -> tuple[float, float]:
-        """Station and offset at a position along the lane; beyond its ends straight on.
-
-        An internal lane of some centimetres has no slope to go by: outside, a metre is a metre.
-        """
-        inside = min(max(position, 0.0), self.length)
-        place = inside / self.spacing
-        i = min(max(int(place), 0), len(self.station) - 2)
-        part = place - i
-        s, d = self.station, self.offset
-        return (
-            float(s[i] + part * (s[i + 1] - s[i])) + self.direction * (position - inside),
-            float(d[i] + part * (d[i + 1] - d[i])),
-        )
-
-    def point_at(self, position: float) -> tuple[float, float]:
-        """Point (x, y) of SUMO's lane at a position, in SUMO's coordinates."""
-        grid = np.arange(len(self.x)) * self.spacing
-        return float(np.interp(position, grid, self.x)), float(np.interp(position, grid, self.y))
-
-    def position_of(self, station: float) -> float:
-        """Position along the lane of a station, clipped to the lane [m]."""
-        grid = np.arange(len(self.station)) * self.spacing
-        order = slice(None) if self.direction > 0 else slice(None, None, -1)
-        return float(np.interp(station, self.station[order], grid[order]))
-
-
 class RouteLanes:
-    """All lanes of a loaded net that belong to the route, and the edges to drive along.
+    """The lanes of a loaded net as seen from the route, and the edges to drive along.
 
     Attributes:
       edges: ids of SUMO's edges in driving order; oncoming_edges: of the way back, or empty.
-      tables: by SUMO lane id, junction-internal lanes included.
+      tables: lanes of the route by SUMO lane id, junction-internal and oncoming ones included.
+      poses: every lane that a vehicle has been on, those of other roads too.
 
     Raises:
       TrafficError: the net does not hold the route's roads, or they are not connected.
@@ -98,6 +56,9 @@ class RouteLanes:
         self._route = route
         self.tables: dict[str, LaneTable] = {}
         self._kinds: dict[str, str] = {}
+        self._before: dict[str, tuple[str, ...]] = {}
+        self._boxes: tuple[list[str], FloatArray] | None = None
+        self.poses = LanePoses(self.table)
         with session.guard("reading the network"):
             self.edges = network.route_edges or self._edges_of_segments(1)
             self._build(self.edges, 1)
@@ -107,6 +68,31 @@ class RouteLanes:
                 self._kinds = lane_kinds(network.path)
                 self.oncoming_edges = self._edges_of_segments(-1)
                 self._build(self.oncoming_edges, -1)
+            self._find_before()
+
+    def table(self, lane: str) -> LaneTable:
+        """Table of any lane of the net; those that are not the route's are made when asked for."""
+        found = self.tables.get(lane)
+        return self._table_off_route(lane) if found is None else found
+
+    def before(self, lane: str) -> tuple[str, ...]:
+        """The lanes that lead onto a lane, internal ones included, sorted."""
+        return self._before.get(lane, ())
+
+    def boxes(self) -> tuple[list[str], FloatArray]:
+        """Every lane of the net and the box around it, in SUMO's coordinates.
+
+        Returns:
+          Ids, and left, bottom, right, top [m], shape (4, n).
+        """
+        if self._boxes is None:
+            names = list(self._api.lane.getIDList())
+            boxes = []
+            for name in names:
+                shape = np.asarray(self._api.lane.getShape(name), dtype=float)[:, :2]
+                boxes.append((*shape.min(axis=0), *shape.max(axis=0)))
+            self._boxes = names, np.array(boxes).T
+        return self._boxes
 
     def bind(self, session: Session) -> None:
         """Takes a new simulation of the same net: the tables stay, the rules are set again."""
@@ -170,7 +156,11 @@ class RouteLanes:
             and table.station[-1] > start
         ]
 
-    def to_map(self, x: float, y: float) -> tuple[float, float]:
+    @overload
+    def to_map(self, x: float, y: float) -> tuple[float, float]: ...
+    @overload
+    def to_map(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]: ...
+    def to_map(self, x: Any, y: Any) -> tuple[Any, Any]:
         """SUMO's coordinates to the map's."""
         return x - self._offset[0], y - self._offset[1]
 
@@ -228,7 +218,9 @@ class RouteLanes:
         near = 0.0 if direction > 0 else self._route.length
         for edge, after in zip(edges, (*edges[1:], None), strict=False):
             count = self._api.edge.getLaneNumber(edge)
-            tables = _even([self._table(edge, i, near, direction) for i in range(count)])
+            tables = _even(
+                self._route, [self._table(edge, i, near, direction) for i in range(count)]
+            )
             self.tables.update((table.id, table) for table in tables)
             near = float(tables[0].station[-1])
             links = self._links(edge)
@@ -248,23 +240,50 @@ class RouteLanes:
     def _table(self, edge: str, index: int, near: float, direction: int) -> LaneTable:
         name = f"{edge}_{index}"
         length = self._api.lane.getLength(name)
-        shape = np.asarray(self._api.lane.getShape(name), dtype=float)[:, :2]
-        way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))))
-        count = int(np.clip(length / SAMPLE_SPACING, 2, MAXIMUM_SAMPLES)) + 1
-        places = np.linspace(0.0, way[-1], count)
-        x, y = (np.interp(places, way, shape[:, axis]) for axis in (0, 1))
-        station, offset = np.empty(count), np.empty(count)
-        for k in range(count):
-            station[k], offset[k] = self._route.locate(*self.to_map(x[k], y[k]), near)
-            near = station[k]
+        spacing = JUNCTION_SPACING if edge.startswith(":") else SAMPLE_SPACING
+        x, y = sample_shape(self._api.lane.getShape(name), length, spacing)
+        station, offset = locate_along(self._route, *self.to_map(x, y), near, direction)
         lane = self._route_lane(station, offset) if direction > 0 else -1
-        spacing = length / (count - 1)
+        spacing = length / (len(station) - 1)
+        pose = route_pose(self._route, station, offset, direction)
         table = LaneTable(
-            name, edge, index, lane, direction, length, spacing, station, offset, x, y
+            name, edge, index, lane, direction, length, spacing, station, offset, x, y, pose
         )
         self.tables[name] = table
         self._set_rules(table)
         return table
+
+    def _table_off_route(self, name: str) -> LaneTable:
+        edge, _, index = name.rpartition("_")
+        length = self._api.lane.getLength(name)
+        spacing = JUNCTION_SPACING if edge.startswith(":") else SAMPLE_SPACING
+        shape = np.asarray(self._api.lane.getShape(name), dtype=float)
+        x, y = sample_shape(shape, length, spacing)
+        map_x, map_y = self.to_map(x, y)
+        station, offset = locate_each(self._route, map_x, map_y)
+        spacing = length / (len(station) - 1)
+        z = self._route.evaluate(station, offset).z
+        heading = np.unwrap(np.arctan2(np.gradient(map_y), np.gradient(map_x)))
+        flat = np.zeros_like(z)
+        pose = with_curvature(np.stack((map_x, map_y, z, heading, flat, flat)))
+        return LaneTable(
+            name, edge, int(index), -1, 0, length, spacing, station, offset, x, y, pose
+        )
+
+    def _find_before(self) -> None:
+        """Which lanes lead onto which, over the internal lanes of junctions."""
+        found: dict[str, set[str]] = {}
+        lane = self._api.lane
+        for name in lane.getIDList():
+            for link in () if name.startswith(":") else lane.getLinks(name):
+                here, internal = name, link[4]
+                # A long turn is split in two internal lanes.
+                while internal:
+                    found.setdefault(internal, set()).add(here)
+                    onward = lane.getLinks(internal)
+                    here, internal = internal, onward[0][4] if onward else ""
+                found.setdefault(link[0], set()).add(here)
+        self._before = {name: tuple(sorted(lanes)) for name, lanes in found.items()}
 
     def _route_lane(self, station: FloatArray, offset: FloatArray) -> int:
         """The driving lane a SUMO lane lies on along most of its way, or -1 (a shoulder)."""
@@ -286,7 +305,7 @@ class RouteLanes:
         self._api.lane.setMaxSpeed(table.id, limit)
 
 
-def _even(tables: list[LaneTable]) -> list[LaneTable]:
+def _even(route: Route, tables: list[LaneTable]) -> list[LaneTable]:
     """Gives the lanes of an edge one common station for every position.
 
     SUMO keeps a vehicle's position when it changes lanes, but maps positions evenly onto each
@@ -300,7 +319,8 @@ def _even(tables: list[LaneTable]) -> list[LaneTable]:
     for table in tables:
         order = slice(None) if table.direction > 0 else slice(None, None, -1)
         offset = np.asarray(np.interp(station, table.station[order], table.offset[order]))
-        even.append(replace(table, station=station, offset=offset))
+        pose = route_pose(route, station, offset, table.direction)
+        even.append(replace(table, station=station, offset=offset, pose=pose))
     return even
 
 

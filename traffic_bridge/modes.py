@@ -10,10 +10,11 @@ from typing import Protocol, runtime_checkable
 
 from iits_mj.closing import Closing
 from iits_mj.errors import InputError, TrafficError
-from iits_mj.messages import EgoState, TrackedVehicle
+from iits_mj.messages import EgoState
 from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.ego import check_ego
+from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.lanes import RouteLanes
 from traffic_bridge.signals import TrafficController
 from traffic_bridge.vehicles import Vehicles
@@ -30,10 +31,10 @@ class Traffic(Protocol):
     def time(self) -> float:
         """Traffic time since the reset [s]."""
 
-    def reset(self, ego: EgoState | None = None) -> list[TrackedVehicle]:
+    def reset(self, ego: EgoState | None = None) -> VehicleFrame:
         """Begins anew; the vehicles at time zero, sorted by name."""
 
-    def step(self, ego: EgoState | None = None) -> list[TrackedVehicle]:
+    def step(self, ego: EgoState | None = None) -> VehicleFrame:
         """Advances to the ego's time, one step on; the vehicles there, sorted by name."""
 
     def close(self) -> None:
@@ -86,7 +87,7 @@ class PureSim(Mode):
         """Traffic lights, speed limits and lane closures."""
         return self._running.signals
 
-    def reset(self, ego: EgoState | None = None) -> list[TrackedVehicle]:
+    def reset(self, ego: EgoState | None = None) -> VehicleFrame:
         """Starts SUMO anew and populates the road.
 
         Args:
@@ -107,7 +108,7 @@ class PureSim(Mode):
         self._lanes = self._world.lanes
         return self._world.begin(ego)
 
-    def step(self, ego: EgoState | None = None) -> list[TrackedVehicle]:
+    def step(self, ego: EgoState | None = None) -> VehicleFrame:
         """Advances one step.
 
         Args:
@@ -144,11 +145,11 @@ class InterSim(PureSim):
     mode = "InterSim"
     with_ego = True
 
-    def reset(self, ego: EgoState | None = None) -> list[TrackedVehicle]:
+    def reset(self, ego: EgoState | None = None) -> VehicleFrame:
         """Starts SUMO anew, with the truck on the road; see `PureSim.reset`."""
         return super().reset(self._at_start() if ego is None else ego)
 
-    def step(self, ego: EgoState | None = None) -> list[TrackedVehicle]:
+    def step(self, ego: EgoState | None = None) -> VehicleFrame:
         """Advances one step with the truck where it is at the step's end; see `PureSim.step`."""
         if ego is None:
             raise InputError("InterSim.step needs the ego's state; PureSim runs without it")

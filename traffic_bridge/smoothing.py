@@ -69,7 +69,10 @@ class _Change:
 
 
 class LateralSmoother:
-    """Keeps the shown offset of every vehicle continuous.
+    """Keeps the vehicles' sideways motion continuous, whatever road they are on.
+
+    A lane change is where a lane's centre under the vehicle leaps sideways, against the way the
+    vehicle went along the mean of its two headings.
 
     Args:
       duration: of a lane change at speed [s]; 0 turns the smoothing off.
@@ -77,63 +80,92 @@ class LateralSmoother:
 
     def __init__(self, duration: float) -> None:
         self.duration = duration
-        self._last: dict[str, float] = {}
+        self._names: list[str] = []
+        self._place: dict[str, int] = {}
+        self._last: FloatArray = np.zeros((3, 0))
         self._changes: dict[str, _Change] = {}
         self._urgent: set[str] = set()
+
+    def clear(self) -> None:
+        """Forgets all vehicles."""
+        self._names, self._place, self._last = [], {}, np.zeros((3, 0))
+        self._changes.clear()
+        self._urgent.clear()
 
     def update(
         self,
         names: list[str],
-        station: FloatArray,
-        offset: FloatArray,
+        pose: FloatArray,
         speed: FloatArray,
         size: FloatArray,
+        road: FloatArray,
         dt: float,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Shown offsets and lateral speeds after a step.
+    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        """How far beside their lane's centre the vehicles are shown after a step.
 
         Args:
           names: of the n vehicles; vehicles that are not named are forgotten.
-          station: of the boxes' centres, shape (n,) [m].
-          offset: as SUMO has them, shape (n,) [m].
-          speed: along the route [m/s], shape (n,).
-          size: length and width, shape (n, 2) [m].
+          pose: x, y and heading of the lanes' centres under the boxes' centres, shape (3, n) [m],
+            [rad].
+          speed: [m/s], shape (n,).
+          size: length and width, shape (2, n) or more rows [m].
+          road: station, offset of the lanes' centres on the route [m] and the direction on it (+1
+            along, -1 against, 0 on another road), shape (3, n).
           dt: since the last update [s].
 
         Returns:
-          Offsets [m] and lateral speeds [m/s], each of shape (n,).
+          Offset from the lane's centre, lateral speed and lateral acceleration, each of shape (n,),
+          positive to the vehicle's left; None where all of them are zero.
         """
-        shown, lateral = offset.copy(), np.zeros_like(offset)
         if self.duration <= 0.0:
-            return shown, lateral
-        for i, name in enumerate(names):
-            if name in self._last:
-                jump = offset[i] - self._last[name]
-                if abs(jump) > JUMP:
-                    self._begin(name, jump)
-        self._last = dict(zip(names, offset.tolist(), strict=True))
+            return None
+        for i, jump in self._jumps(names, pose):
+            self._begin(names[i], jump)
+        self._last = pose
+        if self._names != names:
+            self._names, self._place = names, {name: i for i, name in enumerate(names)}
         if not self._changes:
-            return shown, lateral
-        place = {name: i for i, name in enumerate(names)}
+            return None
+        place = self._place
+        shown = np.zeros((3, len(names)))
         self._changes = {name: c for name, c in self._changes.items() if name in place}
         for name, change in list(self._changes.items()):
             i = place[name]
-            pace = min(1.0, abs(float(speed[i])) / SLOW)
+            pace = min(1.0, float(speed[i]) / SLOW)
             # Who stands in somebody's way completes the change, however slowly.
             pace = max(pace, URGENT_PACE if name in self._urgent else 0.0)
             change.age += dt * pace
             if change.age >= change.duration:
                 del self._changes[name]
                 continue
-            residual, rate, _ = change.state()
-            shown[i] += residual
-            lateral[i] = rate * pace
+            residual, rate, bend = change.state()
+            shown[:, i] = residual, rate * pace, bend * pace * pace
         self._urgent = {
             name
             for name, change in self._changes.items()
-            if self._hasten(place[name], change, station, offset, shown, speed, size)
+            if road[2, place[name]] != 0.0
+            and self._hasten(place[name], change, road, shown[0], speed, size)
         }
-        return shown, lateral
+        return shown[0], shown[1], shown[2]
+
+    def _jumps(self, names: list[str], pose: FloatArray) -> list[tuple[int, float]]:
+        """Vehicles whose lane's centre has leapt sideways, and how far to the left [m]."""
+        if not self._names:
+            return []
+        last = self._last
+        known: NDArray[np.bool_] | None = None
+        if names != self._names:
+            index = np.array([self._place.get(name, -1) for name in names], dtype=np.intp)
+            known = index >= 0
+            last = last[:, index]
+        moved = pose - last
+        turn = moved[2] - 2.0 * np.pi * np.round(moved[2] / (2.0 * np.pi))
+        heading = last[2] + 0.5 * turn
+        across = moved[1] * np.cos(heading) - moved[0] * np.sin(heading)
+        leapt = np.abs(across) > JUMP
+        if known is not None:
+            leapt &= known
+        return [(i, float(across[i])) for i in np.flatnonzero(leapt).tolist()]
 
     def _begin(self, name: str, jump: float) -> None:
         residual, rate, bend = 0.0, 0.0, 0.0
@@ -147,9 +179,8 @@ class LateralSmoother:
         self,
         i: int,
         change: _Change,
-        station: FloatArray,
-        offset: FloatArray,
-        shown: FloatArray,
+        road: FloatArray,
+        residual: FloatArray,
         speed: FloatArray,
         size: FloatArray,
     ) -> bool:
@@ -158,16 +189,19 @@ class LateralSmoother:
         Returns:
           Whether that gap is nearly used up.
         """
-        side = 0.5 * (size[:, 1] + size[i, 1]) + SIDE_MARGIN
+        station, offset, direction = road
+        shown = offset + direction * residual
+        side = 0.5 * (size[1] + size[1, i]) + SIDE_MARGIN
         beside_now = np.abs(shown - shown[i]) < side
         free_later = np.abs(shown - offset[i]) >= side
-        conflict = beside_now & free_later
+        conflict = beside_now & free_later & (direction != 0.0)
         conflict[i] = False
         if not conflict.any():
             return False
         apart = station[conflict] - station[i]
-        gap = np.abs(apart) - 0.5 * (size[conflict, 0] + size[i, 0])
-        closing = -np.sign(apart) * (speed[conflict] - speed[i])
+        gap = np.abs(apart) - 0.5 * (size[0, conflict] + size[0, i])
+        along = direction * speed
+        closing = -np.sign(apart) * (along[conflict] - along[i])
         # One metre and half a metre a second are held back for accelerations in the meantime.
         time = np.maximum(gap - 1.0, 0.0) / np.maximum(closing + 0.5, 0.5)
         remaining = change.duration - change.age

@@ -17,14 +17,28 @@ def test_quintic_keeps_the_state_and_comes_to_rest():
     assert np.allclose([evaluate(c, 3.5), evaluate(d, 3.5), evaluate(dd, 3.5)], 0.0, atol=1e-9)
 
 
+def shown(smoother, names, station, offset, speed, size=SIZE):
+    """Offsets at which vehicles of a straight road along x are shown."""
+    station, offset, speed = (np.asarray(a, dtype=float) for a in (station, offset, speed))
+    heading, along = np.zeros(len(names)), np.ones(len(names))
+    shift = smoother.update(
+        list(names),
+        np.stack((station, offset, heading)),
+        speed,
+        size.T,
+        np.stack((station, offset, along)),
+        0.1,
+    )
+    return offset if shift is None else offset + shift[0]
+
+
 def shown_track(smoother, offsets, speed=15.0):
-    track = []
-    for k, offset in enumerate(offsets):
-        shown, _ = smoother.update(
-            ["a"], np.array([1.5 * k]), np.array([offset]), np.array([speed]), SIZE, 0.1
-        )
-        track.append(float(shown[0]))
-    return np.array(track)
+    return np.array(
+        [
+            shown(smoother, ["a"], [1.5 * k], [offset], [speed])[0]
+            for k, offset in enumerate(offsets)
+        ]
+    )
 
 
 def test_a_jump_becomes_a_change_of_the_asked_duration():
@@ -57,9 +71,35 @@ def test_a_vehicle_that_closes_in_leaves_the_lane_before_it_touches():
     for k in range(40):
         station = np.array([2.0 * k, 24.6 + 1.0 * k])
         offset = np.array([0.0 if k == 0 else 4.0, 0.0])
-        shown, _ = smoother.update(
-            ["car", "truck"], station, offset, np.array([20.0, 10.0]), sizes, 0.1
-        )
+        seen = shown(smoother, ["car", "truck"], station, offset, [20.0, 10.0], sizes)
         along = abs(station[1] - station[0]) < 0.5 * sizes[:, 0].sum()
-        across = abs(shown[1] - shown[0]) < 0.5 * sizes[:, 1].sum()
+        across = abs(seen[1] - seen[0]) < 0.5 * sizes[:, 1].sum()
         assert not (along and across), k
+
+
+def test_a_bend_is_no_lane_change_and_a_change_in_a_bend_is_one():
+    smoother = LateralSmoother(3.5)
+    radius, sideways = 12.0, []
+    for k in range(60):
+        angle = 0.05 * k
+        # From the lane of 12 m to one 3 m inside it.
+        r = radius if k < 20 else radius - 3.0
+        pose = np.array([[r * np.sin(angle)], [-r * np.cos(angle)], [angle]])
+        road = np.array([[radius * angle], [0.0], [0.0]])
+        shift = smoother.update(["a"], pose, np.array([6.0]), SIZE.T, road, 0.1)
+        sideways.append(0.0 if shift is None else float(shift[0][0]))
+    assert sideways[:20] == [0.0] * 20
+    assert abs(sideways[20] + 3.0) < 0.1
+    assert sideways[-1] == 0.0
+    assert np.abs(np.diff(sideways[20:])).max() < 0.25
+
+
+def test_a_vehicle_that_was_out_of_sight_is_shown_where_it_is():
+    smoother = LateralSmoother(3.5)
+    assert (
+        shown(smoother, ["a", "b"], [0.0, 50.0], [0.0, 0.0], [15.0, 15.0], np.tile(SIZE, (2, 1)))[1]
+        == 0.0
+    )
+    shown(smoother, ["a"], [1.5], [0.0], [15.0])
+    seen = shown(smoother, ["a", "b"], [3.0, 53.0], [0.0, 4.0], [15.0, 15.0], np.tile(SIZE, (2, 1)))
+    assert seen.tolist() == [0.0, 4.0]
