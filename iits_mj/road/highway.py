@@ -40,7 +40,7 @@ def convert(xodr: Path, net: Path, resolution: float = CURVE_RESOLUTION) -> Path
     command = [
         program, "--opendrive", str(xodr), "--output-file", str(net), "--no-turnarounds",
         "--opendrive.curve-resolution", str(resolution), "--geometry.max-grade", "30",
-        "--junctions.limit-turn-speed", "-1", "--precision", "3",
+        "--junctions.limit-turn-speed", "-1", "--precision", "3", "--output.original-names",
     ]  # fmt: skip
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     if result.returncode != 0 or "Error" in result.stderr:

@@ -111,12 +111,12 @@ def test_a_net_of_another_map_is_refused(straight, highway):
 
 
 def test_a_broken_netconvert_run_says_why(straight, tmp_path):
-    from traffic_bridge.network import _netconvert
+    from traffic_bridge.netconvert import run_netconvert
 
     bad = tmp_path / "bad.xodr"
     bad.write_text("<OpenDRIVE><road id='1'/></OpenDRIVE>")
     with pytest.raises(MapError, match=r"bad\.xodr: .*netconvert"):
-        _netconvert(["--opendrive", str(bad)], tmp_path / "x.net.xml", str(bad))
+        run_netconvert(["--opendrive", str(bad), "-o", str(tmp_path / "x.net.xml")], str(bad))
 
 
 def test_a_cache_folder_that_cannot_be_made_is_named(straight, monkeypatch, tmp_path):

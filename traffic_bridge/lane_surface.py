@@ -1,0 +1,387 @@
+"""Where SUMO's lanes lie on the road's surface: on or off the ego's route, inside junctions too.
+
+SUMO's own shapes are polylines without cross slope. A lane's place is taken from the roads it was
+made of instead: netconvert's shape is asked only for the stretch of road that a lane covers.
+
+A lane inside a junction joins the lanes before and after it without a step: it follows its
+connecting road, moved by what is missing at both ends (some centimetres), and where SUMO has put a
+short joint of its own, a cubic from end to end.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from iits_mj.errors import InputError, TrafficError
+from traffic_bridge.net_file import NetConnection, NetEdge, NetFile, NetLane
+from traffic_bridge.road_frames import RoadFrame, RoadFrames, SurfacePoint, wrap
+
+FloatArray = NDArray[np.float64]
+
+STEP = 2.0  # [m] between the places at which the length of a lane's centre is summed
+SHORT = 0.5  # [m]: a joint this short has no direction of its own
+NEAR = 5.0  # [m] beyond a lane's end at which a place of its road still counts to it
+
+
+class LaneSurface(NamedTuple):
+    """Samples of one SUMO lane, arrays of shape (n,).
+
+    Attributes:
+      position: along the lane, as SUMO counts [m], evenly spaced from 0 to the lane's length.
+      x, y, z: of the lane's centre on the road's surface, map frame [m].
+      heading: of travel [rad]; continuous along the lane.
+      grade: dz over horizontal distance, positive uphill in travel.
+      bank: roll angle of the surface in travel [rad], positive where the left side is higher.
+    """
+
+    position: FloatArray
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    heading: FloatArray
+    grade: FloatArray
+    bank: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """The part of a road that a SUMO lane covers: stations `s` at fractions `part` of its length.
+
+    Fractions grow evenly with the length of the lane's centre (of the mean of an edge's lanes, so
+    that neighbors who stand at one position stand abreast). `lanes` are the lane's OpenDRIVE ids by
+    lane section.
+    """
+
+    frame: RoadFrame
+    lanes: dict[int, int]
+    part: FloatArray
+    s: FloatArray
+
+    def s_at(self, part: ArrayLike) -> FloatArray:
+        """Stations of the road at fractions of the lane."""
+        return np.interp(part, self.part, self.s)
+
+    def part_at(self, s: float) -> float:
+        """Fraction of the lane at a station, 0 to 1."""
+        order = slice(None) if self.s[-1] > self.s[0] else slice(None, None, -1)
+        return float(np.interp(s, self.s[order], self.part[order]))
+
+
+class _Inside(NamedTuple):
+    """A lane inside a junction: the way it belongs to, from fraction `start` to `end` of it."""
+
+    connection: NetConnection
+    start: float
+    end: float
+
+
+class LaneSurfaces:
+    """Surfaces of every lane of a net.
+
+    Args:
+      net: the file.
+      frames: of the map it was made from.
+
+    Raises:
+      TrafficError: the net names a road or lane that the map does not have.
+    """
+
+    def __init__(self, net: NetFile, frames: RoadFrames) -> None:
+        self._net = net
+        self._frames = frames
+        self.lanes: dict[str, NetLane] = {
+            lane.id: lane for edge in net.edges for lane in edge.lanes
+        }
+        self._edges: dict[str, NetEdge] = {edge.id: edge for edge in net.edges}
+        self._stretches: dict[str, Stretch | None] = {}
+        self._inside = self._find_inside()
+        for lane in self.lanes.values():
+            if lane.origin is not None:
+                self._check(lane, *lane.origin)
+        self._index: dict[tuple[str, int], tuple[list[float], list[tuple[float, str]]]] | None
+        self._index = None
+
+    def surface(self, lane: str, spacing: float = 1.0) -> LaneSurface:
+        """Samples of a lane, about `spacing` metres apart and at both ends; at least two.
+
+        Raises:
+          InputError: there is no such lane, or the spacing is not positive.
+        """
+        if not (math.isfinite(spacing) and spacing > 0.0):
+            raise InputError(f"spacing {spacing!r} m: must be positive")
+        length = self.lane(lane).length
+        position = np.linspace(0.0, length, max(math.ceil(length / spacing), 1) + 1)
+        point = self.at(lane, position)
+        return LaneSurface(position, *point._replace(heading=np.unwrap(point.heading)))
+
+    def lane(self, name: str) -> NetLane:
+        """The lane of a SUMO lane id.
+
+        Raises:
+          InputError: there is none.
+        """
+        if name not in self.lanes:
+            raise InputError(
+                f"no lane {name!r} in {self._net.path.name}; there are "
+                f"{', '.join(sorted(self.lanes)[:8])} ..."
+            )
+        return self.lanes[name]
+
+    def at(self, name: str, position: ArrayLike, offset: ArrayLike = 0.0) -> SurfacePoint:
+        """Points on a lane; positions beyond its ends count as its ends.
+
+        Args:
+          name: SUMO lane id.
+          position: along the lane, as SUMO counts [m], shape (n,).
+          offset: to the left of its centre [m], shape (n,) or a number.
+
+        Raises:
+          InputError: there is no such lane.
+        """
+        lane = self.lane(name)
+        part = np.clip(np.atleast_1d(np.asarray(position, dtype=float)) / lane.length, 0.0, 1.0)
+        if name in self._inside:
+            return self._at_inside(lane, part, np.asarray(offset, dtype=float))
+        stretch = self.stretch(name)
+        if stretch is None:
+            raise InputError(f"lane {name!r} belongs to no road of the map")
+        return stretch.frame.evaluate(stretch.lanes, stretch.s_at(part), offset)
+
+    def stretch(self, name: str) -> Stretch | None:
+        """The part of a road that a lane covers; None for SUMO's own joints."""
+        if name not in self._stretches:
+            lane = self.lane(name)
+            if lane.internal:
+                self._stretches[name] = self._measure([lane])[0]
+            else:
+                lanes = self._edges[lane.edge].lanes
+                for each, found in zip(lanes, self._measure(list(lanes)), strict=True):
+                    self._stretches[each.id] = found
+        return self._stretches[name]
+
+    def lane_of(self, road: str, lane: int, s: float) -> tuple[str, float]:
+        """SUMO lane and position of a place of the road; ("", nan) where SUMO has no lane."""
+        if self._index is None:
+            self._index = self._build_index()
+        starts, rows = self._index.get((road, lane), ([], []))
+        k = bisect_right(starts, s)
+        best, distance = "", NEAR
+        for i in range(max(k - 2, 0), min(k + 1, len(rows))):
+            away = max(starts[i] - s, s - rows[i][0], 0.0)
+            if away < distance:
+                best, distance = rows[i][1], away
+        if not best:
+            return "", math.nan
+        found = self.stretch(best)
+        if found is None:
+            end, start = self._joint_stations(best)
+            part = (s - start) / (end - start) if end != start else 0.0
+        else:
+            part = found.part_at(s)
+        return best, min(max(part, 0.0), 1.0) * self.lanes[best].length
+
+    # Inside ------------------------------------------------------------------------------------
+
+    def _check(self, lane: NetLane, road: str, number: int) -> None:
+        if road not in self._frames.road_map.roads or all(
+            section.lane(number) is None for section in self._frames.road_map.roads[road].sections
+        ):
+            raise TrafficError(
+                f"{self._net.path.name}: lane {lane.id!r} was made of lane {number} of road "
+                f"{road!r}, which {self._frames.road_map.path} does not have; "
+                "was the net made from another map?"
+            )
+
+    def _find_inside(self) -> dict[str, _Inside]:
+        """Ways through junctions, by the lanes they use: one way may be two lanes long."""
+        onward = {}
+        for connection in self._net.connections:
+            if connection.start.startswith(":"):
+                onward[connection.start] = connection.via
+        found = {}
+        for connection in self._net.connections:
+            if connection.start.startswith(":") or not connection.via:
+                continue
+            way, lane = [], connection.via
+            while lane and lane not in way:
+                way.append(lane)
+                lane = onward.get(lane, "")
+            lengths = np.cumsum([0.0, *(self.lanes[name].length for name in way)])
+            for name, start, end in zip(way, lengths, lengths[1:], strict=False):
+                found[name] = _Inside(
+                    connection, float(start / lengths[-1]), float(end / lengths[-1])
+                )
+        return found
+
+    def _measure(self, lanes: list[NetLane]) -> list[Stretch | None]:
+        """Stretches of the lanes of one edge, which share their stations."""
+        if lanes[0].origin is None:
+            return [None] * len(lanes)
+        frame = self._frames[lanes[0].origin[0]]
+        ends = np.mean([self._ends(lane, frame) for lane in lanes], axis=0)
+        s = np.linspace(ends[0], ends[1], max(math.ceil(abs(ends[1] - ends[0]) / STEP), 1) + 1)
+        along = np.zeros_like(s)
+        named = [self._names(lane, frame, s) for lane in lanes]
+        for names in named:
+            point = frame.evaluate(names, s)
+            along[1:] += np.cumsum(np.hypot(np.diff(point.x), np.diff(point.y)))
+        part = along / along[-1] if along[-1] > 0.0 else np.linspace(0.0, 1.0, s.size)
+        return [Stretch(frame, names, part, s) for names in named]
+
+    def _names(self, lane: NetLane, frame: RoadFrame, s: FloatArray) -> dict[int, int]:
+        """OpenDRIVE ids of a SUMO lane in every lane section it runs through.
+
+        The net's own name is right as a rule, also where netconvert lays a tapered lane beside its
+        place; but an edge may run through sections that count their lanes differently.
+        """
+        given = 0 if lane.origin is None else lane.origin[1]
+        shape = self._map_shape(lane)
+        way = _lengths(shape)
+        low, high = sorted((float(s[0]), float(s[-1])))
+        names = {}
+        for section in range(frame.section(low), frame.section(high - 1e-3) + 1):
+            start, end = frame.span(section)
+            middle = 0.5 * (max(start, low) + min(end, high))
+            place = way[-1] * (middle - s[0]) / (s[-1] - s[0])
+            x, y = (float(np.interp(place, way, shape[:, axis])) for axis in (0, 1))
+            middle, t = frame.locate(x, y, middle)
+            names[section] = frame.nearest_lane(section, middle, t, given)
+        return names
+
+    def _ends(self, lane: NetLane, frame: RoadFrame) -> tuple[float, float]:
+        """Stations at which SUMO's shape of a lane begins and ends."""
+        shape = self._map_shape(lane)
+        way = _lengths(shape)
+        half = 0.5 * way[-1]
+        x, y = (float(np.interp(half, way, shape[:, axis])) for axis in (0, 1))
+        sense = 1.0 if lane.origin is not None and lane.origin[1] < 0 else -1.0
+        # From the middle outwards: where a loop closes, begin and end are at one place.
+        middle = frame.locate(x, y)[0]
+        first = frame.locate(*map(float, shape[0]), middle - sense * half)[0]
+        last = frame.locate(*map(float, shape[-1]), middle + sense * half)[0]
+        if sense * (last - first) <= 0.0:
+            last = first + sense * max(float(way[-1]), 1e-3)
+        return first, last
+
+    def _map_shape(self, lane: NetLane) -> FloatArray:
+        return lane.shape - np.asarray(self._net.offset)
+
+    def _at_inside(self, lane: NetLane, part: FloatArray, offset: FloatArray) -> SurfacePoint:
+        connection, low, high = self._inside[lane.id]
+        start = self.at(connection.start, self.lanes[connection.start].length)
+        end = self.at(connection.end, 0.0)
+        u = low + part * (high - low)
+        stretch = self.stretch(lane.id)
+        if stretch is None:
+            point = _joint(start, end, u)
+        else:
+            way = [name for name, other in self._inside.items() if other.connection is connection]
+            point = stretch.frame.evaluate(stretch.lanes, stretch.s_at(part))
+            begun = self._raw_end(way[0], 0.0)
+            ended = self._raw_end(way[-1], 1.0)
+            point = _moved(point, u, start, begun, end, ended)
+        if not np.any(offset):
+            return point
+        sine, cosine = np.sin(point.heading), np.cos(point.heading)
+        return point._replace(
+            x=point.x - offset * sine,
+            y=point.y + offset * cosine,
+            z=point.z + offset * np.tan(point.bank),
+        )
+
+    def _raw_end(self, name: str, part: float) -> SurfacePoint | None:
+        stretch = self.stretch(name)
+        if stretch is None:
+            return None
+        return stretch.frame.evaluate(stretch.lanes, stretch.s_at([part]))
+
+    def _joint_stations(self, name: str) -> tuple[float, float]:
+        """Stations at the end and at the start of a joint within one road."""
+        connection = self._inside[name].connection
+        before, after = self.stretch(connection.start), self.stretch(connection.end)
+        if before is None or after is None or before.frame is not after.frame:
+            return math.nan, math.nan
+        return float(after.s[0]), float(before.s[-1])
+
+    def _build_index(self) -> dict[tuple[str, int], tuple[list[float], list[tuple[float, str]]]]:
+        rows: dict[tuple[str, int], list[tuple[float, float, str]]] = {}
+        for lane in self.lanes.values():
+            stretch = self.stretch(lane.id)
+            if stretch is not None:
+                low, high = sorted((float(stretch.s[0]), float(stretch.s[-1])))
+                for section, number in stretch.lanes.items():
+                    start, end = stretch.frame.span(section)
+                    start = low if section == min(stretch.lanes) else start
+                    end = high if section == max(stretch.lanes) else end
+                    key = (stretch.frame.road.id, number)
+                    rows.setdefault(key, []).append((start, end, lane.id))
+            elif lane.id in self._inside:
+                before = self.stretch(self._inside[lane.id].connection.start)
+                low, high = sorted(self._joint_stations(lane.id))
+                if before is not None and math.isfinite(low) and high - low > 1e-6:
+                    last = max(before.lanes) if before.s[-1] > before.s[0] else min(before.lanes)
+                    key = (before.frame.road.id, before.lanes[last])
+                    rows.setdefault(key, []).append((low, high, lane.id))
+        index = {}
+        for key, found in rows.items():
+            found.sort()
+            index[key] = ([low for low, _, _ in found], [(high, name) for _, high, name in found])
+        return index
+
+
+def _lengths(shape: FloatArray) -> FloatArray:
+    """Distance of every point of a polyline from its first, shape (n,)."""
+    return np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))))
+
+
+def _joint(start: SurfacePoint, end: SurfacePoint, u: FloatArray) -> SurfacePoint:
+    """A cubic Hermite curve from end to end, at fractions u of it."""
+    gap = math.hypot(float(end.x[0] - start.x[0]), float(end.y[0] - start.y[0]))
+    turn = np.array([wrap(float(end.heading[0] - start.heading[0]))])
+    bank = start.bank + u * (end.bank - start.bank)
+    if gap < SHORT:
+        x, y, z, grade = (
+            a + u * (b - a)
+            for a, b in (
+                (start.x, end.x), (start.y, end.y), (start.z, end.z), (start.grade, end.grade)
+            )
+        )  # fmt: skip
+        return SurfacePoint(x, y, z, start.heading + u * turn, grade, bank)
+    values, slopes = [], []
+    for a, b, da, db in (
+        (start.x, end.x, np.cos(start.heading), np.cos(end.heading)),
+        (start.y, end.y, np.sin(start.heading), np.sin(end.heading)),
+        (start.z, end.z, start.grade, end.grade),
+    ):
+        c = 3.0 * (b - a) - gap * (2.0 * da + db)
+        d = gap * (da + db) - 2.0 * (b - a)
+        values.append(a + u * (gap * da + u * (c + u * d)))
+        slopes.append(gap * da + u * (2.0 * c + 3.0 * u * d))
+    way = np.maximum(np.hypot(slopes[0], slopes[1]), 1e-9)
+    heading = np.arctan2(slopes[1], slopes[0])
+    return SurfacePoint(values[0], values[1], values[2], heading, slopes[2] / way, bank)
+
+
+def _moved(
+    point: SurfacePoint,
+    u: FloatArray,
+    start: SurfacePoint,
+    begun: SurfacePoint | None,
+    end: SurfacePoint,
+    ended: SurfacePoint | None,
+) -> SurfacePoint:
+    """A way moved to begin at `start` and end at `end`; what is missing fades along it."""
+    columns = []
+    for k, column in enumerate(point):
+        steps = []
+        for wanted, given in ((start, begun), (end, ended)):
+            step = 0.0 if given is None else float(wanted[k][0] - given[k][0])
+            steps.append(wrap(step) if point._fields[k] == "heading" else step)
+        columns.append(column + (1.0 - u) * steps[0] + u * steps[1])
+    return SurfacePoint(*columns)

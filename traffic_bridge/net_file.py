@@ -1,0 +1,215 @@
+"""Reads a SUMO net file (`.net.xml`) into plain records; SUMO itself does not run for it."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.errors import TrafficError
+from iits_mj.road.elements import DRIVING_TYPES
+
+FloatArray = NDArray[np.float64]
+
+ORIGIN = "origId"  # netconvert's name for "ROAD_LANE" of OpenDRIVE (--output.original-names)
+
+
+@dataclass(frozen=True, eq=False)
+class NetLane:
+    """One lane of a net.
+
+    Attributes:
+      id: SUMO's; edge: its edge; index: from the right.
+      length: as SUMO counts positions [m]; width: [m]; speed: limit [m/s].
+      kind: OpenDRIVE's lane type; "" where the net does not say.
+      origin: (road id, lane id) in OpenDRIVE, or None for SUMO's own short joints.
+      internal: whether it lies inside a SUMO junction.
+      shape: of its centre, in SUMO's coordinates [m], shape (n, 2).
+    """
+
+    id: str
+    edge: str
+    index: int
+    length: float
+    width: float
+    speed: float
+    kind: str
+    origin: tuple[str, int] | None
+    internal: bool
+    shape: FloatArray
+
+    @property
+    def is_driving(self) -> bool:
+        """Whether cars and trucks drive here."""
+        return self.kind in DRIVING_TYPES or not self.kind
+
+
+@dataclass(frozen=True)
+class NetEdge:
+    """A stretch of road in one direction: its lanes from the right, and the nodes at its ends."""
+
+    id: str
+    start: str
+    end: str
+    lanes: tuple[NetLane, ...]
+
+    @property
+    def internal(self) -> bool:
+        """Whether it lies inside a SUMO junction."""
+        return self.id.startswith(":")
+
+    @property
+    def length(self) -> float:
+        """As SUMO counts positions [m]."""
+        return self.lanes[0].length
+
+
+@dataclass(frozen=True)
+class NetConnection:
+    """A way from a lane to a lane.
+
+    Attributes:
+      start, end: SUMO lane ids.
+      via: the first lane inside the junction, or "".
+      turn: "s" straight, "l" left, "r" right, "L" and "R" half left and right, "t" back.
+      light: the traffic light that controls it, or ""; link: its letter's index there, or -1.
+      yields: whether it gives way to others (as SUMO's state says).
+    """
+
+    start: str
+    end: str
+    via: str
+    turn: str
+    light: str
+    link: int
+    yields: bool
+
+
+@dataclass(frozen=True)
+class NetJunction:
+    """A node: `kind` is SUMO's ("priority", "traffic_light", "dead_end" ...); x, y of SUMO [m]."""
+
+    id: str
+    kind: str
+    x: float
+    y: float
+    incoming: tuple[str, ...]
+    inside: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class NetLight:
+    """A traffic light's program: (duration [s], one letter a link) for each phase."""
+
+    id: str
+    program: str
+    phases: tuple[tuple[float, str], ...]
+
+
+@dataclass(frozen=True)
+class NetFile:
+    """All of a net that this project uses; `offset` is what SUMO adds to the map's x, y [m]."""
+
+    path: Path
+    offset: tuple[float, float]
+    edges: tuple[NetEdge, ...]
+    connections: tuple[NetConnection, ...]
+    junctions: tuple[NetJunction, ...]
+    lights: tuple[NetLight, ...]
+
+    @classmethod
+    def read(cls, path: Path) -> NetFile:
+        """Reads a net file.
+
+        Raises:
+          TrafficError: it is missing, not a SUMO net, or was written without original names.
+        """
+        try:
+            root = ElementTree.parse(path).getroot()
+            location = root.find("location")
+            if root.tag != "net" or location is None:
+                raise ValueError("it has no <net> with a <location>")
+            x, y = (float(value) for value in location.get("netOffset", "").split(","))
+            found = cls(
+                path=path,
+                offset=(x, y),
+                edges=tuple(_edge(e) for e in root.findall("edge") if e.find("lane") is not None),
+                connections=tuple(_connection(e) for e in root.findall("connection")),
+                junctions=tuple(
+                    _junction(e) for e in root.findall("junction") if e.get("type") != "internal"
+                ),
+                lights=tuple(_light(e) for e in root.findall("tlLogic")),
+            )
+        except (OSError, ElementTree.ParseError, ValueError, KeyError) as error:
+            raise TrafficError(f"{path}: not a SUMO network: {error}") from error
+        for edge in found.edges:
+            if not edge.internal and any(lane.origin is None for lane in edge.lanes):
+                raise TrafficError(
+                    f"{path}: edge {edge.id!r} does not say which OpenDRIVE lanes it is made of; "
+                    "make the net with netconvert's --output.original-names"
+                )
+        return found
+
+
+def _edge(item: Element) -> NetEdge:
+    identity = item.attrib["id"]
+    lanes = sorted(
+        (_lane(lane, identity) for lane in item.findall("lane")), key=lambda lane: lane.index
+    )
+    return NetEdge(identity, item.get("from", ""), item.get("to", ""), tuple(lanes))
+
+
+def _lane(item: Element, edge: str) -> NetLane:
+    points = [point.split(",") for point in item.attrib["shape"].split()]
+    origin = None
+    for parameter in item.findall("param"):
+        if parameter.get("key") == ORIGIN:
+            # Several names are lanes that netconvert joined; the first one begins here.
+            road, _, lane = parameter.get("value", "").split()[0].rpartition("_")
+            origin = (road, int(lane))
+    return NetLane(
+        id=item.attrib["id"],
+        edge=edge,
+        index=int(item.attrib["index"]),
+        length=float(item.attrib["length"]),
+        width=float(item.get("width", "3.2")),
+        speed=float(item.attrib["speed"]),
+        kind=item.get("type", ""),
+        origin=origin,
+        internal=edge.startswith(":"),
+        shape=np.array([[float(point[0]), float(point[1])] for point in points]),
+    )
+
+
+def _connection(item: Element) -> NetConnection:
+    given = item.attrib
+    return NetConnection(
+        start=f"{given['from']}_{given['fromLane']}",
+        end=f"{given['to']}_{given['toLane']}",
+        via=given.get("via", ""),
+        turn=given.get("dir", "s"),
+        light=given.get("tl", ""),
+        link=int(given.get("linkIndex", "-1")),
+        yields=given.get("state", "M") in "moswZ",
+    )
+
+
+def _junction(item: Element) -> NetJunction:
+    given = item.attrib
+    return NetJunction(
+        id=given["id"],
+        kind=given.get("type", ""),
+        x=float(given["x"]),
+        y=float(given["y"]),
+        incoming=tuple(given.get("incLanes", "").split()),
+        inside=tuple(given.get("intLanes", "").split()),
+    )
+
+
+def _light(item: Element) -> NetLight:
+    phases = tuple((float(p.attrib["duration"]), p.attrib["state"]) for p in item.findall("phase"))
+    return NetLight(item.attrib["id"], item.get("programID", "0"), phases)
