@@ -2,26 +2,121 @@
 
 from __future__ import annotations
 
+import gzip
+import inspect
+import zlib
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from iits_mj.errors import InputError
-from traffic_bridge.datasets import ngsim_pairs
-from traffic_bridge.datasets.table import read_parquet
+from traffic_bridge.datasets import fcd, highd, ngsim, ngsim_pairs
+from traffic_bridge.datasets.table import Table, plain, read_csv, read_parquet, read_text
 from traffic_bridge.datasets.trajectories import Trajectories
 
+FORMATS = (
+    "our recordings (.npz), SUMO's floating-car data (XML, CSV, Parquet; .gz), NGSIM tables (CSV, "
+    "text), reconstructed NGSIM pairs (Parquet), highD-like tracks (CSV)"
+)
+_HEAD = 1 << 16
 
-def read_trajectories(path: str | Path) -> Trajectories:
-    """Trajectories of a file.
+
+def read_trajectories(path: str | Path, **options: Any) -> Trajectories:
+    """Trajectories of a file of any known format.
+
+    Args:
+      path: the file; of a highD-like recording the tracks file, the other two being beside it.
+      **options: `units`, `main_lanes`, `location` for NGSIM tables (see
+        `traffic_bridge.datasets.ngsim`), `direction` for highD-like recordings, `types` for
+        floating-car data. Those that are None are left out.
 
     Raises:
-      InputError: it cannot be read, is of no known format, or holds a value that cannot be.
+      InputError: it cannot be read, is of no known format, or holds a value that cannot be; the
+        message names file, line and column. Also an option that the format does not have.
     """
     path = Path(path)
+    given = {name: value for name, value in options.items() if value is not None}
+    head = _head(path)
+    if head.startswith(b"PK"):
+        _refuse(given, path, "a recording of ours")
+        from traffic_bridge.datasets.own import of_recording
+        from traffic_bridge.recording import Recording
+
+        return of_recording(Recording.load(path), f"recording {path}")
+    if head.startswith(b"PAR1"):
+        table = read_parquet(path)
+        return _read_table(table, path, given)
+    if head.lstrip().startswith(b"<"):
+        return _call(fcd.read_fcd, fcd.read_fcd_xml(path), path, given)
+    first = _first_line(head, path)
+    if not any(mark.isalpha() for mark in first):
+        if len(first.split()) != len(ngsim.TEXT_COLUMNS):
+            raise InputError(f"data set {path}: of no known format; known are {FORMATS}")
+        return _call(ngsim.read_ngsim, read_text(path, ngsim.TEXT_COLUMNS), path, given)
+    delimiter = max(",;\t", key=first.count)
+    if delimiter not in first or not _known([plain(name) for name in first.split(delimiter)]):
+        raise InputError(f"data set {path}: of no known format; known are {FORMATS}")
+    return _read_table(read_csv(path, delimiter), path, given)
+
+
+def _read_table(table: Table, path: Path, given: dict[str, Any]) -> Trajectories:
+    reader = _known([plain(name) for name in table.names])
+    if reader is None:
+        raise InputError(f"data set {path}: of no known format; known are {FORMATS}")
+    return _call(reader, table, path, given)
+
+
+def _known(names: list[str]) -> Callable[..., Trajectories] | None:
+    """The reader for a table of given columns."""
+    names = [name.strip('"').strip("\ufeff") for name in names]
+
+    def has(marks: tuple[str, ...]) -> bool:
+        return all(plain(mark) in names for mark in marks)
+
+    if has(ngsim_pairs.MARKS):
+        return ngsim_pairs.read_ngsim_pairs
+    if has(fcd.MARKS):
+        return fcd.read_fcd
+    if all(any(plain(mark) in names for mark in marks) for marks in ngsim.MARKS):
+        return ngsim.read_ngsim
+    return highd.read_highd if has(highd.MARKS) else None
+
+
+def _call(
+    reader: Callable[..., Trajectories], table: Table, path: Path, given: dict[str, Any]
+) -> Trajectories:
+    allowed = [
+        name
+        for name, parameter in inspect.signature(reader).parameters.items()
+        if parameter.kind is inspect.Parameter.KEYWORD_ONLY
+    ]
+    _refuse({name: v for name, v in given.items() if name not in allowed}, path, "of a format that")
+    return reader(table, path, **given)
+
+
+def _refuse(given: dict[str, Any], path: Path, what: str) -> None:
+    if given:
+        raise InputError(f"data set {path}: {what} has no option {', '.join(sorted(given))}")
+
+
+def _head(path: Path) -> bytes:
+    """The beginning of the content, unpacked."""
     try:
         with path.open("rb") as file:
-            head = file.read(4)
-    except OSError as error:
-        raise InputError(f"data set {path}: {error.strerror or error}") from error
-    if head == b"PAR1":
-        return ngsim_pairs.read_ngsim_pairs(read_parquet(path), path)
-    raise InputError(f"data set {path}: of no known format")
+            head = file.read(_HEAD)
+        if head[:2] == b"\x1f\x8b":
+            with gzip.open(path, "rb") as packed:
+                head = packed.read(_HEAD)
+    except (OSError, EOFError, zlib.error) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"data set {path}: cannot be read: {reason}") from error
+    if not head.strip():
+        raise InputError(f"data set {path}: is empty")
+    return head
+
+
+def _first_line(head: bytes, path: Path) -> str:
+    try:
+        return head.splitlines()[0].decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"data set {path}: of no known format; known are {FORMATS}") from error

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,21 +28,30 @@ class Table:
 
     Args:
       path: the file, for messages.
-      columns: name as in the file and values, n of each: pyarrow arrays or numpy arrays.
-      first_line: number of the first row in the file; 0 where rows have no lines (Parquet).
+      columns: name as in the file and values, n of each: pyarrow arrays, or numpy arrays of numbers
+        or text.
+      where: the row of an index in words, as in "line 12".
+
+    Attributes:
+      path, where: as given.
+      rows: how many.
+
+    Raises:
+      InputError: there are no rows.
     """
 
-    def __init__(self, path: Path, columns: dict[str, Any], first_line: int) -> None:
+    def __init__(self, path: Path, columns: dict[str, Any], where: Callable[[int], str]) -> None:
         self.path = path
+        self.where = where
         self._columns = {plain(name): (name, values) for name, values in columns.items()}
-        self._first_line = first_line
         self.rows = len(next(iter(columns.values()))) if columns else 0
         if self.rows == 0:
             raise InputError(f"data set {path}: no rows")
 
-    def where(self, row: int) -> str:
-        """The row in words."""
-        return f"line {row + self._first_line}" if self._first_line else f"row {row + 1}"
+    @property
+    def names(self) -> list[str]:
+        """The columns' names as in the file."""
+        return [name for name, _ in self._columns.values()]
 
     def has(self, *names: str) -> bool:
         """Whether there is a column of one of these names."""
@@ -59,8 +68,10 @@ class Table:
           InputError: it is not there, or a value is not a finite number.
         """
         name, values = self._find(names)
-        numbers = values if isinstance(values, np.ndarray) else self._cast(name, values, finite)
-        numbers = np.asarray(numbers, dtype=np.float64)
+        if isinstance(values, np.ndarray) and values.dtype.kind in "fiu":
+            numbers = values.astype(np.float64)
+        else:
+            numbers = self._cast(name, values, finite)
         if finite:
             self.must(np.isfinite(numbers), name, numbers, "must be a finite number")
         return numbers
@@ -102,10 +113,15 @@ class Table:
         for name in names:
             if plain(name) in self._columns:
                 return self._columns[plain(name)]
-        there = ", ".join(name for name, _ in self._columns.values())
+        there = ", ".join(self.names)
         raise InputError(f"data set {self.path}: no column {names[0]!r}; it has {there[:300]}")
 
     def _cast(self, name: str, values: Any, finite: bool) -> FloatArray:
+        if isinstance(values, np.ndarray):
+            try:
+                return np.where(values == "", "nan", values).astype(np.float64)
+            except ValueError:
+                self._refuse_text(name, values.tolist())
         pyarrow, compute = arrow.load("", self.path), arrow.load("compute", self.path)
         types = pyarrow.types
         if types.is_dictionary(values.type):
@@ -121,7 +137,7 @@ class Table:
         try:
             values = values.cast("float64")
         except pyarrow.ArrowInvalid:
-            self._refuse_text(name, values)
+            self._refuse_text(name, values.to_pylist())
         except pyarrow.ArrowNotImplementedError as error:
             raise InputError(
                 f"data set {self.path}, column {name!r}: {values.type}, must be numbers"
@@ -133,10 +149,10 @@ class Table:
             )
         return np.asarray(values.to_numpy(), dtype=np.float64)
 
-    def _refuse_text(self, name: str, values: Any) -> None:
-        for row, value in enumerate(values.to_pylist()):
+    def _refuse_text(self, name: str, values: list[Any]) -> None:
+        for row, value in enumerate(values):
             try:
-                float(value) if value is not None else None
+                float(value or "nan")
             except ValueError:
                 raise InputError(
                     f"data set {self.path}, {self.where(row)}, column {name!r}: "
@@ -157,4 +173,60 @@ def read_parquet(path: Path) -> Table:
     except (OSError, pyarrow.ArrowException) as error:
         raise InputError(f"data set {path}: not a readable Parquet file: {error}") from error
     columns = {name: content[name].combine_chunks() for name in content.column_names}
-    return Table(path, columns, 0)
+    return Table(path, columns, lambda row: f"row {row + 1}")
+
+
+def read_csv(path: Path, delimiter: str) -> Table:
+    """A CSV file with a header, possibly compressed; values stay text until they are asked for.
+
+    Raises:
+      InputError: pyarrow is not installed, or the file is not a table.
+    """
+    pyarrow, csv = arrow.load("", path), arrow.load("csv", path)
+    try:
+        with pyarrow.input_stream(path, compression="detect") as stream:
+            reader = csv.open_csv(
+                stream,
+                # Rows are counted only when they are read in one thread.
+                read_options=csv.ReadOptions(use_threads=False),
+                parse_options=csv.ParseOptions(delimiter=delimiter),
+            )
+            names = reader.schema.names
+        if len({plain(name) for name in names}) != len(names):
+            raise InputError(f"data set {path}: a column's name is there twice: {', '.join(names)}")
+        with pyarrow.input_stream(path, compression="detect") as stream:
+            content = csv.read_csv(
+                stream,
+                read_options=csv.ReadOptions(use_threads=False),
+                parse_options=csv.ParseOptions(delimiter=delimiter, ignore_empty_lines=False),
+                convert_options=csv.ConvertOptions(
+                    column_types={name: pyarrow.string() for name in names},
+                    strings_can_be_null=False,
+                ),
+            )
+    except (OSError, pyarrow.ArrowException) as error:
+        raise InputError(f"data set {path}: not a readable table: {error}") from error
+    columns = {name: content[name].combine_chunks() for name in content.column_names}
+    return Table(path, columns, lambda row: f"line {row + 2}")
+
+
+def read_text(path: Path, names: Sequence[str]) -> Table:
+    """Numbers between blanks, without a header.
+
+    Args:
+      path: the file.
+      names: of the columns.
+
+    Raises:
+      InputError: a line has another number of values, or a value is not a number.
+    """
+    try:
+        numbers = np.loadtxt(path, ndmin=2)
+    except (OSError, ValueError) as error:
+        raise InputError(f"data set {path}: not a readable table: {error}") from error
+    if numbers.shape[1] != len(names):
+        raise InputError(
+            f"data set {path}: {numbers.shape[1]} columns; without a header {len(names)} are known"
+        )
+    columns = dict(zip(names, np.ascontiguousarray(numbers.T), strict=True))
+    return Table(path, columns, lambda row: f"line {row + 1}")

@@ -1,0 +1,198 @@
+"""Reader of SUMO's floating-car data (`--fcd-output`): XML, CSV or Parquet, also compressed.
+
+A set of `Trajectories` lies on one road: the chain of edges that most vehicles drive. Its stations
+come from the data themselves: where a vehicle passes from one edge to the next, the way it drove in
+between gives how far apart the edges begin.
+"""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from xml.parsers import expat
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.errors import InputError
+from traffic_bridge.datasets.assemble import Rows, assemble
+from traffic_bridge.datasets.fcd_road import lay_out
+from traffic_bridge.datasets.table import Table
+from traffic_bridge.datasets.trajectories import Trajectories
+from traffic_bridge.vehicles import KINDS, default_types
+
+FloatArray = NDArray[np.float64]
+Size = tuple[str, float, float]
+
+LANE_WIDTH = 3.2  # [m], SUMO's default
+UNKNOWN: Size = ("car", 5.0, 1.8)  # SUMO's default passenger car
+MARKS = ("timestep_time", "vehicle_id", "vehicle_pos", "vehicle_lane")
+_ATTRIBUTES = ("id", "type", "speed", "pos", "lane", "acceleration", "posLat", "leaderID")
+
+
+def read_fcd(table: Table, path: Path, *, types: Mapping[str, Size] | None = None) -> Trajectories:
+    """Floating-car data; `pos`, `speed` and `lane` are needed.
+
+    The index of a lane is SUMO's, from the right; inside junctions, where SUMO numbers anew, it is
+    that of the edge before. Offsets are `posLat` where it is stored.
+
+    Args:
+      table: columns `time`, `id`, `lane`, `pos`, `speed`, if there also `type`, `acceleration`,
+        `posLat` and `leaderID`; or with `timestep_` and `vehicle_` before these names.
+      path: of the file.
+      types: kind, length and width [m] by SUMO's type; ours are known, others are cars of 5 m.
+
+    Raises:
+      InputError: a column is missing, or a value is impossible.
+    """
+
+    def column(name: str) -> tuple[str, str]:
+        return name, f"vehicle_{name}"
+
+    name = table.texts(*column("id"))
+    there = np.flatnonzero(name != "")
+    if not there.size:
+        raise InputError(f"data set {path}: no vehicles")
+
+    def numbers(what: str, finite: bool = True) -> FloatArray:
+        return table.numbers(*column(what), finite=finite and there.size == table.rows)[there]
+
+    lane = table.texts(*column("lane"))[there]
+    edge, index = _split(table, there, lane)
+    time = table.numbers("time", "timestep_time")[there]
+    speed, position = numbers("speed"), numbers("pos")
+    station, keep, notes = lay_out(name[there], time, edge, position, speed)
+    index = _through_junctions(name[there], time, edge, index)
+    kind, length, width, unknown = _sizes(table, there, types or {})
+    has_leader = table.has(*column("leaderID"))
+    offset = numbers("posLat") if table.has(*column("posLat")) else np.zeros(there.size)
+    rows = Rows(
+        source=f"data set {path}",
+        where=lambda k: table.where(int(there[keep][k])),
+        name=name[there][keep],
+        kind=kind[keep],
+        length=length[keep],
+        width=width[keep],
+        time=time[keep],
+        lane=index[keep],
+        station=station[keep],
+        offset=offset[keep],
+        speed=speed[keep],
+        acceleration=numbers("acceleration")[keep] if table.has(*column("acceleration")) else None,
+        leader=table.texts(*column("leaderID"))[there][keep] if has_leader else None,
+    )
+    return assemble(rows, int(index[keep].max()) + 1, LANE_WIDTH, (*notes, *unknown))
+
+
+def read_fcd_xml(path: Path) -> Table:
+    """The `vehicle` elements of an XML file as a table.
+
+    Raises:
+      InputError: it is not well-formed, or not floating-car data.
+    """
+    columns: dict[str, list[str]] = {name: [] for name in ("time", *_ATTRIBUTES)}
+    seen: set[str] = set()
+    lines: list[int] = []
+    time = [""]
+    parser = expat.ParserCreate()
+
+    def start(element: str, attributes: dict[str, str]) -> None:
+        if element == "timestep":
+            time[0] = attributes.get("time", "")
+        elif element == "vehicle":
+            columns["time"].append(time[0])
+            seen.update(attributes)
+            for name in _ATTRIBUTES:
+                columns[name].append(attributes.get(name, ""))
+            lines.append(parser.CurrentLineNumber)
+        elif element == "fcd-export":
+            seen.add("time")
+
+    parser.StartElementHandler = start
+    try:
+        with path.open("rb") as raw:
+            packed = raw.read(2) == b"\x1f\x8b"
+        with gzip.open(path, "rb") if packed else path.open("rb") as file:
+            parser.ParseFile(file)
+    except expat.ExpatError as error:
+        raise InputError(f"data set {path}: not well-formed XML: {error}") from error
+    except (OSError, EOFError) as error:
+        raise InputError(f"data set {path}: cannot be read: {error}") from error
+    if "time" not in seen:
+        raise InputError(f"data set {path}: XML without the element 'fcd-export'")
+    if not lines:
+        raise InputError(f"data set {path}: no vehicles")
+    arrays: dict[str, Any] = {
+        name: np.array(values) for name, values in columns.items() if name in seen
+    }
+    return Table(path, arrays, lambda row: f"line {lines[row]}")
+
+
+def _split(
+    table: Table, there: NDArray[np.intp], lane: NDArray[np.str_]
+) -> tuple[NDArray[np.str_], NDArray[np.int64]]:
+    """Edge and index of SUMO lanes such as `-1#2_0`."""
+    names, which = np.unique(lane, return_inverse=True)
+    parts = [str(name).rpartition("_") for name in names]
+    good = np.array([bool(edge) and index.isdecimal() for edge, _, index in parts])
+    wrong = np.ones(table.rows, dtype=bool)
+    wrong[there] = good[which]
+    shown = np.full(table.rows, "", dtype=lane.dtype)
+    shown[there] = lane
+    table.must(wrong, "lane", shown, "must be a SUMO lane, as in 'edge_0'")
+    edges = np.array([edge for edge, _, _ in parts])
+    indices = np.array([int(index) for _, _, index in parts], dtype=np.int64)
+    return edges[which], indices[which]
+
+
+def _through_junctions(
+    name: NDArray[np.str_],
+    time: FloatArray,
+    edge: NDArray[np.str_],
+    index: NDArray[np.int64],
+) -> NDArray[np.int64]:
+    """Lane indices in which those inside junctions are the ones before, or else after."""
+    inside = np.char.startswith(edge, ":")
+    if not inside.any() or inside.all():
+        return index
+    _, number = np.unique(name, return_inverse=True)
+    order = np.lexsort((time, number))
+    result, inside, number = index[order], inside[order], number[order]
+    places = np.arange(len(order))
+    before = np.maximum.accumulate(np.where(inside, -1, places))
+    after = np.minimum.accumulate(np.where(inside, len(places), places)[::-1])[::-1]
+    before_good = (before >= 0) & (number[before] == number)
+    after = np.minimum(after, len(places) - 1)
+    after_good = (number[after] == number) & ~inside[after]
+    source = np.where(before_good, before, np.where(after_good, after, places))
+    filled = np.empty_like(index)
+    filled[order] = result[source]
+    return filled
+
+
+def _sizes(
+    table: Table, there: NDArray[np.intp], types: Mapping[str, Size]
+) -> tuple[NDArray[np.str_], FloatArray, FloatArray, tuple[str, ...]]:
+    known: dict[str, Size] = {t.kind: (t.kind, t.length, t.width) for t in default_types()}
+    known.update(types)
+    if any(kind not in KINDS for kind, _, _ in known.values()):
+        raise InputError(f"types {dict(types)!r}: kinds are {', '.join(KINDS)}")
+    count = there.size
+    if not table.has("type", "vehicle_type"):
+        kind, length, width = UNKNOWN
+        note = f"vehicles have no type: all are cars of {length:g} m"
+        return np.full(count, kind), np.full(count, length), np.full(count, width), (note,)
+    names, which = np.unique(table.texts("type", "vehicle_type")[there], return_inverse=True)
+    # SUMO writes "car@v12" for a vehicle that has a copy of its type to itself.
+    bases = [str(name).partition("@")[0] for name in names]
+    sizes = [known.get(base, UNKNOWN) for base in bases]
+    strange = sorted({base for base in bases if base not in known})
+    notes = (f"of unknown type, taken for cars of 5 m: {', '.join(strange)[:200]}",)
+    return (
+        np.array([size[0] for size in sizes])[which],
+        np.array([size[1] for size in sizes])[which],
+        np.array([size[2] for size in sizes])[which],
+        notes if strange else (),
+    )
