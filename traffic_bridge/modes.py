@@ -106,7 +106,8 @@ class PureSim(Mode):
             check_ego(ego)
         self._world = World(self.route, self.config, self.seed, self.with_ego, self._lanes)
         self._lanes = self._world.lanes
-        return self._world.begin(ego)
+        with self._world.session.guard("beginning the traffic"):
+            return self._world.begin(ego)
 
     def step(self, ego: EgoState | None = None) -> VehicleFrame:
         """Advances one step.
@@ -120,7 +121,9 @@ class PureSim(Mode):
         world = self._running
         if ego is not None:
             check_ego(ego)
-        return world.advance(ego)
+        # Whatever ends a step early, an interrupt too, ends SUMO.
+        with world.session.guard("advancing the traffic"):
+            return world.advance(ego)
 
     def close(self) -> None:
         """Ends SUMO; may be called again."""

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
+import re
 import tempfile
+import weakref
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 from iits_mj.errors import TrafficError
+
+ERROR_LOG = "errors.txt"
 
 
 def load_libsumo() -> Any:
@@ -52,39 +58,71 @@ def _captured_stderr(path: Path) -> Iterator[None]:
 
 
 def check_net(net: Path) -> None:
-    """Refuses a file on which SUMO would die instead of complaining (without a version it does).
+    """Refuses a net on which SUMO would die or misbehave instead of complaining.
 
     Raises:
-      TrafficError: the file is missing, not well-formed XML, or has no version, place or lanes.
+      TrafficError: the file is missing, not well-formed XML, has no version, place or lanes, a lane
+        without length, speed or shape, or a lane inside a junction to which no connection leads.
     """
     try:
         status = net.stat()
-        lanes, placed = _survey(net, status.st_mtime_ns, status.st_size)
+        fault = _fault(net, status.st_mtime_ns, status.st_size)
     except (OSError, ElementTree.ParseError, UnicodeError) as error:
-        raise TrafficError(f"loading {net}: not a SUMO network: {error}") from error
-    if lanes == 0 or not placed:
-        missing = "no lanes" if placed else "no version or no complete <location>"
-        raise TrafficError(f"loading {net}: not a SUMO network: it has {missing}")
+        fault = str(error)
+    if fault:
+        raise TrafficError(f"loading {net}: not a SUMO network: {fault}")
 
 
 @lru_cache(maxsize=16)
-def _survey(net: Path, _changed: int, _size: int) -> tuple[int, bool]:
-    """Number of lanes, and whether version and place are said; kept while the file is the same."""
-    count, versioned, placed = 0, False, False
+def _fault(net: Path, _changed: int, _size: int) -> str:
+    """What is wrong with a net, or nothing; kept while the file is the same."""
+    versioned, placed, internal = False, False, False
+    lanes, inside, reached = 0, set(), set()
     for event, element in ElementTree.iterparse(net, events=("start", "end")):
         if event == "end":
             element.clear()
+        elif element.tag == "edge":
+            internal = element.get("function") == "internal"
         elif element.tag == "lane":
-            count += 1
+            lanes += 1
+            name = element.get("id", "")
+            if not all(_positive(element.get(key)) for key in ("length", "speed")):
+                return f"lane {name!r} has no positive length and speed"
+            if not _finite(element.get("shape", "")):
+                return f"lane {name!r} has a shape that is not finite"
+            if internal:
+                inside.add(name)
+        elif element.tag == "connection":
+            reached.add(element.get("via"))
         elif element.tag == "net":
             versioned = element.get("version") is not None
         elif element.tag == "location":
             placed = {"netOffset", "convBoundary", "origBoundary"} <= set(element.keys())
-    return count, versioned and placed
+    if not (versioned and placed):
+        return "it has no version or no complete <location>"
+    if lanes == 0:
+        return "it has no lanes"
+    if lost := inside - reached:
+        return f"no connection leads to lane {min(lost)!r} inside a junction"
+    return ""
+
+
+def _positive(text: str | None) -> bool:
+    try:
+        return 0.0 < float(text or "") < math.inf
+    except ValueError:
+        return True  # SUMO says better what is wrong with a number
+
+
+def _finite(shape: str) -> bool:
+    return not re.search(r"nan|inf", shape, re.IGNORECASE)
 
 
 class Session:
     """A loaded SUMO simulation. There can be one in a process (libsumo has one global world).
+
+    A session that nobody refers to any more is closed. A simulation that other code of the process
+    has started through libsumo is neither used nor closed.
 
     Args:
       net: the SUMO network file.
@@ -92,6 +130,9 @@ class Session:
       step_length: [s].
       seed: of SUMO's generator.
       options: further SUMO options.
+
+    Attributes:
+      api: the libsumo module.
 
     Raises:
       TrafficError: another simulation is loaded in this process, or SUMO refuses the input.
@@ -106,77 +147,72 @@ class Session:
         options: Sequence[str] = (),
     ) -> None:
         self.api = load_libsumo()
-        self._open = False
+        self._finalizer: weakref.finalize[[Any, tempfile.TemporaryDirectory[str]], Session] | None
+        self._finalizer = None
         if self.api.isLoaded():
             raise TrafficError(
                 "a SUMO simulation is already running in this process and libsumo can hold only "
-                "one; close() it first, or run the second one in another process"
+                "one; close() it first, or run several as processes with TrafficWorlds"
             )
-        self._folder = tempfile.TemporaryDirectory(prefix="iits_mj_sumo_")
-        folder = Path(self._folder.name)
-        self._error_log = folder / "errors.txt"
-        self._stderr = folder / "stderr.txt"
-        types = folder / "types.add.xml"
-        types.write_text(f"<additional>{additional}</additional>", encoding="utf-8")
+        check_net(net)
+        try:
+            folder = tempfile.TemporaryDirectory(prefix="iits_mj_sumo_")
+            self._folder = Path(folder.name)
+            types = self._folder / "types.add.xml"
+            types.write_text(f"<additional>{additional}</additional>", encoding="utf-8")
+        except OSError as error:
+            raise TrafficError(f"SUMO's temporary files cannot be written: {error}") from error
+        self._error_log = str(self._folder / ERROR_LOG)
+        self._stderr = self._folder / "stderr.txt"
         command = [
             "sumo",
             *("--net-file", str(net), "--additional-files", str(types)),
             *("--step-length", str(step_length), "--seed", str(seed % 2**31)),
             *("--time-to-teleport", "-1", "--collision.action", "warn"),
-            *("--max-depart-delay", "5", "--error-log", str(self._error_log)),
+            *("--max-depart-delay", "5", "--error-log", self._error_log),
             # Each vehicle is tried by itself: the road is filled in one step.
             *("--eager-insert", "true"),
             *("--no-step-log", "true", "--no-warnings", "true", "--xml-validation", "never"),
             *options,
         ]
-        check_net(net)
-        self._open = True
+        self._finalizer = weakref.finalize(self, _unload, self.api, folder)
         with self.guard(f"loading {net}"), _captured_stderr(self._stderr):
             self.api.start(command)
 
-    @contextlib.contextmanager
-    def guard(self, action: str) -> Iterator[None]:
+    def guard(self, action: str) -> Guard:
         """Turns SUMO's errors into a `TrafficError` that says what was being done, and closes."""
-        try:
-            yield
-        except (
-            self.api.TraCIException,
-            self.api.libsumo.FatalTraCIError,
-            OSError,
-            RuntimeError,
-        ) as error:
-            text = self._explanation(str(error))
-            self.close()
-            raise TrafficError(f"SUMO failed while {action}: {text}") from error
-        except BaseException:
-            self.close()
-            raise
+        return Guard(self, action)
 
     def step(self) -> None:
-        """Advances the simulation by one step."""
-        if not self._open:
+        """Advances the simulation by one step.
+
+        Raises:
+          TrafficError: it is closed, SUMO fails, or another simulation has taken its place.
+        """
+        if not self.is_open:
             raise TrafficError("the SUMO simulation is closed; call reset() to start it again")
         with self.guard("stepping"):
+            if not _holds(self.api, self._error_log):
+                raise TrafficError(
+                    "the SUMO simulation was ended or replaced by other code of this process "
+                    "that uses libsumo; call reset() when that is done"
+                )
             self.api.simulationStep()
 
     def close(self) -> None:
         """Unloads the simulation; may be called again."""
-        if not self._open:
-            return
-        self._open = False
-        # A start() that failed half-way leaves a simulation loaded, whose close() may fail in turn.
-        with contextlib.suppress(self.api.TraCIException, self.api.libsumo.FatalTraCIError):
-            self.api.close()
-        self._folder.cleanup()
+        if self._finalizer is not None:
+            self._finalizer()
 
     @property
     def is_open(self) -> bool:
         """True while SUMO runs."""
-        return self._open
+        return self._finalizer is not None and self._finalizer.alive
 
-    def _explanation(self, text: str) -> str:
-        parts = [text.strip()]
-        for path in (self._stderr, self._error_log):
+    def explain(self, error: BaseException) -> str:
+        """What SUMO says about an error: its message and what it wrote while loading."""
+        parts = [str(error).strip()]
+        for path in (self._stderr, Path(self._error_log)):
             if path.is_file():
                 parts += path.read_text(encoding="utf-8", errors="replace").splitlines()
         lines: list[str] = []
@@ -185,3 +221,50 @@ class Session:
             if line and line not in lines and not line.startswith("Quitting"):
                 lines.append(line)
         return "; ".join(lines)[:600] or "no explanation given"
+
+
+class Guard:
+    """A `with` block in which every error ends the simulation; see `Session.guard`."""
+
+    __slots__ = ("_action", "_session")
+
+    def __init__(self, session: Session, action: str) -> None:
+        self._session = session
+        self._action = action
+
+    def __enter__(self) -> None:
+        """Nothing to do before an error."""
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if error is None:
+            return
+        session = self._session
+        api = session.api
+        foreign = (api.TraCIException, api.libsumo.FatalTraCIError, OSError, RuntimeError)
+        text = session.explain(error) if isinstance(error, foreign) else None
+        session.close()
+        if text is not None:
+            raise TrafficError(f"SUMO failed while {self._action}: {text}") from error
+
+
+def _holds(api: Any, error_log: str) -> bool:
+    """Whether libsumo holds the simulation that writes this error log; each has its own."""
+    if not api.isLoaded():
+        return False
+    try:
+        return bool(api.simulation.getOption("error-log") == error_log)
+    except (api.TraCIException, api.libsumo.FatalTraCIError, RuntimeError):
+        return True  # no options to ask: a start() that failed half-way
+
+
+def _unload(api: Any, folder: tempfile.TemporaryDirectory[str]) -> None:
+    # A simulation that failed while it was loaded fails to close, too, but is gone then.
+    with contextlib.suppress(api.TraCIException, api.libsumo.FatalTraCIError, RuntimeError):
+        if _holds(api, str(Path(folder.name) / ERROR_LOG)):
+            api.close()
+    folder.cleanup()
