@@ -323,11 +323,15 @@ class LaneSurfaces:
                     rows.setdefault(key, []).append((start, end, lane.id))
             elif lane.id in self._inside:
                 before = self.stretch(self._inside[lane.id].connection.start)
-                low, high = sorted(self._joint_stations(lane.id))
-                if before is not None and math.isfinite(low) and high - low > 1e-6:
-                    last = max(before.lanes) if before.s[-1] > before.s[0] else min(before.lanes)
+                end, start = self._joint_stations(lane.id)
+                if before is None or not math.isfinite(start):
+                    continue
+                onward = before.s[-1] > before.s[0]
+                # Where a road closes to a loop the joint covers nothing of it.
+                if (end - start if onward else start - end) > 1e-6:
+                    last = max(before.lanes) if onward else min(before.lanes)
                     key = (before.frame.road.id, before.lanes[last])
-                    rows.setdefault(key, []).append((low, high, lane.id))
+                    rows.setdefault(key, []).append((min(start, end), max(start, end), lane.id))
         index = {}
         for key, found in rows.items():
             found.sort()
