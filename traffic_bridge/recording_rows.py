@@ -1,0 +1,85 @@
+"""The truck's state and its commands as rows of figures, for recordings."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.errors import InputError
+from iits_mj.messages import EgoState, TransmissionMode, VehicleCommand, XbrEbiMode, XbrMode
+
+FloatArray = NDArray[np.float64]
+
+PRESSURES = tuple(
+    f"brake_pressure_{place}"
+    for place in ("front_left", "front_right", "rear_left", "rear_right", "trailer")
+)
+_SCALARS = tuple(
+    field.name for field in dataclasses.fields(EgoState) if field.name != "brake_pressures"
+)
+EGO_COLUMNS = (*_SCALARS, *PRESSURES)
+COMMAND_COLUMNS = tuple(field.name for field in dataclasses.fields(VehicleCommand))
+_ABSENT = (math.nan,) * len(EGO_COLUMNS)
+
+
+def ego_row(ego: EgoState | None) -> tuple[float, ...]:
+    """The figures of a truck's state in the order of `EGO_COLUMNS`; NaN without a truck.
+
+    Raises:
+      InputError: a figure is not finite.
+    """
+    if ego is None:
+        return _ABSENT
+    row = (*(float(getattr(ego, name)) for name in _SCALARS), *ego.brake_pressures)
+    if not all(map(math.isfinite, row)):
+        name, value = next(
+            pair for pair in zip(EGO_COLUMNS, row, strict=True) if not math.isfinite(pair[1])
+        )
+        raise InputError(f"ego.{name} = {value!r}: must be finite to be recorded")
+    return row
+
+
+def ego_of(row: FloatArray) -> EgoState | None:
+    """The inverse of `ego_row`."""
+    if np.isnan(row).any():
+        return None
+    values: dict[str, Any] = dict(zip(EGO_COLUMNS, row.tolist(), strict=True))
+    pressures = tuple(values.pop(name) for name in PRESSURES)
+    values["gear"] = int(values["gear"])
+    values["shift_in_process"] = bool(values["shift_in_process"])
+    return EgoState(**values, brake_pressures=pressures)
+
+
+def command_row(command: VehicleCommand) -> tuple[float, ...]:
+    """The figures of a command in the order of `COMMAND_COLUMNS`.
+
+    Raises:
+      InputError: a figure is not finite.
+    """
+    row = tuple(float(getattr(command, name)) for name in COMMAND_COLUMNS)
+    if not all(map(math.isfinite, row)):
+        raise InputError(f"{command}: every figure must be finite to be recorded")
+    return row
+
+
+def command_of(row: FloatArray) -> VehicleCommand:
+    """The inverse of `command_row`.
+
+    Raises:
+      InputError: a mode is not one of those there are.
+    """
+    values: dict[str, Any] = dict(zip(COMMAND_COLUMNS, row.tolist(), strict=True))
+    try:
+        for name, modes in (
+            ("xbr_mode", XbrMode),
+            ("transmission_mode", TransmissionMode),
+            ("xbr_ebi_mode", XbrEbiMode),
+        ):
+            values[name] = modes(int(values[name]))
+    except ValueError as error:
+        raise InputError(f"recorded command: {name} = {values[name]!r}: {error}") from error
+    return VehicleCommand(**values)
