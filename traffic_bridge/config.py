@@ -17,6 +17,7 @@ from traffic_bridge.vehicle_types import VehicleType, default_types, type_from_d
 # Spawn probability per second and lane of the paper's three densities (section VI-C).
 DENSITIES = {"dense": 0.05, "medium": 0.02, "sparse": 0.005, "empty": 0.0}
 LANE_CHANGE_MODELS = ("lc2013", "mobil")
+SCOPES = ("route", "both", "map")
 DEFAULT_MIX = (("car", 0.70), ("van", 0.12), ("truck", 0.08), ("articulated", 0.10))
 
 
@@ -40,7 +41,9 @@ class TrafficConfig:
       clear_distance: no vehicle appears within this distance of the ego [m].
       fill_ahead, fill_behind: stretch of road before and behind the ego that is populated at the
         beginning [m].
-      oncoming: traffic on the opposite lanes of the route's roads too.
+      scope: where traffic drives: "route" along the ego's route; "both" on the opposite lanes of
+        its roads too; "map" from every entrance of the map to exits drawn by chance, turning at
+        junctions, beside the flow along the route.
       footprint: size of the ego combination.
       events: what happens at a time or station, see `traffic_bridge.events`.
       departures: vehicles that come by a list, beside those that come by chance.
@@ -60,7 +63,7 @@ class TrafficConfig:
     clear_distance: float = 150.0
     fill_ahead: float = 15_000.0
     fill_behind: float = 2_000.0
-    oncoming: bool = False
+    scope: str = "route"
     footprint: EgoFootprint = field(default_factory=EgoFootprint)
     events: tuple[Event, ...] = ()
     departures: tuple[Departure, ...] = ()
@@ -87,6 +90,8 @@ class TrafficConfig:
             raise InputError(
                 f"lane_change {self.lane_change!r}: allowed are {', '.join(LANE_CHANGE_MODELS)}"
             )
+        if self.scope not in SCOPES:
+            raise InputError(f"scope {self.scope!r}: allowed are {', '.join(SCOPES)}")
         _in_range("speed_limit", self.speed_limit, 1.0, 70.0)
         _in_range("view_range", self.view_range, 10.0, 5_000.0)
         _in_range("step_length", self.step_length, 0.01, 1.0)
@@ -130,6 +135,11 @@ class TrafficConfig:
             return DENSITIES[self.density]
         return float(self.density)  # type: ignore[arg-type]
 
+    @property
+    def oncoming(self) -> bool:
+        """Whether traffic drives on the opposite lanes of the route's roads too."""
+        return self.scope != "route"
+
     def type_of(self, name: str) -> VehicleType:
         """The vehicle type of a name.
 
@@ -155,6 +165,8 @@ class TrafficConfig:
         """
         try:
             given = dict(values)
+            if "oncoming" in given:  # recordings of version 0.1
+                given["scope"] = "both" if given.pop("oncoming") else "route"
             given["types"] = tuple(type_from_dict(entry) for entry in given["types"])
             given["mix"] = tuple((str(kind), float(weight)) for kind, weight in given["mix"])
             given["footprint"] = EgoFootprint(**given["footprint"])

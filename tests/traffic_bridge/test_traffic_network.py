@@ -129,7 +129,7 @@ def test_a_cache_folder_that_cannot_be_made_is_named(straight, monkeypatch, tmp_
 
 def test_oncoming_traffic_runs_on_the_opposite_lanes():
     route = RoadMap.from_opendrive(esmini("e6mini")).route()
-    config = TrafficConfig(density=0.1, oncoming=True)
+    config = TrafficConfig(density=0.1, scope="both")
     with PureSim(route, config, seed=1) as traffic:
         before = {v.id: v for v in traffic.reset()}
         for _ in range(10):
