@@ -16,6 +16,8 @@ SHADOW = "shadow"
 OVERLAP = 0.3
 # moveToXY: 2 keeps the exact pose, 0 and 1 would snap it to the lane's centre.
 EXACT_POSE = 2
+FASTEST = 60.0  # [m/s]: a truck that is farther away has been moved, not driven
+ROLLBACK = 0.3  # [m] that a truck may roll back before it is moved
 MATCH_RADIUS = 30.0  # [m] in which SUMO looks for the truck's lane; its default of 100 costs more
 
 
@@ -39,8 +41,71 @@ def ego_type_xml(footprint: EgoFootprint) -> str:
     )
 
 
+class _Placed:
+    """A vehicle of SUMO that is where it is told to be.
+
+    SUMO's search for the place of a point of the map costs more than all else in a step, and is not
+    exact in bends. So the vehicle is driven along its lane, at the speed that takes it to its place
+    in one step, and set over where it changes lanes. Only beside the lanes a point is searched.
+
+    Args:
+      session: the running SUMO.
+      lanes: of the route.
+      name: of the vehicle.
+      step: length of a step [s].
+    """
+
+    def __init__(self, session: Session, lanes: RouteLanes, name: str, step: float) -> None:
+        self.name = name
+        self._api = session.api
+        self._lanes = lanes
+        self._step = step
+        vehicle = self._api.vehicle
+        vehicle.add(name, "along.0", typeID=EGO, departSpeed="0")
+        vehicle.setSpeedMode(name, 0)
+        vehicle.setLaneChangeMode(name, 0)
+
+    def remove(self) -> None:
+        """Takes it out of the traffic."""
+        self._api.vehicle.remove(self.name)
+
+    def put(self, table: LaneTable, position: float, side: float, speed: float) -> None:
+        """Has it at a place on a lane after the coming step.
+
+        Args:
+          table: the lane.
+          position: along it [m].
+          side: distance from the lane's centre, positive to the left [m].
+          speed: its own [m/s].
+        """
+        vehicle = self._api.vehicle
+        here = vehicle.getLaneID(self.name)
+        way = None
+        if here:
+            way = self._lanes.way(here, vehicle.getLanePosition(self.name), table, position)
+        if way is None or not -ROLLBACK <= way <= FASTEST * self._step:
+            way = min(speed * self._step, position)
+            vehicle.moveTo(self.name, table.id, position - way)
+        vehicle.setSpeed(self.name, max(way, 0.0) / self._step)
+        vehicle.setLateralLanePosition(self.name, side)
+
+    def move(self, x: float, y: float, yaw: float, speed: float) -> None:
+        """Has it at a point beside the lanes after the coming step, in SUMO's coordinates."""
+        angle = 90.0 - math.degrees(yaw)
+        vehicle = self._api.vehicle
+        vehicle.moveToXY(self.name, "", -1, x, y, angle, EXACT_POSE, MATCH_RADIUS)
+        vehicle.setSpeed(self.name, speed)
+
+
 class EgoInTraffic:
     """Places the truck in SUMO every step.
+
+    Args:
+      session: the running SUMO.
+      lanes: of the route.
+      route: the ego's road.
+      footprint: size of the combination.
+      step: length of a step [s].
 
     SUMO's lane-based world knows one lane per vehicle. While the truck straddles two lanes, in a
     lane change or with its trailer still in the old lane, a second vehicle of the same length (the
@@ -48,15 +113,21 @@ class EgoInTraffic:
     """
 
     def __init__(
-        self, session: Session, lanes: RouteLanes, route: Route, footprint: EgoFootprint
+        self,
+        session: Session,
+        lanes: RouteLanes,
+        route: Route,
+        footprint: EgoFootprint,
+        step: float,
     ) -> None:
         self._session = session
         self._api = session.api
         self._lanes = lanes
         self._route = route
         self._footprint = footprint
-        self._present = False
-        self._shadow: str | None = None
+        self._step = step
+        self._truck: _Placed | None = None
+        self._shadow: _Placed | None = None
         self._shadows = 0
 
     def front(self, ego: EgoState) -> tuple[float, float, float, float]:
@@ -70,77 +141,64 @@ class EgoInTraffic:
         """Moves the truck (and its shadow) to where it is at the end of the coming step."""
         x, y, station, offset = self.front(ego)
         lane = self._route.lane_at(station, offset)
-        table = self._lanes.find(lane, station) if lane >= 0 else None
         with self._session.guard("placing the ego truck"):
             if station >= self._route.length - 1.0:
                 # SUMO would let it arrive and forget it.
                 self._remove()
                 return
-            if not self._present:
-                self._add(EGO)
-                self._present = True
-            if table is None:
-                x, y = self._lanes.to_sumo(x, y)
-            else:
-                x, y = self._in_lane(table, station, offset)
-            self._move(EGO, x, y, ego.yaw, max(ego.speed, 0.0), table)
+            if self._truck is None:
+                self._truck = _Placed(self._session, self._lanes, EGO, self._step)
+            self._put(self._truck, ego, station, offset, lane, (x, y))
             self._place_shadow(ego, station, lane)
+
+    def _put(
+        self,
+        placed: _Placed,
+        ego: EgoState,
+        station: float,
+        offset: float,
+        lane: int,
+        point: tuple[float, float],
+    ) -> None:
+        speed = max(ego.speed, 0.0)
+        if lane >= 0:
+            table = self._lanes.covering(lane, station) or self._lanes.find(lane, station)
+            if table is not None:
+                position = table.position_of(station)
+                placed.put(table, position, offset - table.at(position)[1], speed)
+                return
+        placed.move(*self._lanes.to_sumo(*point), ego.yaw, speed)
 
     def _place_shadow(self, ego: EgoState, station: float, lane: int) -> None:
         second = self._second_lane(ego, station, lane)
-        if second is None:
+        if second < 0:
             self._remove_shadow()
             return
         if self._shadow is None:
-            self._shadow = f"{SHADOW}.{self._shadows}"
+            name = f"{SHADOW}.{self._shadows}"
             self._shadows += 1
-            self._add(self._shadow)
-        center = second.at(second.position_of(station))[1]
-        x, y = self._in_lane(second, station, center)
-        yaw = float(self._route.evaluate(station).heading)
-        self._move(self._shadow, x, y, yaw, max(ego.speed, 0.0), second)
+            self._shadow = _Placed(self._session, self._lanes, name, self._step)
+        offset = float(self._route.lane_offset(second, station))
+        point = self._route.evaluate(station, offset)
+        self._put(self._shadow, ego, station, offset, second, (float(point.x), float(point.y)))
 
-    def _in_lane(self, table: LaneTable, station: float, offset: float) -> tuple[float, float]:
-        """SUMO's coordinates of a point on a lane, by station: so the gaps to others are exact.
-
-        SUMO maps positions to coordinates unevenly in bends (see `lanes`), by up to some metres.
-        """
-        position = table.position_of(station)
-        x, y = table.point_at(position)
-        side = offset - table.at(position)[1]
-        heading = float(self._route.evaluate(station).heading)
-        return x - side * math.sin(heading), y + side * math.cos(heading)
-
-    def _second_lane(self, ego: EgoState, station: float, lane: int) -> LaneTable | None:
-        """The lane other than the ego's that tractor or trailer reaches into."""
+    def _second_lane(self, ego: EgoState, station: float, lane: int) -> int:
+        """The lane other than the ego's that tractor or trailer reaches into, -1 for none."""
         half = 0.5 * self._footprint.width - OVERLAP
         offsets = (ego.offset, ego.trailer_offset)
         for edge in (max(offsets) + half, min(offsets) - half):
             other = self._route.lane_at(station, edge)
-            if other not in (-1, lane):
-                return self._lanes.find(other, station)
-        return None
-
-    def _add(self, name: str) -> None:
-        self._api.vehicle.add(name, "along.0", typeID=EGO, departSpeed="0")
-        self._api.vehicle.setSpeedMode(name, 0)
-        self._api.vehicle.setLaneChangeMode(name, 0)
-
-    def _move(
-        self, name: str, x: float, y: float, yaw: float, speed: float, table: LaneTable | None
-    ) -> None:
-        edge, index = (table.edge, table.index) if table else ("", -1)
-        angle = 90.0 - math.degrees(yaw)
-        self._api.vehicle.moveToXY(name, edge, index, x, y, angle, EXACT_POSE, MATCH_RADIUS)
-        self._api.vehicle.setSpeed(name, speed)
+            if other not in (-1, lane) and self._lanes.find(other, station) is not None:
+                return other
+        return -1
 
     def _remove_shadow(self) -> None:
         if self._shadow is not None:
-            self._api.vehicle.remove(self._shadow)
+            self._shadow.remove()
             self._shadow = None
 
     def _remove(self) -> None:
         self._remove_shadow()
-        if self._present:
-            self._api.vehicle.remove(EGO)
-            self._present = False
+        if self._truck is not None:
+            self._truck.remove()
+            self._truck = None

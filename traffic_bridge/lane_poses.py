@@ -57,8 +57,8 @@ class LanePoses:
         """
         if self._stacked != len(self.tables):
             self._stack()
-        last = self._last.take(lane)
-        place = position * self._scale.take(lane)
+        last, scale = self._last.take(lane), self._scale.take(lane)
+        place = position * scale
         inside = np.minimum(np.maximum(place, 0.0), last)
         index = np.minimum(inside.astype(np.intp), last - 1)
         t = inside - index
@@ -71,10 +71,10 @@ class LanePoses:
             u + t * ((3.0 * rise - 2.0 * u - v) + t * (u + v - 2.0 * rise))
         )
         result[_CUBIC:] = a[_LINEAR:] + t * (b[_LINEAR:] - a[_LINEAR:])
-        beyond = place - inside
-        if beyond.any():
+        if not np.array_equal(place, inside):
+            beyond = place - inside
             result[:_CUBIC] += beyond * np.where(beyond < 0.0, u, v)
-            way = beyond / self._scale.take(lane)
+            way = beyond / scale
             result[_CUBIC] += way * self.direction.take(lane)
         return result
 

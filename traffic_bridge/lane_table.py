@@ -43,7 +43,6 @@ class LaneTable:
       length: as SUMO counts positions [m].
       spacing: between samples, in SUMO's positions [m].
       station, offset: of the lane's centre at the samples, on the route [m], shape (n,).
-      x, y: of SUMO's lane at the samples, in SUMO's coordinates [m], shape (n,).
       pose: x, y, z, heading, pitch, roll, curvature of the lane's centre on the road's surface in
         its own direction, in the map frame, heading continuous, shape (7, n).
     """
@@ -57,8 +56,6 @@ class LaneTable:
     spacing: float
     station: FloatArray
     offset: FloatArray
-    x: FloatArray
-    y: FloatArray
     pose: FloatArray
 
     @property
@@ -80,14 +77,6 @@ class LaneTable:
             float(s[i] + part * (s[i + 1] - s[i])) + self.direction * (position - inside),
             float(d[i] + part * (d[i + 1] - d[i])),
         )
-
-    def point_at(self, position: float) -> tuple[float, float]:
-        """Point (x, y) of SUMO's lane at a position, in SUMO's coordinates."""
-        place = min(max(position / self.spacing, 0.0), len(self.x) - 1.0)
-        i = min(int(place), len(self.x) - 2)
-        part = place - i
-        x, y = self.x, self.y
-        return float(x[i] + part * (x[i + 1] - x[i])), float(y[i] + part * (y[i + 1] - y[i]))
 
     def position_of(self, station: float) -> float:
         """Position along the lane of a station, clipped to the lane [m]."""

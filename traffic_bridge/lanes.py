@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from bisect import bisect_right
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, overload
 
@@ -31,6 +32,7 @@ from traffic_bridge.session import Session
 FloatArray = NDArray[np.float64]
 
 GAP = 10.0  # [m] between edges, at most: netconvert's internal lanes at a change of lanes
+HOPS = 4  # lanes the truck may pass in one step: those inside junctions can be short
 NET_SPEED = 13.89  # [m/s], netconvert's default for OpenDRIVE roads
 UNLIMITED = 70.0  # [m/s], where a road has no speed limit
 
@@ -62,7 +64,8 @@ class RouteLanes:
         with session.guard("reading the network"):
             self.edges = network.route_edges or self._edges_of_segments(1)
             self._build(self.edges, 1)
-            self._ordered = self._in_station_order()
+            self._ordered = _by_lane(t for edge in self.edges for t in self.of_edge(edge))
+            self._whole = _by_lane(t for t in self.tables.values() if t.lane >= 0)
             self.oncoming_edges: tuple[str, ...] = ()
             if oncoming and not network.route_edges:
                 self._kinds = lane_kinds(network.path)
@@ -117,16 +120,6 @@ class RouteLanes:
         tables = (self.tables[f"{edge}_{i}"] for i in range(count))
         return [table for table in tables if table.lane >= 0 or self._is_oncoming(table)]
 
-    def _in_station_order(self) -> dict[int, tuple[list[float], list[LaneTable]]]:
-        """First stations and tables of the edges' lanes, by route lane."""
-        ordered: dict[int, tuple[list[float], list[LaneTable]]] = {}
-        for edge in self.edges:
-            for table in self.of_edge(edge):
-                starts, tables = ordered.setdefault(table.lane, ([], []))
-                starts.append(float(table.station[0]))
-                tables.append(table)
-        return ordered
-
     def _is_oncoming(self, table: LaneTable) -> bool:
         return table.direction < 0 and self._kinds.get(table.id, "driving") in DRIVING_TYPES
 
@@ -143,6 +136,35 @@ class RouteLanes:
         ]
         distance, _, table = min(near, default=(math.inf, 0, None))
         return table if distance <= GAP else None
+
+    def covering(self, lane: int, station: float) -> LaneTable | None:
+        """The SUMO lane of a route lane at a station, internal ones included; None in a gap."""
+        starts, tables = self._whole.get(lane, ([], []))
+        k = bisect_right(starts, station) - 1
+        return tables[k] if k >= 0 and station <= tables[k].station[-1] else None
+
+    def way(self, begin: str, position: float, end: LaneTable, target: float) -> float | None:
+        """Distance to drive from a place on one lane to a place on another that it leads to [m].
+
+        Args:
+          begin: SUMO's lane where it begins.
+          position: on it [m].
+          end: the lane where it ends, at most `HOPS` lanes on.
+          target: position on it [m].
+
+        Returns:
+          The distance as SUMO counts it, None where the one lane does not lead to the other.
+        """
+        name, covered = end.id, target
+        for _ in range(HOPS):
+            if name == begin:
+                return covered - position
+            before = self.before(name)
+            if begin not in before and len(before) != 1:
+                return None
+            name = begin if begin in before else before[0]
+            covered += self.table(name).length
+        return None
 
     def within(self, start: float, end: float, lane: int | None = None) -> list[LaneTable]:
         """Driving lanes of the route that overlap an interval of station."""
@@ -247,7 +269,7 @@ class RouteLanes:
         spacing = length / (len(station) - 1)
         pose = route_pose(self._route, station, offset, direction)
         table = LaneTable(
-            name, edge, index, lane, direction, length, spacing, station, offset, x, y, pose
+            name, edge, index, lane, direction, length, spacing, station, offset, pose
         )
         self.tables[name] = table
         self._set_rules(table)
@@ -266,9 +288,7 @@ class RouteLanes:
         heading = np.unwrap(np.arctan2(np.gradient(map_y), np.gradient(map_x)))
         flat = np.zeros_like(z)
         pose = with_curvature(np.stack((map_x, map_y, z, heading, flat, flat)))
-        return LaneTable(
-            name, edge, int(index), -1, 0, length, spacing, station, offset, x, y, pose
-        )
+        return LaneTable(name, edge, int(index), -1, 0, length, spacing, station, offset, pose)
 
     def _find_before(self) -> None:
         """Which lanes lead onto which, over the internal lanes of junctions."""
@@ -303,6 +323,16 @@ class RouteLanes:
         if table.edge.startswith(":") and self._api.lane.getMaxSpeed(table.id) < NET_SPEED - 0.1:
             return
         self._api.lane.setMaxSpeed(table.id, limit)
+
+
+def _by_lane(tables: Iterable[LaneTable]) -> dict[int, tuple[list[float], list[LaneTable]]]:
+    """First stations and tables in the order of stations, by route lane."""
+    ordered: dict[int, tuple[list[float], list[LaneTable]]] = {}
+    for table in sorted(tables, key=lambda table: (table.station[0], table.id)):
+        starts, found = ordered.setdefault(table.lane, ([], []))
+        starts.append(float(table.station[0]))
+        found.append(table)
+    return ordered
 
 
 def _even(route: Route, tables: list[LaneTable]) -> list[LaneTable]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from iits_mj.messages import EgoState
 from iits_mj.road import Route
-from traffic_bridge.frame import VehicleFrame
+from traffic_bridge.frame import COLUMNS, VehicleFrame
 from traffic_bridge.lanes import RouteLanes
 from traffic_bridge.session import Session
 from traffic_bridge.smoothing import LateralSmoother
@@ -22,6 +22,13 @@ VIEW_MARGIN = 30.0  # [m]: lanes are chosen by their ends and bends, vehicles by
 VIEW_KEPT = 50.0  # [m] the ego moves before the lanes in view are chosen again
 HISTORY = 4  # lanes a vehicle remembers: a long one can stand on several short ones
 TIGHT_TURN = 2.0  # [m/s] below which a sideways motion turns the box no further
+_TURN = 2.0 * np.pi
+# Rows of a frame's columns.
+_SPEED, _ACCELERATION, _LATERAL = (
+    COLUMNS.index(name) for name in ("speed", "acceleration", "lateral_speed")
+)
+_ROAD = slice(COLUMNS.index("station"), COLUMNS.index("offset") + 1)
+_SIZE = slice(COLUMNS.index("length"), COLUMNS.index("height") + 1)
 # Reading a lane's list of vehicles costs about as much as reading the lane of three vehicles.
 LANE_COST = 3
 
@@ -65,15 +72,21 @@ class Observation:
         self._step = step_length
         self._smoother = LateralSmoother(lane_change_duration)
         self._bodies: dict[str, _Body] = {}
-        self._on: dict[str, str] = {}
+        self._last_lane: dict[str, str] = {}
         self._history: dict[str, tuple[str, ...]] = {}
         self._view_place: tuple[float, float] | None = None
         self._view: list[str] = []
+        # Of the last reading: names, lanes and what they are; most often they are the same now.
+        self._names: list[str] = []
+        self._on: list[str] = []
+        self._kinds: list[str] = []
+        self._size: FloatArray = np.zeros((3, 0))
+        self._lane: IntArray = np.zeros(0, dtype=np.intp)
 
     def forget(self, name: str) -> None:
         """Drops a vehicle that has left."""
         self._bodies.pop(name, None)
-        self._on.pop(name, None)
+        self._last_lane.pop(name, None)
         self._history.pop(name, None)
 
     def read(self, ego: EgoState | None) -> VehicleFrame:
@@ -83,32 +96,26 @@ class Observation:
         if not names:
             self._smoother.clear()
             return VehicleFrame.empty()
-        self._note_lanes(names, on)
+        self._note(names, [on[name] for name in names])
         vehicle = self._api.vehicle
-        position = np.array([vehicle.getLanePosition(name) for name in names])
-        speed = np.array([vehicle.getSpeed(name) for name in names])
-        acceleration = np.array([vehicle.getAcceleration(name) for name in names])
-        bodies = [self._body(name) for name in names]
-        size = np.array([body.size for body in bodies]).T
-        number = self._lanes.poses.number
-        lane = np.array([number(on[name]) for name in names], dtype=np.intp)
-        middle = position - 0.5 * size[0]
-        for k in np.flatnonzero(middle < 0.0).tolist():
-            lane[k], middle[k] = self._behind(names[k], on[names[k]], float(middle[k]))
-        x, y, z, station, offset, heading, pitch, roll, curvature = self._lanes.poses.evaluate(
-            lane, middle
-        )
-        direction = self._lanes.poses.direction.take(lane)
-        route_lane = self._lanes.poses.route_lane.take(lane)
-        yaw, yaw_rate = heading, curvature * speed
-        lateral = np.zeros_like(speed)
+        columns = np.empty((len(COLUMNS), len(names)))
+        columns[_SIZE] = self._size
+        speed, acceleration = columns[_SPEED], columns[_ACCELERATION]
+        speed[:] = [vehicle.getSpeed(name) for name in names]
+        acceleration[:] = [vehicle.getAcceleration(name) for name in names]
+        middle = np.array([vehicle.getLanePosition(name) for name in names])
+        middle -= 0.5 * self._size[0]
+        lane = self._lane
+        if middle.min() < 0.0:
+            lane = lane.copy()
+            for k in np.flatnonzero(middle < 0.0).tolist():
+                lane[k], middle[k] = self._behind(names[k], on[names[k]], float(middle[k]))
+        poses = self._lanes.poses
+        x, y, z, station, offset, heading, pitch, roll, curvature = poses.evaluate(lane, middle)
+        direction, route_lane = poses.direction.take(lane), poses.route_lane.take(lane)
+        yaw, yaw_rate, lateral = heading, curvature * speed, 0.0
         shift = self._smoother.update(
-            names,
-            np.stack((x, y, heading)),
-            speed,
-            size,
-            np.stack((station, offset, direction)),
-            self._step,
+            names, (x, y, heading), speed, self._size, (station, offset, direction), self._step
         )
         if shift is not None:
             residual, lateral, bend = shift
@@ -122,25 +129,11 @@ class Observation:
             for k in np.flatnonzero(residual).tolist():
                 if direction[k] > 0:
                     route_lane[k] = self._route.lane_at(float(station[k]), float(offset[k]))
-        yaw = np.remainder(yaw + np.pi, 2.0 * np.pi) - np.pi
-        columns = np.stack(
-            (
-                x,
-                y,
-                z,
-                yaw,
-                pitch,
-                roll,
-                yaw_rate,
-                speed,
-                acceleration,
-                lateral,
-                station,
-                offset,
-                *size,
-            )
-        )
-        frame = VehicleFrame(names, [body.kind for body in bodies], route_lane, columns)
+        columns[:3] = x, y, z
+        columns[3:7] = yaw - _TURN * np.round(yaw / _TURN), pitch, roll, yaw_rate
+        columns[_LATERAL] = lateral
+        columns[_ROAD] = station, offset
+        frame = VehicleFrame(names, self._kinds, route_lane, columns)
         return frame if ego is None else frame.near(ego.x, ego.y, self._range)
 
     # Which vehicles ----------------------------------------------------------------------------
@@ -173,17 +166,25 @@ class Observation:
         self._view_place = (x, y)
         return self._view
 
-    def _note_lanes(self, names: list[str], on: dict[str, str]) -> None:
-        """Remembers where the vehicles came from."""
-        before = self._on
-        for name in names:
-            lane = on[name]
+    def _note(self, names: list[str], on: list[str]) -> None:
+        """Looks up what each vehicle is and where it came from, where that is not as before."""
+        if names == self._names and on == self._on:
+            return
+        if names != self._names:
+            bodies = [self._body(name) for name in names]
+            self._kinds = [body.kind for body in bodies]
+            self._size = np.array([body.size for body in bodies]).T
+        before = self._last_lane
+        for name, lane in zip(names, on, strict=True):
             last = before.get(name)
             if last != lane:
                 before[name] = lane
                 if last is not None:
                     history = self._history.get(name, ())
                     self._history[name] = (last, *history)[:HISTORY]
+        number = self._lanes.poses.number
+        self._lane = np.array([number(lane) for lane in on], dtype=np.intp)
+        self._names, self._on = names, on
 
     def _behind(self, name: str, lane: str, position: float) -> tuple[int, float]:
         """Lane and position of a place before the beginning of a vehicle's lane."""

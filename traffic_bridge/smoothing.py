@@ -10,12 +10,14 @@ in the new lane already, lets it pass.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+Rows = Sequence[FloatArray]
 
 JUMP = 0.3  # [m] in one step: more than any lane's taper or a map's seam moves a vehicle
 SLOW = 5.0  # [m/s] below which a lane change takes longer, in proportion: nobody slides sideways
@@ -82,35 +84,35 @@ class LateralSmoother:
         self.duration = duration
         self._names: list[str] = []
         self._place: dict[str, int] = {}
-        self._last: FloatArray = np.zeros((3, 0))
+        self._last: Rows = ()
         self._changes: dict[str, _Change] = {}
         self._urgent: set[str] = set()
 
     def clear(self) -> None:
         """Forgets all vehicles."""
-        self._names, self._place, self._last = [], {}, np.zeros((3, 0))
+        self._names, self._place, self._last = [], {}, ()
         self._changes.clear()
         self._urgent.clear()
 
     def update(
         self,
         names: list[str],
-        pose: FloatArray,
+        pose: Rows,
         speed: FloatArray,
         size: FloatArray,
-        road: FloatArray,
+        road: Rows,
         dt: float,
     ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
         """How far beside their lane's centre the vehicles are shown after a step.
 
         Args:
           names: of the n vehicles; vehicles that are not named are forgotten.
-          pose: x, y and heading of the lanes' centres under the boxes' centres, shape (3, n) [m],
-            [rad].
+          pose: x, y and heading of the lanes' centres under the boxes' centres [m], [rad], each of
+            shape (n,).
           speed: [m/s], shape (n,).
           size: length and width, shape (2, n) or more rows [m].
           road: station, offset of the lanes' centres on the route [m] and the direction on it (+1
-            along, -1 against, 0 on another road), shape (3, n).
+            along, -1 against, 0 on another road), each of shape (n,).
           dt: since the last update [s].
 
         Returns:
@@ -143,25 +145,26 @@ class LateralSmoother:
         self._urgent = {
             name
             for name, change in self._changes.items()
-            if road[2, place[name]] != 0.0
+            if road[2][place[name]] != 0.0
             and self._hasten(place[name], change, road, shown[0], speed, size)
         }
         return shown[0], shown[1], shown[2]
 
-    def _jumps(self, names: list[str], pose: FloatArray) -> list[tuple[int, float]]:
+    def _jumps(self, names: list[str], pose: Rows) -> list[tuple[int, float]]:
         """Vehicles whose lane's centre has leapt sideways, and how far to the left [m]."""
         if not self._names:
             return []
-        last = self._last
+        old_x, old_y, old_heading = self._last
         known: NDArray[np.bool_] | None = None
         if names != self._names:
             index = np.array([self._place.get(name, -1) for name in names], dtype=np.intp)
             known = index >= 0
-            last = last[:, index]
-        moved = pose - last
-        turn = moved[2] - 2.0 * np.pi * np.round(moved[2] / (2.0 * np.pi))
-        heading = last[2] + 0.5 * turn
-        across = moved[1] * np.cos(heading) - moved[0] * np.sin(heading)
+            old_x, old_y, old_heading = old_x[index], old_y[index], old_heading[index]
+        x, y, heading = pose
+        turn = heading - old_heading
+        turn -= 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
+        course = old_heading + 0.5 * turn
+        across = (y - old_y) * np.cos(course) - (x - old_x) * np.sin(course)
         leapt = np.abs(across) > JUMP
         if known is not None:
             leapt &= known
@@ -179,7 +182,7 @@ class LateralSmoother:
         self,
         i: int,
         change: _Change,
-        road: FloatArray,
+        road: Rows,
         residual: FloatArray,
         speed: FloatArray,
         size: FloatArray,

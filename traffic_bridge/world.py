@@ -59,7 +59,7 @@ class World:
             self.signals = TrafficController(self.session, lanes, self.vehicles)
             rng = np.random.default_rng(seed)
             self._demand = Demand(self.session, lanes, self.vehicles, config, rng)
-        self._ego = EgoInTraffic(self.session, lanes, route, config.footprint)
+        self._ego = EgoInTraffic(self.session, lanes, route, config.footprint, config.step_length)
         self._with_ego = with_ego
         self._api = self.session.api
         self._observation = Observation(
