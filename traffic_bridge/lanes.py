@@ -24,8 +24,9 @@ from traffic_bridge.lane_table import (
     locate_each,
     route_pose,
     sample_shape,
-    with_curvature,
+    surface_pose,
 )
+from traffic_bridge.map_network import MapNetwork
 from traffic_bridge.network import Network, lane_kinds
 from traffic_bridge.session import Session
 
@@ -54,7 +55,9 @@ class RouteLanes:
     ) -> None:
         self._session = session
         self._api = session.api
+        self._network = network
         self._offset = network.offset
+        self._map: MapNetwork | None = None
         self._route = route
         self.tables: dict[str, LaneTable] = {}
         self._kinds: dict[str, str] = {}
@@ -277,17 +280,14 @@ class RouteLanes:
 
     def _table_off_route(self, name: str) -> LaneTable:
         edge, _, index = name.rpartition("_")
-        length = self._api.lane.getLength(name)
+        if self._map is None:
+            self._map = MapNetwork(self._route.road_map, self._network)
         spacing = JUNCTION_SPACING if edge.startswith(":") else SAMPLE_SPACING
-        shape = np.asarray(self._api.lane.getShape(name), dtype=float)
-        x, y = sample_shape(shape, length, spacing)
-        map_x, map_y = self.to_map(x, y)
-        station, offset = locate_each(self._route, map_x, map_y)
+        surface = self._map.surface(name, spacing)
+        length = float(surface.position[-1])
+        station, offset = locate_each(self._route, surface.x, surface.y)
         spacing = length / (len(station) - 1)
-        z = self._route.evaluate(station, offset).z
-        heading = np.unwrap(np.arctan2(np.gradient(map_y), np.gradient(map_x)))
-        flat = np.zeros_like(z)
-        pose = with_curvature(np.stack((map_x, map_y, z, heading, flat, flat)))
+        pose = surface_pose(surface)
         return LaneTable(name, edge, int(index), -1, 0, length, spacing, station, offset, pose)
 
     def _find_before(self) -> None:
