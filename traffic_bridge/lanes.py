@@ -34,8 +34,6 @@ FloatArray = NDArray[np.float64]
 
 GAP = 10.0  # [m] between edges, at most: netconvert's internal lanes at a change of lanes
 HOPS = 4  # lanes the truck may pass in one step: those inside junctions can be short
-NET_SPEED = 13.89  # [m/s], netconvert's default for OpenDRIVE roads
-UNLIMITED = 70.0  # [m/s], where a road has no speed limit
 
 
 class RouteLanes:
@@ -312,17 +310,10 @@ class RouteLanes:
         return max(sorted(set(lanes)), key=lanes.count)
 
     def _set_rules(self, table: LaneTable) -> None:
-        """Speed limit from the map (netconvert drops the road's); no traffic beside the lanes."""
+        """No traffic beside the driving lanes."""
         drivable = table.lane >= 0 or self._is_oncoming(table)
         if not drivable and not table.edge.startswith(":"):
             self._api.lane.setDisallowed(table.id, ["all"])
-            return
-        station = float(table.station[len(table.station) // 2])
-        limit = min(self._route.speed_limit(station, max(table.lane, 0)), UNLIMITED)
-        # Inside a junction netconvert lowers its default speed where a turn is tight: keep that.
-        if table.edge.startswith(":") and self._api.lane.getMaxSpeed(table.id) < NET_SPEED - 0.1:
-            return
-        self._api.lane.setMaxSpeed(table.id, limit)
 
 
 def _by_lane(tables: Iterable[LaneTable]) -> dict[int, tuple[list[float], list[LaneTable]]]:
