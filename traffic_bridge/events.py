@@ -113,17 +113,26 @@ class LightProgramRun(Event):
     """Switches a traffic light to another program; when it ends, back to the one before.
 
     Attributes:
-      light: its name; program: of the light, or defined before.
+      light: its name; program: of the light.
+      phases: with them, the program is a new one: duration [s] and state of each phase.
     """
 
     name: ClassVar[str] = "light_program"
 
     light: str
     program: str
+    phases: tuple[tuple[float, str], ...] = ()
 
     def _check(self) -> None:
         self._text("light")
         self._text("program")
+        try:
+            phases = tuple((float(duration), str(state)) for duration, state in self.phases)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"{self.name}: phases = {self.phases!r}: must be pairs of duration and state"
+            ) from None
+        object.__setattr__(self, "phases", phases)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,7 +181,7 @@ class LaneClosure(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class StoppedVehicle(Event):
-    """A vehicle that stands on a lane; when it ends, it is gone.
+    """A vehicle that stands on a lane; when it ends, it drives on.
 
     It appears as soon as its place is free and who comes from behind can still stop.
 

@@ -1,188 +1,197 @@
-"""Traffic controller: traffic lights, speed limits and closed lanes of a running simulation."""
+"""Traffic controller: lights, limits, closed lanes and scripted vehicles of a running traffic."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
+from typing import Any
 
-from iits_mj.errors import InputError
+from traffic_bridge.config import TrafficConfig
+from traffic_bridge.demand import MOBIL_MODE
+from traffic_bridge.departures import Departure
+from traffic_bridge.event_runner import EventRunner
 from traffic_bridge.lanes import RouteLanes
+from traffic_bridge.lights import LightAhead, LightPhase, TrafficLights
+from traffic_bridge.limits import SpeedLimits
+from traffic_bridge.merging import MergeGuide
+from traffic_bridge.obstructions import CLOSURE_NOTICE, HAZARD_NOTICE, Obstructions
+from traffic_bridge.scripted import SUMO_MODE, Manner, Placement, ScriptedVehicles
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles import Vehicles
 
-BLOCKER = "blocker"
-BLOCKER_SPACING = 80.0  # [m] between the safety trucks of a long closure
-_LIGHTS = "rRyYgGuoOs"
-
 
 class TrafficController:
-    """Lights, limits and closures; PureSim and InterSim offer it as `traffic.signals`.
+    """Lights, limits, closures and scripts; PureSim and InterSim offer it as `traffic.signals`.
 
     Args:
       session: the running SUMO.
       lanes: of the route.
-      vehicles: where the standing trucks of closures are noted.
+      vehicles: where scripted vehicles are noted.
+      config: step length, lane-change model, events and departures.
+
+    Attributes:
+      traffic_lights, limits, obstructions: the parts that do the work; the methods here are the
+        short way to them.
     """
 
-    def __init__(self, session: Session, lanes: RouteLanes, vehicles: Vehicles) -> None:
-        self._session = session
-        self._vehicles = vehicles
-        self._api = session.api
+    def __init__(
+        self, session: Session, lanes: RouteLanes, vehicles: Vehicles, config: TrafficConfig
+    ) -> None:
         self._lanes = lanes
-        self._limits: dict[str, float] = {}
-        self._closures: dict[int, list[str]] = {}
-        self._count = 0
-        self._defined = False
+        self._vehicles = vehicles
+        self._config = config
+        mode = MOBIL_MODE if config.lane_change == "mobil" else SUMO_MODE
+        self.traffic_lights = TrafficLights(session, lanes)
+        self.limits = SpeedLimits(session, lanes, vehicles, config.step_length)
+        self._guide = MergeGuide(session, lanes, vehicles, config.step_length)
+        self._scripted = ScriptedVehicles(session, lanes, vehicles, mode)
+        self.obstructions = Obstructions(lanes, self._scripted, self._guide, config)
+        self._departures = sorted(config.departures, key=lambda departure: departure.time)
+        self._departed = 0
+        self._events = EventRunner(config.events, self)
+
+    # The run -----------------------------------------------------------------------------------
+
+    def begin(self, ego_station: float | None) -> None:
+        """Checks all events and departures against net and route; begins what is due at once.
+
+        Raises:
+          InputError: an event or departure names a lane, light or type that is not there.
+        """
+        for number, departure in enumerate(self._departures):
+            self._scripted.check(self._placement(number, departure))
+        self._events.check()
+        self._events.step(0.0, ego_station)
+
+    def step(self, time: float, ego_station: float | None) -> None:
+        """Everything that is due before a step of the traffic.
+
+        Args:
+          time: of the traffic [s].
+          ego_station: of the truck's steer axle [m]; None without a truck.
+        """
+        self._events.step(time, ego_station)
+        while (
+            self._departed < len(self._departures)
+            and self._departures[self._departed].time <= time + 1e-9
+        ):
+            departure = self._departures[self._departed]
+            self._scripted.place([self._placement(self._departed, departure)])
+            self._departed += 1
+        self._scripted.step()
+        self._vehicles.dress()
+        self._guide.step()
+        self.limits.step()
 
     # Traffic lights ----------------------------------------------------------------------------
 
     def lights(self) -> tuple[str, ...]:
         """Names of the traffic lights of the net, sorted."""
-        return tuple(sorted(self._api.trafficlight.getIDList()))
+        return self.traffic_lights.names()
 
     def state(self, light: str) -> str:
-        """State of a light, one letter a link: r red, y yellow, g and G green, u red-yellow."""
-        self._check_light(light)
-        return str(self._api.trafficlight.getRedYellowGreenState(light))
+        """State of a light, one letter a link, see `LightPhase`."""
+        return self.traffic_lights.state(light)
 
     def set_state(self, light: str, state: str) -> None:
-        """Sets a light by hand; it stays until `run_program`.
-
-        Args:
-          light: its name.
-          state: one letter a link as `state` gives them, or a single letter for all links.
-
-        Raises:
-          InputError: no such light, a wrong letter or a wrong number of letters.
-        """
-        links = len(self.state(light))
-        state = state * links if len(state) == 1 else state
-        if len(state) != links or any(letter not in _LIGHTS for letter in state):
-            raise InputError(
-                f"state {state!r} of traffic light {light!r}: {links} letters of {_LIGHTS!r}"
-            )
-        with self._session.guard(f"setting traffic light {light}"):
-            self._api.trafficlight.setRedYellowGreenState(light, state)
+        """Sets a light by hand, see `TrafficLights.set_state`."""
+        self.traffic_lights.set_state(light, state)
 
     def programs(self, light: str) -> tuple[str, ...]:
         """Names of a light's programs."""
-        self._check_light(light)
-        return tuple(logic.programID for logic in self._api.trafficlight.getAllProgramLogics(light))
+        return self.traffic_lights.programs(light)
+
+    def phases(self, light: str, program: str | None = None) -> tuple[LightPhase, ...]:
+        """The phases of a program, of the running one by default."""
+        return self.traffic_lights.phases(light, program)
+
+    def define_program(self, light: str, program: str, phases: Sequence[LightPhase]) -> None:
+        """Adds a program of one's own, see `TrafficLights.define_program`."""
+        self.traffic_lights.define_program(light, program, phases)
 
     def run_program(self, light: str, program: str = "0") -> None:
-        """Lets a light run by one of its programs again."""
-        if program not in self.programs(light):
-            raise InputError(
-                f"program {program!r} of traffic light {light!r}: there are "
-                f"{', '.join(self.programs(light))}"
-            )
-        with self._session.guard(f"setting traffic light {light}"):
-            self._api.trafficlight.setProgram(light, program)
+        """Lets a light run by one of its programs."""
+        self.traffic_lights.run_program(light, program)
 
     def phase(self, light: str) -> int:
         """Index of the running phase of a light's program."""
-        self._check_light(light)
-        return int(self._api.trafficlight.getPhase(light))
+        return self.traffic_lights.phase(light)
+
+    def light_ahead(self, station: float, lane: int | None = None) -> LightAhead | None:
+        """The next light on the ego's route, see `TrafficLights.ahead`."""
+        return self.traffic_lights.ahead(station, lane)
 
     # Speed limits ------------------------------------------------------------------------------
 
     def set_speed_limit(
         self, limit: float, start: float = 0.0, end: float = math.inf, lane: int | None = None
     ) -> int:
-        """Sets a speed limit on every SUMO lane that overlaps an interval of the route.
+        """Sets a limit on a stretch of the route; a number for `lift_speed_limit` comes back.
 
-        A limit holds on whole SUMO lanes, which end where the map's roads or lane sections do.
-
-        Args:
-          limit: [m/s].
-          start: station [m].
-          end: station [m].
-          lane: index from the right; None for all lanes.
-
-        Returns:
-          The number of SUMO lanes changed.
-
-        Raises:
-          InputError: the limit is not between 1 and 70 m/s, or no lane lies in the interval.
+        See `SpeedLimits.set` for arguments and errors.
         """
-        if not (math.isfinite(limit) and 1.0 <= limit <= 70.0):
-            raise InputError(f"speed limit {limit!r} m/s: allowed is 1 to 70")
-        tables = self._lanes.within(start, end, lane)
-        if not tables:
-            raise InputError(f"no lane {lane} of the route between stations {start:g} and {end:g}")
-        for table in tables:
-            self._limits.setdefault(table.id, self._api.lane.getMaxSpeed(table.id))
-            self._api.lane.setMaxSpeed(table.id, limit)
-        return len(tables)
+        return self.limits.set(limit, start, end, lane)
+
+    def lift_speed_limit(self, number: int) -> None:
+        """Takes a limit away."""
+        self.limits.lift(number)
 
     def reset_speed_limits(self) -> None:
         """Gives every lane back the limit it had on the map."""
-        for lane, limit in self._limits.items():
-            self._api.lane.setMaxSpeed(lane, limit)
-        self._limits.clear()
+        self.limits.reset()
 
-    # Closed lanes ------------------------------------------------------------------------------
+    def speed_limit(self, station: float, lane: int = 0) -> float:
+        """The limit that holds at a station of a lane [m/s]."""
+        return self.limits.at(station, lane)
 
-    def close_lane(self, lane: int, start: float, end: float) -> int:
-        """Closes a lane by standing safety trucks, which the ego sees as vehicles too.
+    # Obstructions ------------------------------------------------------------------------------
 
-        Args:
-          lane: index from the right.
-          start: station [m].
-          end: station [m].
-
-        Returns:
-          A number to give to `open_lane`.
-
-        Raises:
-          InputError: the interval is not on the route, or the lane does not exist there.
-        """
-        if not (math.isfinite(start) and math.isfinite(end) and end > start):
-            raise InputError(f"closure from {start!r} to {end!r}: needs start < end, finite")
-        if not self._defined:
-            # A standing truck is a rigid truck to everybody who looks at it.
-            self._api.vehicletype.copy("truck", BLOCKER)
-            self._defined = True
-        number = self._count
-        self._count += 1
-        # All places are found before the first truck is put down: a closure is whole or not at all.
-        first = start + self._api.vehicletype.getLength(BLOCKER)
-        places = []
-        for k in range(max(int((end - first) / BLOCKER_SPACING) + 1, 1)):
-            station = first + k * BLOCKER_SPACING
-            table = self._lanes.find(lane, station)
-            if table is None:
-                raise InputError(f"lane {lane} does not exist at station {station:g}")
-            places.append((table, table.position_of(station)))
-        names: list[str] = []
-        for table, position in places:
-            name = f"{BLOCKER}.{number}.{len(names)}"
-            route = f"along.{self._lanes.edges.index(table.edge)}"
-            with self._session.guard(f"closing lane {lane}"):
-                self._api.vehicle.add(name, route, typeID=BLOCKER, departSpeed="0")
-                self._api.vehicle.moveTo(name, table.id, position)
-                self._api.vehicle.setSpeedMode(name, 0)
-                self._api.vehicle.setSpeed(name, 0.0)
-                self._api.vehicle.setLaneChangeMode(name, 0)
-            self._vehicles.add(name, "truck", 0.0)
-            names.append(name)
-        self._closures[number] = names
-        return number
+    def close_lane(
+        self, lane: int, start: float, end: float, notice: float = CLOSURE_NOTICE
+    ) -> int:
+        """Closes a lane, see `Obstructions.close_lane`; a number for `open_lane` comes back."""
+        return self.obstructions.close_lane(lane, start, end, notice)
 
     def open_lane(self, number: int) -> None:
-        """Takes a closure away.
+        """Takes a closure away."""
+        self.obstructions.open_lane(number)
 
-        Raises:
-          InputError: there is no such closure.
-        """
-        if number not in self._closures:
-            raise InputError(f"closure {number!r}: there are {sorted(self._closures)}")
-        for name in self._closures.pop(number):
-            with self._session.guard("opening a lane"):
-                self._api.vehicle.remove(name)
-            self._vehicles.forget(name)
+    def stop_vehicle(
+        self,
+        station: float,
+        lane: int = 0,
+        type: str = "car",
+        notice: float | None = HAZARD_NOTICE,
+    ) -> int:
+        """Lets a vehicle stand, see `Obstructions.stop_vehicle`; a number for `release`."""
+        return self.obstructions.stop_vehicle(station, lane, type, notice)
 
-    def _check_light(self, light: str) -> None:
-        if light not in self._api.trafficlight.getIDList():
-            raise InputError(
-                f"no traffic light {light!r} in the net; there are: {', '.join(self.lights())}"
-            )
+    def convoy(
+        self, station: float, speed: float, lane: int = 0, count: int = 3, type: str = "truck"
+    ) -> int:
+        """Puts a convoy on a lane, see `Obstructions.convoy`; a number for `release`."""
+        return self.obstructions.convoy(station, speed, lane, count, type)
+
+    def release(self, number: int) -> None:
+        """Lets a stopped vehicle or a convoy drive on as others do."""
+        self.obstructions.release(number)
+
+    def change_vehicles(self, target: str, values: dict[str, Any]) -> Callable[[], None]:
+        """Changes vehicles; what comes back undoes it, see `Vehicles.change`."""
+        return self._vehicles.change(target, **values)
+
+    # Inside ------------------------------------------------------------------------------------
+
+    def _placement(self, number: int, departure: Departure) -> Placement:
+        kind = self._config.type_of(departure.type)
+        station = departure.station
+        if station is None:
+            first = self._lanes.within(0.0, math.inf, departure.lane)
+            begin = min((float(table.station[0]) for table in first), default=0.0)
+            station = max(begin, 0.0) + kind.length + 0.5
+        speed = departure.speed
+        if speed is None:
+            speed = kind.desired_speed_mean * self._config.speed_limit
+        return Placement(
+            f"{kind.name}.d{number:05d}", kind.name, departure.lane, station, speed, Manner.FREE
+        )

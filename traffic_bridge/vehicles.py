@@ -104,6 +104,10 @@ class Vehicles:
             table.pop(name, None)
         self._scripted.discard(name)
 
+    def unscript(self, name: str) -> None:
+        """Notes that a vehicle drives as others do from now on."""
+        self._scripted.discard(name)
+
     # Reading -----------------------------------------------------------------------------------
 
     def ids(self) -> list[str]:
@@ -189,6 +193,7 @@ class Vehicles:
             before = self._values_of(target, values)
             self._set(target, values)
             return lambda: self._set(target, before) if target in self else None
+        self._drop_lost()
         members = [n for n in self.ids() if self._of_vehicle[n].name == target]
         befores = {name: self._values_of(name, values) for name in members}
         class_before = (
@@ -201,6 +206,7 @@ class Vehicles:
             self._set(name, values)
 
         def undo() -> None:
+            self._drop_lost()
             self._restore_class(target, values, class_before)
             for name in self.ids():
                 if self._of_vehicle[name].name == target:
@@ -220,6 +226,13 @@ class Vehicles:
         self._session.api.vehicle.setMaxSpeed(name, max(self.present_speed(name), 0.01))
 
     # Inside ------------------------------------------------------------------------------------
+
+    def _drop_lost(self) -> None:
+        """Forgets vehicles that SUMO gave up: for some seconds there was no room to depart."""
+        api = self._session.api
+        there = {*api.vehicle.getIDList(), *api.simulation.getPendingVehicles()}
+        for name in [name for name in self._of_vehicle if name not in there]:
+            self.forget(name)
 
     def _values_of(self, name: str, wanted: dict[str, Any]) -> dict[str, Any]:
         kind = self.type_of(name)

@@ -56,7 +56,7 @@ class World:
                 lanes.bind(self.session)
             self.lanes = lanes
             self.vehicles = Vehicles(self.session, config.types)
-            self.signals = TrafficController(self.session, lanes, self.vehicles)
+            self.signals = TrafficController(self.session, lanes, self.vehicles, config)
             rng = np.random.default_rng(seed)
             self._demand = Demand(self.session, lanes, self.vehicles, config, rng)
         self._ego = EgoInTraffic(self.session, lanes, route, config.footprint, config.step_length)
@@ -85,6 +85,7 @@ class World:
     def begin(self, ego: EgoState | None) -> VehicleFrame:
         """Populates the road around the ego and lets everybody depart; time is zero then."""
         with self.session.guard("populating the road"):
+            self.signals.begin(None if ego is None else ego.station)
             if ego is None:
                 self._demand.fill(None, -1, 0.0)
             else:
@@ -102,7 +103,9 @@ class World:
     def advance(self, ego: EgoState | None) -> VehicleFrame:
         """One step; the ego is where it is at the step's end. Returns the vehicles, by name."""
         with self.session.guard("adding vehicles"):
-            self._demand.spawn(None if ego is None else ego.station)
+            station = None if ego is None else ego.station
+            self._demand.spawn(station)
+            self.signals.step(self.time, station)
             if self._lane_changer is not None:
                 self._lane_changer.step(self.time, self._with_ego and ego is not None)
         if self._with_ego and ego is not None:

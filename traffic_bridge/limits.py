@@ -1,0 +1,226 @@
+"""Variable speed limits on stretches of the route, exact to the station.
+
+SUMO knows one limit a lane, and its lanes end where the map's roads or lane sections do. A stretch
+that covers whole lanes becomes their limit. Where it begins or ends inside a lane, every vehicle
+is held to what the stretch allows where it is, and before the stretch to the speed from which it
+reaches the limit at the sign with a part of its comfortable deceleration, as drivers do who see it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+from iits_mj.errors import InputError
+from traffic_bridge.lanes import LaneTable, RouteLanes
+from traffic_bridge.session import Session
+from traffic_bridge.vehicles import Vehicles
+
+LOWEST, HIGHEST = 1.0, 70.0  # [m/s]
+# Part of the comfortable deceleration that drivers take before a sign (judgement).
+APPROACH = 0.75
+SIGHT = 400.0  # [m] before a sign in which drivers may begin to brake
+SEAM = 1.0  # [m] by which a stretch may miss a lane's end and still cover it
+
+
+@dataclass(frozen=True)
+class LimitPiece:
+    """A stretch of one lane with one limit: stations [m] and limit [m/s]."""
+
+    start: float
+    end: float
+    limit: float
+
+
+@dataclass(frozen=True)
+class _Rule:
+    start: float
+    end: float
+    lane: int | None
+    limit: float
+
+
+class SpeedLimits:
+    """The limits that were set in the run; the traffic controller has one.
+
+    Args:
+      session: the running SUMO.
+      lanes: of the route.
+      vehicles: whose speeds are held.
+      step_length: [s].
+    """
+
+    def __init__(
+        self, session: Session, lanes: RouteLanes, vehicles: Vehicles, step_length: float
+    ) -> None:
+        self._session = session
+        self._api = session.api
+        self._lanes = lanes
+        self._vehicles = vehicles
+        self._step = step_length
+        self._rules: dict[int, _Rule] = {}
+        self._numbers = itertools.count()
+        self._of_map: dict[str, float] = {}
+        self._pieces: dict[int, list[LimitPiece]] = {}
+        self._watched: list[LaneTable] = []
+        self._held: set[str] = set()
+
+    def set(
+        self, limit: float, start: float = 0.0, end: float = math.inf, lane: int | None = None
+    ) -> int:
+        """Sets a limit on a stretch; of two that overlap, the later one holds.
+
+        Args:
+          limit: [m/s].
+          start: station [m]; drivers are at the limit there.
+          end: station [m].
+          lane: index from the right; None for all lanes.
+
+        Returns:
+          A number to give to `lift`.
+
+        Raises:
+          InputError: the limit is not between 1 and 70 m/s, or no lane lies in the interval.
+        """
+        if not (math.isfinite(limit) and LOWEST <= limit <= HIGHEST):
+            raise InputError(f"speed limit {limit!r} m/s: allowed is {LOWEST:g} to {HIGHEST:g}")
+        self.check(start, end, lane)
+        number = next(self._numbers)
+        self._rules[number] = _Rule(start, end, lane, limit)
+        self._apply()
+        return number
+
+    def check(self, start: float, end: float, lane: int | None) -> None:
+        """Refuses a stretch on which there is no lane.
+
+        Raises:
+          InputError: the stations are not in order, or no lane lies between them.
+        """
+        if math.isnan(start) or math.isnan(end) or end <= start:
+            raise InputError(f"speed limit from {start!r} to {end!r}: needs start < end")
+        if not self._lanes.within(start, end, lane):
+            which = "no lane" if lane is None else f"no lane {lane}"
+            raise InputError(f"{which} of the route between stations {start:g} and {end:g}")
+
+    def lift(self, number: int) -> None:
+        """Takes a limit away.
+
+        Raises:
+          InputError: there is no such limit.
+        """
+        if number not in self._rules:
+            raise InputError(f"speed limit {number!r}: there are {sorted(self._rules)}")
+        del self._rules[number]
+        self._apply()
+
+    def reset(self) -> None:
+        """Gives every lane back the limit it had on the map."""
+        self._rules.clear()
+        self._apply()
+
+    def at(self, station: float, lane: int = 0) -> float:
+        """The limit that holds at a station of a lane [m/s].
+
+        Raises:
+          InputError: the lane does not exist there.
+        """
+        table = self._lanes.find(lane, station) if math.isfinite(station) else None
+        if table is None:
+            raise InputError(f"lane {lane!r} does not exist at station {station!r}")
+        for piece in self._pieces.get(lane, ()):
+            if piece.start <= station < piece.end:
+                return piece.limit
+        own = self._of_map.get(table.id)
+        return float(self._api.lane.getMaxSpeed(table.id)) if own is None else own
+
+    def step(self) -> None:
+        """Holds the vehicles on and before stretches that begin or end inside a lane."""
+        if not self._watched and not self._held:
+            return
+        lane_api, vehicle_api = self._api.lane, self._api.vehicle
+        held: set[str] = set()
+        for table in self._watched:
+            pieces = self._pieces[table.lane]
+            for name in lane_api.getLastStepVehicleIDs(table.id):
+                if name not in self._vehicles:
+                    continue
+                station, _ = table.at(vehicle_api.getLanePosition(name))
+                allowed = self._allowed(name, pieces, station, vehicle_api.getSpeed(name))
+                if allowed < math.inf:
+                    self._vehicles.hold_below(name, allowed)
+                    held.add(name)
+        for name in sorted(self._held - held):
+            self._vehicles.hold_below(name, None)
+        self._held = held
+
+    # Inside ------------------------------------------------------------------------------------
+
+    def _allowed(self, name: str, pieces: list[LimitPiece], station: float, speed: float) -> float:
+        """Highest speed at the end of the coming step: v^2 = limit^2 + 2 b distance before a sign.
+
+        `station` is of the front bumper [m] before the step, `speed` [m/s] as well.
+        """
+        slowing = APPROACH * self._vehicles.type_of(name).deceleration
+        allowed = math.inf
+        for piece in pieces:
+            if piece.end <= station or piece.start > station + SIGHT:
+                continue
+            distance = max(piece.start - station - speed * self._step, 0.0)
+            allowed = min(allowed, math.sqrt(piece.limit**2 + 2.0 * slowing * distance))
+        return allowed
+
+    def _apply(self) -> None:
+        """Sets the limits of the SUMO lanes, and notes which vehicles must be held by station."""
+        lane_api = self._api.lane
+        with self._session.guard("setting speed limits"):
+            for lane_id, limit in self._of_map.items():
+                lane_api.setMaxSpeed(lane_id, limit)
+            self._pieces.clear()
+            inside: list[LimitPiece] = []
+            touched = sorted({t.lane for r in self._rules.values() for t in self._tables(r)})
+            for lane in touched:
+                pieces = self._pieces[lane] = self._cut(lane)
+                for table in self._lanes.within(pieces[0].start, pieces[-1].end, lane):
+                    inside += self._limit_lane(table, pieces)
+        self._watched = []
+        if inside:
+            first = min(piece.start for piece in inside) - SIGHT
+            last = max(piece.end for piece in inside)
+            self._watched = [
+                table for table in self._lanes.within(first, last) if table.lane in self._pieces
+            ]
+
+    def _limit_lane(self, table: LaneTable, pieces: list[LimitPiece]) -> list[LimitPiece]:
+        """Sets the highest limit that holds on a SUMO lane; the pieces that end inside of it."""
+        own = self._of_map.setdefault(table.id, float(self._api.lane.getMaxSpeed(table.id)))
+        low, high = float(table.station[0]), float(table.station[-1])
+        over = [p for p in pieces if p.start < high and p.end > low]
+        partial = [p for p in over if p.start > low + SEAM or p.end < high - SEAM]
+        ceiling = max(p.limit for p in over) if over else own
+        free = low
+        for piece in over:
+            if piece.start > free + SEAM:
+                ceiling = max(ceiling, own)
+            free = max(free, piece.end)
+        if free < high - SEAM:
+            ceiling = max(ceiling, own)
+        # A turn inside a junction keeps the low speed that its bend asks for.
+        if table.id.startswith(":"):
+            ceiling = min(ceiling, own)
+        self._api.lane.setMaxSpeed(table.id, ceiling)
+        return partial
+
+    def _cut(self, lane: int) -> list[LimitPiece]:
+        """The stretches of a lane without overlap, in driving order."""
+        rules = [r for r in self._rules.values() if r.lane in (None, lane)]
+        ends = sorted({r.start for r in rules} | {r.end for r in rules})
+        pieces = []
+        for start, end in itertools.pairwise(ends):
+            limits = [r.limit for r in rules if r.start <= start and r.end >= end]
+            if limits:
+                pieces.append(LimitPiece(start, end, limits[-1]))
+        return pieces
+
+    def _tables(self, rule: _Rule) -> list[LaneTable]:
+        return self._lanes.within(rule.start, rule.end, rule.lane)

@@ -1,0 +1,146 @@
+"""Drivers leave a lane before it is closed: what signs, arrows and hazard lights tell them.
+
+In the stretch before an obstacle of which drivers are warned, nobody overtakes, and who is on the
+lane of the obstacle is asked to leave it for the nearest open lane, as soon as others leave the
+room. This holds with both lane-change models: the vehicles are under these orders until they are
+past the obstacle, then they go back to their model.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+from iits_mj.errors import InputError
+from traffic_bridge.lanes import LaneTable, RouteLanes
+from traffic_bridge.session import Session
+from traffic_bridge.vehicles import Vehicles
+
+PERIOD = 0.5  # [s] between rounds of requests
+# SUMO's lane-change mode in the stretch: away from lanes that end, room for others, our requests
+# where others' gaps are respected; no overtaking, no keeping right.
+MERGING = 0b10_0000_0101
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """A stretch of a lane that cannot be driven.
+
+    Attributes:
+      lane: from the right; start, end: stations [m]; notice: distance before the start from which
+        on drivers know [m].
+    """
+
+    lane: int
+    start: float
+    end: float
+    notice: float
+
+
+class MergeGuide:
+    """Asks drivers out of the way of obstacles; the traffic controller has one.
+
+    Args:
+      session: the running SUMO.
+      lanes: of the route.
+      vehicles: who may be asked.
+      step_length: [s].
+    """
+
+    def __init__(
+        self, session: Session, lanes: RouteLanes, vehicles: Vehicles, step_length: float
+    ) -> None:
+        self._session = session
+        self._api = session.api
+        self._lanes = lanes
+        self._vehicles = vehicles
+        self._every = max(1, round(PERIOD / step_length))
+        self._duration = self._every * step_length + step_length
+        self._steps = 0
+        self._obstacles: dict[int, Obstacle] = {}
+        self._numbers = itertools.count()
+        self._former_modes: dict[str, int] = {}
+
+    def add(self, obstacle: Obstacle) -> int:
+        """Warns of an obstacle; returns a number to give to `remove`."""
+        number = next(self._numbers)
+        self._obstacles[number] = obstacle
+        self._steps = 0
+        return number
+
+    def remove(self, number: int) -> None:
+        """Ends a warning."""
+        del self._obstacles[number]
+        self._steps = 0
+
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """The obstacles of which drivers are warned, in the order in which they came."""
+        return tuple(self._obstacles.values())
+
+    def is_closed(self, lane: int, start: float, end: float) -> bool:
+        """Whether an obstacle lies on a lane between two stations [m]."""
+        return any(
+            o.lane == lane and o.start < end and o.end > start for o in self._obstacles.values()
+        )
+
+    def step(self) -> None:
+        """A round of requests when it is due."""
+        if not self._obstacles and not self._former_modes:
+            return
+        due = self._steps % self._every == 0
+        self._steps += 1
+        if not due:
+            return
+        with self._session.guard("guiding vehicles past an obstacle"):
+            inside: set[str] = set()
+            for obstacle in self._obstacles.values():
+                first = obstacle.start - obstacle.notice
+                for table in self._lanes.within(first, obstacle.end):
+                    inside |= self._guide(table, obstacle, first)
+            for name in sorted(set(self._former_modes) - inside):
+                mode = self._former_modes.pop(name)
+                if name in self._vehicles:
+                    self._api.vehicle.setLaneChangeMode(name, mode)
+
+    def _guide(self, table: LaneTable, obstacle: Obstacle, first: float) -> set[str]:
+        """Orders to the vehicles on a SUMO lane; returns who is in the stretch."""
+        vehicle = self._api.vehicle
+        inside = set()
+        for name in self._api.lane.getLastStepVehicleIDs(table.id):
+            if name not in self._vehicles or self._vehicles.is_scripted(name):
+                continue
+            station, _ = table.at(vehicle.getLanePosition(name))
+            if not first <= station <= obstacle.end:
+                continue
+            inside.add(name)
+            if name not in self._former_modes:
+                self._former_modes[name] = int(vehicle.getLaneChangeMode(name))
+                vehicle.setLaneChangeMode(name, MERGING)
+            if table.lane == obstacle.lane and not table.id.startswith(":"):
+                index = self._way_out(table, station, obstacle)
+                if index is not None:
+                    vehicle.changeLane(name, index, self._duration)
+        return inside
+
+    def _way_out(self, table: LaneTable, station: float, obstacle: Obstacle) -> int | None:
+        """SUMO's index of the nearest open lane of the edge, the left one of two; None: none."""
+        for distance in range(1, 8):
+            for lane in (table.lane + distance, table.lane - distance):
+                index = table.index + lane - table.lane
+                other = self._lanes.tables.get(f"{table.edge}_{index}")
+                if other is None or other.lane != lane:
+                    continue
+                if not self.is_closed(lane, station, obstacle.end):
+                    return index
+        return None
+
+
+def check_obstacle(obstacle: Obstacle, lanes: RouteLanes) -> None:
+    """Refuses an obstacle on a lane that does not exist where it begins and ends.
+
+    Raises:
+      InputError: the lane does not exist there.
+    """
+    for station in (obstacle.start, obstacle.end):
+        if lanes.find(obstacle.lane, station) is None:
+            raise InputError(f"lane {obstacle.lane} does not exist at station {station:g}")
