@@ -16,6 +16,7 @@ from traffic_bridge.config import TrafficConfig
 from traffic_bridge.ego import check_ego
 from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.lanes import RouteLanes
+from traffic_bridge.session import Session
 from traffic_bridge.signals import TrafficController
 from traffic_bridge.vehicles import Vehicles
 from traffic_bridge.world import World
@@ -86,6 +87,11 @@ class PureSim(Mode):
     def signals(self) -> TrafficController:
         """Traffic lights, speed limits and lane closures."""
         return self._running.signals
+
+    @property
+    def session(self) -> Session:
+        """The running SUMO, for what this interface does not offer."""
+        return self._running.session
 
     def reset(self, ego: EgoState | None = None) -> VehicleFrame:
         """Starts SUMO anew and populates the road.
