@@ -1,6 +1,7 @@
-"""Drive in SUMO traffic and store the traffic and the truck's way through it.
+"""Drive in SUMO traffic and store the whole drive: traffic, truck's states and its commands.
 
-The file serves 'iits-mj replay FILE' and, from Python, traffic_bridge's ReSim and RepSim.
+'iits-mj replay FILE' drives in the stored traffic, and with --verify runs everything again and
+compares every bit. From Python it serves traffic_bridge's ReSim and RepSim.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from pathlib import Path
 from iits_mj.commands.output import prepare_folder, progress_bar
 from iits_mj.options import option
 from iits_mj.simulation import DriveConfig, Simulation
+from iits_mj.simulation.ending import DivergedError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,13 +23,13 @@ class Options(DriveConfig):
 
 
 def run(options: Options) -> int:
-    """Drives without pictures and writes the recording, also of an interrupted drive."""
+    """Drives without pictures and writes the recording, also of a drive that was cut short."""
     prepare_folder(options.file.parent, "FILE")
-    with Simulation(options, record=True) as simulation:
+    with Simulation(options, record=True, visuals=False) as simulation:
         try:
             with progress_bar(options.duration) as progress:
                 summary = simulation.run(progress=progress)
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, DivergedError):
             simulation.save_recording(options.file)
             raise
         path = simulation.save_recording(options.file)

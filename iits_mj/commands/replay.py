@@ -1,7 +1,10 @@
 """Drive in recorded traffic, which follows its recording whatever the truck does.
 
-With --verify nothing is driven: SUMO re-runs the recorded traffic from its configuration, seed and
-the truck's log, and every pose must come out bit for bit (exit code 1 otherwise).
+With --reactive SUMO's traffic is around as well, and reacts to the recorded vehicles and the truck.
+With --verify nothing is driven anew: SUMO re-runs the recorded traffic from its configuration, its
+seed and the truck's states, and with --truck the truck drives again from its recorded commands.
+Every pose and state must come out bit for bit (exit code 1 otherwise); another map, version or
+option is refused with the reason.
 """
 
 from __future__ import annotations
@@ -10,10 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from iits_mj.commands import drive
-from iits_mj.errors import TrafficError
+from iits_mj.commands.output import progress_bar
+from iits_mj.errors import InputError, TrafficError
 from iits_mj.options import option
 from iits_mj.simulation.parts import load_map
-from traffic_bridge import ReSim
+from iits_mj.simulation.redrive import RedriveError, check_options, redrive
+from traffic_bridge import Recording, ReSim
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,22 +26,53 @@ class Options(drive.Options):
     """Flags of `iits-mj replay`: those of `iits-mj drive`, and the recording."""
 
     recording: Path | None = option(
-        help="recording made by 'iits-mj record'", metavar="FILE.npz", positional=True
+        help="recording made by 'iits-mj record' or 'iits-mj lay'",
+        metavar="FILE.npz",
+        positional=True,
     )
     verify: bool = option(False, help="re-run the traffic in SUMO and compare, without driving")
+    truck: bool = option(
+        False, help="with --verify: drive the truck again as well, from its recorded commands"
+    )
 
 
 def run(options: Options) -> int:
     """Drives as `iits-mj drive` does, or verifies the recording."""
-    if not options.verify:
-        return drive.run(options)
+    if options.verify:
+        return _verify(options)
+    if options.truck:
+        raise InputError("truck goes with verify: use --verify --truck")
+    return drive.run(options)
+
+
+def _verify(options: Options) -> int:
     assert options.recording is not None
-    with ReSim(load_map(options.map).route(), options.recording) as traffic:
-        traffic.reset()
-        try:
-            digest = traffic.verify()
-        except TrafficError as error:
-            print(f"{options.recording}: {error}")
-            return 1
-    print(f"{options.recording}: re-run bit for bit, {len(traffic)} frames, hash {digest[:12]}")
+    path = options.recording
+    try:
+        lines = _drive_again(path, options) if options.truck else _traffic_again(path, options)
+    except (TrafficError, RedriveError) as error:
+        print(f"{path}: {error}")
+        return 1
+    for line in lines:
+        print(f"{path}: {line}")
     return 0
+
+
+def _traffic_again(path: Path, options: Options) -> list[str]:
+    with ReSim(load_map(options.map).route(), path) as traffic:
+        if "drive" in traffic.recording.meta:
+            check_options(traffic.recording, f"recording {path}", options)
+        digest = traffic.verify()
+        return [f"re-run bit for bit, {len(traffic)} frames, hash of poses {digest[:12]}"]
+
+
+def _drive_again(path: Path, options: Options) -> list[str]:
+    recording, name = Recording.load(path), f"recording {path}"
+    check_options(recording, name, options)
+    with progress_bar(float(recording.time[-1])) as progress:
+        same = redrive(recording, name, options.map, progress)
+    return [
+        f"re-run bit for bit, {same.frames} frames, hash of poses {same.pose_hash[:12]}",
+        f"truck driven again bit for bit, {same.commands} commands, "
+        f"hash of states {same.truck_hash[:12]}",
+    ]

@@ -101,7 +101,7 @@ class LogDriver:
             self._lane = lane
         self._hear(round(scene.time, 6))
         if self._keeper is None:
-            return _nothing(scene.time)
+            return nothing_planned(scene.time)
         plan = self._keeper.plan(scene)
         # The log has the accelerator and the brakes: nobody follows the keeper's speed.
         unknown = np.full_like(plan.speed, np.nan)
@@ -169,7 +169,7 @@ class LogDriver:
         return CommandReceiver(sources=sources, steering_angle_max=self._steering_angle_max)
 
 
-def _nothing(time: float) -> Trajectory:
+def nothing_planned(time: float) -> Trajectory:
     """A plan of which nothing is known but its time."""
     unknown = np.full(2, np.nan)
     return Trajectory(

@@ -13,11 +13,12 @@ import mujoco
 from controllers.stack import Stack
 from iits_mj.closing import Closing
 from iits_mj.errors import Error, InputError
-from iits_mj.messages import EgoState, Scene, TrackedVehicle, VehicleCommand
+from iits_mj.messages import EgoFootprint, EgoState, Scene, TrackedVehicle, VehicleCommand
 from iits_mj.road import Route
 from iits_mj.simulation import gaps
 from iits_mj.simulation.command_path import CommandPath
 from iits_mj.simulation.config import DriveConfig
+from iits_mj.simulation.drive_log import DriveLog
 from iits_mj.simulation.driver import Driver
 from iits_mj.simulation.ending import DivergedError, check_finite, find_ending
 from iits_mj.simulation.frame import Frame, Observer
@@ -25,7 +26,7 @@ from iits_mj.simulation.parts import load_map, make_stack, make_traffic
 from iits_mj.simulation.start import check_start
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
 from iits_mj.truck import Truck
-from traffic_bridge import Mirror, Recorder
+from traffic_bridge import Mirror, Recorder, Traffic
 
 TIMESTEP = 0.002
 CONTROL_STEPS = 10
@@ -43,7 +44,8 @@ class Simulation(Closing):
       driver: who drives, made for the simulation's route; default: the stack of the configuration.
       edit_spec: called on the model's `MjSpec` before it is compiled, for cameras and the size of
         the offscreen buffer.
-      record: keep the traffic for `save_recording`.
+      traffic: the traffic, made for the route and the truck's size; default: the configuration's.
+      record: keep traffic, commands and states for `save_recording`.
       visuals: adds what is only seen (road, landscape); the physics is the same without.
 
     Attributes:
@@ -65,6 +67,7 @@ class Simulation(Closing):
         *,
         driver: Callable[[Route, Truck], Driver] | None = None,
         edit_spec: Callable[[mujoco.MjSpec], None] | None = None,
+        traffic: Callable[[Route, EgoFootprint], Traffic | None] | None = None,
         record: bool = False,
         visuals: bool = True,
     ) -> None:
@@ -94,7 +97,15 @@ class Simulation(Closing):
             over_bytes=config.commands == "j1939",
             steering_angle_max=self.truck.parameters.steering.angle_max,
         )
-        self.traffic = make_traffic(config, self.route, self.truck.footprint, record=record)
+        if traffic is None:
+            self.traffic = make_traffic(config, self.route, self.truck.footprint, record=record)
+        else:
+            self.traffic = traffic(self.route, self.truck.footprint)
+        self._log = (
+            DriveLog(self.traffic, self.truck, config)
+            if isinstance(self.traffic, Recorder)
+            else None
+        )
         try:
             self.reset()
         except BaseException:
@@ -118,6 +129,8 @@ class Simulation(Closing):
         self.vehicles: tuple[TrackedVehicle, ...] = ()
         if self.traffic is not None:
             self.vehicles = tuple(self.traffic.reset(ego))
+        if self._log is not None:
+            self._log.begin()
         self.ended = ""
         self.collision = self.failed = False
         self._summary = SummaryBuilder()
@@ -160,6 +173,8 @@ class Simulation(Closing):
             self._drive_on(ego)
             self._command = self.path.pass_on(self.driver.control(ego), self.time)
             self.truck.command(self._command)
+            if self._log is not None:
+                self._log.note_command(self.time, self._command)
             end = self._steps + CONTROL_STEPS
             while self._steps < end:
                 due = [period - self._steps % period for _, period in schedule]
@@ -171,6 +186,8 @@ class Simulation(Closing):
         self._drive_on(ego)
         if self.traffic is not None:
             self.vehicles = tuple(self.traffic.step(ego))
+        if self._log is not None:
+            self._log.note_state()
         self._mirror(new=True)
         self._plan(ego)
         self.frame = self._frame(ego)

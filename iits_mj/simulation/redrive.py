@@ -1,0 +1,185 @@
+"""Drives a recorded drive again from its commands, truck and traffic, and compares every bit."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from iits_mj.errors import Error, InputError
+from iits_mj.messages import Decision, EgoState, Scene, Trajectory, VehicleCommand
+from iits_mj.road import Route
+from iits_mj.simulation.config import DriveConfig
+from iits_mj.simulation.drive_log import StateHash, stored_options, truck_versions
+from iits_mj.simulation.frame import Frame
+from iits_mj.simulation.log_driver import nothing_planned
+from iits_mj.simulation.loop import Simulation
+from iits_mj.simulation.parts import load_map
+from iits_mj.truck import Truck
+from traffic_bridge import PoseDigest, Recording, VehicleFrame
+from traffic_bridge.provenance import demand_same
+from traffic_bridge.recording_rows import EGO_COLUMNS, ego_row
+from traffic_bridge.resim import difference, traffic_of
+
+# Files whose content the recording holds itself or checks by its hash.
+_FILES = ("map", "recording", "events")
+
+
+class RedriveError(Error):
+    """A re-run is not bit-identical."""
+
+
+class Redriven(NamedTuple):
+    """What came out the same.
+
+    Attributes:
+      frames: of the traffic, the reset included; commands: that the truck got.
+      pose_hash: of the traffic; truck_hash: of the truck's states, 64 bits.
+    """
+
+    frames: int
+    commands: int
+    pose_hash: str
+    truck_hash: str
+
+
+class CommandPlayer:
+    """A `Driver` that gives recorded commands, whatever happens."""
+
+    last_decision = Decision.KEEP
+    lane_changes = refused = 0
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to the first command."""
+        self._next = 0
+
+    def plan(self, scene: Scene) -> Trajectory:
+        """Plans nothing."""
+        return nothing_planned(scene.time)
+
+    def control(self, ego: EgoState) -> VehicleCommand:
+        """The next command.
+
+        Raises:
+          RedriveError: there is none of this time.
+        """
+        times = self._recording.command_time
+        if self._next >= len(times) or abs(times[self._next] - ego.time) > 1e-6:
+            raise RedriveError(f"the recording has no command of t = {ego.time:.2f} s")
+        self._next += 1
+        return self._recording.command_at(self._next - 1)
+
+    def reference_speed(self, station: float) -> float:
+        """Not a number: the recording does not tell."""
+        del station
+        return float("nan")
+
+
+def check_options(recording: Recording, name: str, asked: DriveConfig) -> None:
+    """Refuses options that are given and differ from those of the recording.
+
+    Raises:
+      InputError: names the first.
+    """
+    then = _options(recording, name)
+    for field in dataclasses.fields(DriveConfig):
+        value = stored_options(asked)[field.name]
+        given = getattr(asked, field.name) != field.default and field.name not in _FILES
+        if given and value != then.get(field.name):
+            flag = field.name.replace("_", "-")
+            raise InputError(
+                f"{name}: made with {flag} {then.get(field.name)}, asked is {flag} {value}"
+            )
+
+
+def redrive(
+    recording: Recording,
+    name: str,
+    map_path: Path | None,
+    progress: Callable[[Frame], None] | None = None,
+) -> Redriven:
+    """Drives a recorded drive again.
+
+    Args:
+      recording: of a drive, with its commands.
+      name: how messages call it.
+      map_path: the map's file; None: the built-in one.
+      progress: called after each 100 ms.
+
+    Raises:
+      InputError: it was made with another map, version or parameters, or has no drive.
+      RedriveError: a pose or a state is not bit-identical; says which and when.
+      TrafficError: SUMO failed.
+    """
+    config = _config(recording, name, map_path)
+    route = load_map(map_path).route()
+    traffic = traffic_of(recording, name, route)
+
+    def driver(_: Route, truck: Truck) -> CommandPlayer:
+        found = recording.meta["drive"].get("versions")
+        demand_same(dict(found or {}), truck_versions(truck.parameters), name)
+        return CommandPlayer(recording)
+
+    with Simulation(config, driver=driver, traffic=lambda *_: traffic, visuals=False) as again:
+        hashes, poses = StateHash(again.truck), PoseDigest()
+        for k in range(len(recording)):
+            frame = again.frame if k == 0 else again.cycle()
+            vehicles = VehicleFrame.of(again.vehicles)
+            poses.add(vehicles)
+            _compare_truck(recording, k, frame.ego, hashes.add())
+            found = difference(recording.frames[k], vehicles)
+            if found:
+                raise RedriveError(f"the traffic differs first at t = {frame.time:.2f} s: {found}")
+            if progress is not None and k:
+                progress(frame)
+    if poses.hexdigest() != recording.meta.get("digest"):
+        raise RedriveError("the recorded hash of the poses is not that of the recorded poses")
+    last = recording.truck_hash[-1] if len(recording.truck_hash) else 0
+    count = int(np.searchsorted(recording.command_time, recording.time[-1] - 1e-6))
+    return Redriven(len(recording), count, poses.hexdigest(), f"{int(last):016x}")
+
+
+def _compare_truck(recording: Recording, k: int, ego: EgoState, state_hash: int) -> None:
+    now, then = np.array(ego_row(ego)), np.ascontiguousarray(recording.ego[k])
+    apart = now.view(np.uint64) != then.view(np.uint64)
+    if apart.any():
+        place = int(np.argmax(apart))
+        raise RedriveError(
+            f"the truck differs first at t = {recording.time[k]:.2f} s: {EGO_COLUMNS[place]} is "
+            f"{now[place]!r}, recorded {then[place]!r}"
+        )
+    if k < len(recording.truck_hash) and int(recording.truck_hash[k]) != state_hash:
+        raise RedriveError(
+            f"the truck differs first at t = {recording.time[k]:.2f} s, in a state that it does "
+            "not report"
+        )
+
+
+def _options(recording: Recording, name: str) -> dict[str, Any]:
+    drive = recording.meta.get("drive")
+    if not isinstance(drive, dict) or not isinstance(drive.get("options"), dict):
+        raise InputError(f"{name}: is of a traffic without a drive: its truck cannot be driven")
+    return dict(drive["options"])
+
+
+def _config(recording: Recording, name: str, map_path: Path | None) -> DriveConfig:
+    """The options of then. Commands were noted where they reached the truck: they go straight."""
+    options = _options(recording, name)
+    known = {field.name for field in dataclasses.fields(DriveConfig)}
+    if set(options) != known:
+        other = sorted(set(options) ^ known)
+        raise InputError(f"{name}: made with other options than there are now: {', '.join(other)}")
+    if len(recording) == 0 or len(recording.truck_hash) == 0:
+        raise InputError(f"{name}: has no state of the truck")
+    files = dict.fromkeys(known.intersection(_FILES))
+    try:
+        return DriveConfig(**{**options, **files, "map": map_path, "commands": "direct"})
+    except TypeError as error:
+        raise InputError(f"{name}: its options are not usable: {error}") from error
