@@ -1,15 +1,19 @@
-"""Who drives where: the flow at the beginning of the road, and vehicles already on it."""
+"""Who drives where: flows at the entrances, and vehicles already on the road at the beginning."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.lanes import LaneTable, RouteLanes
+from traffic_bridge.map_demand import MapDemand
+from traffic_bridge.net_file import NetLane
+from traffic_bridge.network import Network
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles import Vehicles
 
-HEAVY = ("truck", "articulated")
 # Free road kept around the ego in its own lane at the beginning: a minimum and a time [m], [s].
 EGO_GAP = 30.0
 EGO_HEADWAY = 3.0
@@ -32,6 +36,7 @@ class Demand:
       vehicles: where new vehicles are noted.
       config: density, mix and speeds.
       rng: the source of randomness.
+      network: of the map; where it is given and the scope is "map", traffic drives on all of it.
     """
 
     def __init__(
@@ -41,6 +46,7 @@ class Demand:
         vehicles: Vehicles,
         config: TrafficConfig,
         rng: np.random.Generator,
+        network: Network | None = None,
     ) -> None:
         self._session = session
         self._api = session.api
@@ -51,10 +57,17 @@ class Demand:
         self._count = 0
         kinds, weights = zip(*config.mix, strict=True)
         self._kinds = list(kinds)
+        self._light = next((name for name in kinds if config.type_of(name).kind == "car"), "")
         self._shares = np.asarray(weights, dtype=float) / sum(weights)
         self._entrances = [lanes.of_edge(lanes.edges[0])]
         self._define_routes("along", lanes.edges)
-        if lanes.oncoming_edges:
+        self._map: MapDemand | None = None
+        if config.scope == "map" and network is not None:
+            self._map = MapDemand(network, lanes.edges)
+            # Its own generator: the flow along the route is the same in every scope.
+            (self._map_rng,) = rng.spawn(1)
+            self._trips: dict[tuple[str, ...], str] = {}
+        elif lanes.oncoming_edges:
             self._entrances.append(lanes.of_edge(lanes.oncoming_edges[0]))
             self._define_routes("against", lanes.oncoming_edges)
 
@@ -69,12 +82,18 @@ class Demand:
         config = self._config
         here = 0.0 if ego_station is None else ego_station
         low, high = here - config.fill_behind, here + config.fill_ahead
-        for direction, edges in ((1, self._lanes.edges), (-1, self._lanes.oncoming_edges)):
+        ways = [(1, self._lanes.edges)]
+        if self._map is None:
+            ways.append((-1, self._lanes.oncoming_edges))
+        for direction, edges in ways:
             for index, edge in enumerate(edges):
                 for table in self._lanes.of_edge(edge):
                     self._fill_lane(
                         table, index, direction, low, high, ego_station, ego_lane, ego_speed
                     )
+        if self._map is not None and config.probability > 0.0:
+            for lane in self._map.elsewhere:
+                self._fill_elsewhere(self._map, lane, low, high)
 
     def _fill_lane(
         self,
@@ -95,7 +114,7 @@ class Demand:
         position = float(self._rng.exponential(mean_gap))
         end = table.length - (0.0 if self._lanes.goes_on(table) else LANE_END)
         while position < end:
-            kind, desired = self._draw(table)
+            kind, desired = self._draw(table.lane, self._rng)
             station, _ = table.at(position)
             vehicle = config.type_of(kind)
             inside = low <= station <= high and position > vehicle.length + 1.0
@@ -133,20 +152,18 @@ class Demand:
         probability = self._config.probability * self._config.step_length
         if probability <= 0.0:
             return
+        if self._map is not None:
+            self._spawn_elsewhere(self._map, probability, ego_station)
         for way, entrance in enumerate(self._entrances):
             if not entrance:
                 continue
             arrivals = self._rng.random(len(entrance)) < probability
             if not arrivals.any():
                 continue
-            begin = float(entrance[0].station[0])
-            near = ego_station is not None and (
-                abs(ego_station - begin)
-                < self._config.clear_distance + self._config.footprint.length
-            )
+            near = self._is_near(ego_station, float(entrance[0].station[0]))
             for table, arrives in zip(entrance, arrivals, strict=True):
                 if arrives:
-                    kind, desired = self._draw(table)
+                    kind, desired = self._draw(table.lane, self._rng)
                     if not near:
                         route = "along.0" if way == 0 else "against.0"
                         self._add(kind, desired, route, table, "base")
@@ -158,27 +175,88 @@ class Demand:
                 self._api.vehicle.remove(name)
                 self._vehicles.forget(name)
 
-    def _draw(self, table: LaneTable) -> tuple[str, float]:
-        kind = self._kinds[int(self._rng.choice(len(self._kinds), p=self._shares))]
+    def _is_near(self, ego_station: float | None, station: float, offset: float = 0.0) -> bool:
+        """Whether a place is too near the ego for somebody to appear there."""
+        clear = self._config.clear_distance + self._config.footprint.length
+        return ego_station is not None and math.hypot(ego_station - station, offset) < clear
+
+    # The rest of the map -----------------------------------------------------------------------
+
+    def _spawn_elsewhere(
+        self, trips: MapDemand, probability: float, ego_station: float | None
+    ) -> None:
+        for entrance in trips.entrances:
+            arrivals = self._map_rng.random(len(entrance)) < probability
+            for lane, arrives in zip(entrance, arrivals, strict=True):
+                if not arrives:
+                    continue
+                kind, desired = self._draw(lane.index, self._map_rng)
+                trip = trips.trip(lane, self._map_rng)
+                table = self._lanes.table(lane.id)
+                if not self._is_near(ego_station, float(table.station[0]), float(table.offset[0])):
+                    self._add_trip(kind, desired, trip, lane, "base")
+
+    def _fill_elsewhere(self, trips: MapDemand, lane: NetLane, low: float, high: float) -> None:
+        config, rng = self._config, self._map_rng
+        table = self._lanes.table(lane.id)
+        speed = min(config.speed_limit, lane.speed)
+        mean_gap = speed * 0.92 / config.probability
+        end = lane.length - (LANE_END if trips.ends(lane) else 0.0)
+        position = float(rng.exponential(mean_gap))
+        while position < end:
+            kind, desired = self._draw(lane.index, rng)
+            trip = trips.trip(lane, rng)
+            vehicle = config.type_of(kind)
+            if position > vehicle.length + 1.0 and low <= table.at(position)[0] <= high:
+                self._add_trip(kind, desired, trip, lane, f"{position:.3f}")
+            least = vehicle.length + vehicle.minimum_gap + 1.5 * speed
+            position += max(least, float(rng.exponential(mean_gap)))
+
+    def _add_trip(
+        self, kind: str, desired: float, trip: tuple[str, ...], lane: NetLane, position: str
+    ) -> None:
+        if trip not in self._trips:
+            self._trips[trip] = f"trip.{len(self._trips)}"
+            self._api.route.add(self._trips[trip], list(trip))
+        # As fast as is safe: there may be a queue before the next junction.
+        self._insert(kind, desired, self._trips[trip], lane.index, position, "max")
+
+    # One vehicle -------------------------------------------------------------------------------
+
+    def _draw(self, lane: int, rng: np.random.Generator) -> tuple[str, float]:
+        """Type and desired speed of the next vehicle on a lane, counted from the right."""
+        kind = self._kinds[int(rng.choice(len(self._kinds), p=self._shares))]
         # Heavy vehicles keep off the left lane of three, as the law has it in many countries.
-        if kind in HEAVY and table.lane >= 2 and "car" in self._kinds:
-            kind = "car"
+        if lane >= 2 and self._light and self._config.type_of(kind).heavy:
+            kind = self._light
         vehicle = self._config.type_of(kind)
-        return kind, vehicle.sample_desired_speed(self._config.speed_limit, self._rng)
+        return kind, vehicle.sample_desired_speed(self._config.speed_limit, rng)
 
     def _add(self, kind: str, desired: float, route: str, table: LaneTable, position: str) -> None:
+        limit = self._api.lane.getMaxSpeed(table.id)
+        # A speed above the lane's limit would inflate the vehicle's speed factor for life.
+        self._insert(kind, desired, route, table.index, position, limit)
+
+    def _insert(
+        self,
+        kind: str,
+        desired: float,
+        route: str,
+        lane: int,
+        position: str,
+        speed: float | str,
+    ) -> None:
+        """Hands a vehicle to SUMO; a speed in m/s is a limit, a word is SUMO's own choice."""
         name = f"{kind}.{self._count:05d}"
         self._count += 1
         desired = self._vehicles.add(name, kind, desired)
-        limit = self._api.lane.getMaxSpeed(table.id)
         self._api.vehicle.add(
             name,
             route,
             typeID=kind,
-            departLane=str(table.index),
+            departLane=str(lane),
             departPos=position,
-            # A speed above the lane's limit would inflate the vehicle's speed factor for life.
-            departSpeed=f"{min(desired, limit) * 0.98:.3f}",
+            departSpeed=speed if isinstance(speed, str) else f"{min(desired, speed) * 0.98:.3f}",
         )
         self._api.vehicle.setMaxSpeed(name, desired)
         if self._config.lane_change == "mobil":
