@@ -1,15 +1,14 @@
 """Mirror: the nearest vehicles as mocap bodies in the truck's MuJoCo model.
 
-A small pool of bodies per kind is added before the model is compiled. Every 0.1 s the nearest
-vehicles get a slot and keep it while they are near; between two traffic steps they move on along
-the road. Heights, grades and cross slopes come from the Route.
+A small pool of bodies is added before the model is compiled. Every 0.1 s the nearest vehicles get a
+slot and keep it while they are near; between two traffic steps they move on as they moved. Poses
+come from the traffic's frames alone: who makes a frame knows the road.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -17,124 +16,120 @@ from numpy.typing import NDArray
 
 from iits_mj.errors import InputError
 from iits_mj.messages import TrackedVehicle
-from iits_mj.road import RoadPoint, Route
-from traffic_bridge.bodies import PREFIX, add_assets, add_vehicle
-from traffic_bridge.vehicles import KINDS, VehicleType, default_types
+from traffic_bridge.bodies import PREFIX, add_assets, add_unit, unit_name
+from traffic_bridge.contact import ContactFinder, may_touch
+from traffic_bridge.fleet import Fleet
+from traffic_bridge.frame import VehicleFrame
+from traffic_bridge.looks import LOOKS
+from traffic_bridge.slots import Slot, Slots
+from traffic_bridge.vehicles import VehicleType, default_types
 
 FloatArray = NDArray[np.float64]
 
 DEFAULT_POOL = {"car": 14, "van": 5, "truck": 4, "articulated": 4}
-PARKING_DEPTH = -500.0  # [m]: unused slots wait here, out of every camera's reach
+LARGEST_POOL = 500
+PARKING_DEPTH = -500.0  # [m]: unused bodies wait here, out of every camera's reach
 PARKING_SPACING = 25.0  # [m]: stacked bodies would be slow in collision detection
-# A vehicle with a slot counts as this much nearer, so that two at the edge do not take turns.
-LOYALTY = 0.85
-STANDING = 0.5  # [m/s] below which a box is not turned by its sideways speed
-
-
-@dataclass
-class _Slot:
-    """A mocap body and who is shown by it."""
-
-    name: str
-    kind: str
-    parking: tuple[float, float, float]
-    mocap: int = -1
-    vehicle: str | None = None
+NEARBY = 40.0  # [m]: more than two half trucks and what a 0.1 s at any speed can add
 
 
 class Mirror:
     """Shows tracked vehicles in a MuJoCo model and detects contact with the truck.
 
-        mirror = Mirror(route)
+        mirror = Mirror()
         truck = Truck.load(route=route, edit_spec=mirror.add_to)
         mirror.bind(truck.model)
         mirror.update(truck.data, vehicles, (ego.x, ego.y))
         mirror.contacts(truck.data)     # [("car.00012", "trailer")]
 
     Args:
-      route: for slopes and curves; None for a flat plane.
-      pool: number of bodies per kind; vehicles beyond it (the farthest) are not shown.
+      pool: number of slots by the name of a vehicle type; vehicles beyond it (the farthest) are not
+        shown. Default: 14 cars, 5 vans, 4 trucks, 4 articulated trucks; types of your own share
+        the number of their look.
       view_range: vehicles farther away than this are not shown [m].
-      types: dimensions by kind; default: the shipped ones.
+      types: dimensions, looks and colors; default: the shipped ones.
+      step_length: of the traffic [s].
+      visuals: adds what is seen; without, the bodies only take part in contact detection.
 
     Raises:
-      InputError: an unknown kind or a negative number in the pool.
+      InputError: an unknown type or an impossible number in the pool, or one of the other
+        figures.
     """
 
     def __init__(
         self,
-        route: Route | None = None,
         pool: Mapping[str, int] | None = None,
+        *,
         view_range: float = 400.0,
         types: Sequence[VehicleType] | None = None,
+        step_length: float = 0.1,
+        visuals: bool = True,
     ) -> None:
-        pool = DEFAULT_POOL if pool is None else pool
-        for kind, count in pool.items():
-            if kind not in KINDS or isinstance(count, bool) or not 0 <= count <= 500:
-                raise InputError(
-                    f"pool {kind!r}: {count!r}; kinds are {', '.join(KINDS)}, counts 0 to 500"
-                )
-        if not view_range > 0.0:
-            raise InputError(f"view_range {view_range!r}: must be positive")
-        self.route = route
-        self.view_range = view_range
-        self._types = {t.kind: t for t in (types or default_types())}
-        self._slots: list[_Slot] = []
-        for kind, count in pool.items():
-            for index in range(int(count)):
-                place = (PARKING_SPACING * len(self._slots), 0.0, PARKING_DEPTH)
-                self._slots.append(_Slot(f"{PREFIX}_{kind}_{index}", kind, place))
-        self._shown: list[tuple[_Slot, TrackedVehicle]] = []
-        self._here: RoadPoint | None = None
-        self._geom_slot: dict[int, _Slot] = {}
-        self._body_name: list[str] = []
-        self._truck_geom: NDArray[np.bool_] = np.zeros(0, dtype=bool)
-        self._traffic_geom: NDArray[np.bool_] = np.zeros(0, dtype=bool)
+        types = tuple(types or default_types())
+        counts = _counts(DEFAULT_POOL if pool is None else pool, types, shared=pool is None)
+        for name, value in (("view_range", view_range), ("step_length", step_length)):
+            if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0.0):
+                raise InputError(f"{name} {value!r}: must be positive and finite")
+        self.view_range = float(view_range)
+        self._types = types
+        self._visuals = visuals
+        self._looks = [LOOKS[kind.look](kind) for kind in types]
+        self._slots = Slots(types, counts, self.view_range)
+        self._fleet = Fleet(types, self._looks, step_length)
+        numbers = [k for count in counts for k in range(count)]
+        self._bodies = [
+            tuple(
+                unit_name(f"{PREFIX}_{types[slot.type].name}_{number}", unit)
+                for unit in self._looks[slot.type]
+            )
+            for slot, number in zip(self._slots.all, numbers, strict=True)
+        ]
+        self._mocap: list[tuple[int, ...]] = []
+        self._index = np.zeros(0, dtype=np.intp)
+        self._position, self._quaternion = np.zeros((0, 3)), np.zeros((0, 4))
+        self._finder: ContactFinder | None = None
 
     # Building ----------------------------------------------------------------------------------
 
     def add_to(self, spec: mujoco.MjSpec) -> None:
         """Adds the pool to a specification, parked."""
-        kinds = {slot.kind for slot in self._slots}
-        add_assets(spec, [kind for name, kind in self._types.items() if name in kinds])
-        for number, slot in enumerate(self._slots):
-            body = spec.worldbody.add_body(name=slot.name, mocap=True, pos=list(slot.parking))
-            add_vehicle(body, slot.name, self._types[slot.kind], number)
+        used = {slot.type for slot in self._slots.all}
+        if self._visuals:
+            add_assets(spec, {self._types[k]: self._looks[k] for k in sorted(used)})
+        for slot, names in zip(self._slots.all, self._bodies, strict=True):
+            kind = self._types[slot.type]
+            for number, unit in enumerate(self._looks[slot.type]):
+                place = _parking(slot, number)
+                add_unit(spec, names[number], kind, unit, slot.paint, place, self._visuals)
 
     def bind(self, model: mujoco.MjModel) -> None:
-        """Finds the pool in a compiled model.
+        """Finds the pool in a compiled model; nobody is shown yet.
 
         Raises:
           InputError: the model was compiled without `add_to`.
         """
-        self._geom_slot.clear()
-        self._truck_geom = np.zeros(model.ngeom, dtype=bool)
-        self._traffic_geom = np.zeros(model.ngeom, dtype=bool)
-        self._body_name = [model.body(model.geom_bodyid[g]).name for g in range(model.ngeom)]
-        by_body = {slot.name: slot for slot in self._slots}
-        for slot in self._slots:
-            body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, slot.name)
-            if body < 0:
-                raise InputError(
-                    f"the model has no body {slot.name!r}: give mirror.add_to to Truck.load as "
-                    "edit_spec before it is compiled"
-                )
-            slot.mocap = int(model.body_mocapid[body])
-            slot.vehicle = None
-        for geom, name in enumerate(self._body_name):
-            if name in by_body:
-                self._geom_slot[geom] = by_body[name]
-                self._traffic_geom[geom] = True
-            else:
-                self._truck_geom[geom] = model.body_weldid[model.geom_bodyid[geom]] != 0
-        self._shown = []
+        owner = {}
+        self._mocap = []
+        for slot, names in zip(self._slots.all, self._bodies, strict=True):
+            bodies = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) for name in names]
+            for name, body in zip(names, bodies, strict=True):
+                if body < 0:
+                    raise InputError(
+                        f"the model has no body {name!r}: give mirror.add_to to Truck.load as "
+                        "edit_spec before it is compiled"
+                    )
+                owner[name] = slot.place
+            self._mocap.append(tuple(int(model.body_mocapid[body]) for body in bodies))
+        self._finder = ContactFinder(model, owner)
+        self._slots.clear()
+        self._show_others()
 
     # Showing -----------------------------------------------------------------------------------
 
     def update(
         self,
         data: mujoco.MjData,
-        vehicles: Sequence[TrackedVehicle] | None,
+        vehicles: Iterable[TrackedVehicle] | None,
         ego_xy: tuple[float, float],
         elapsed: float = 0.0,
     ) -> int:
@@ -142,131 +137,111 @@ class Mirror:
 
         Args:
           data: of the bound model; its `mocap_pos` and `mocap_quat` are written.
-          vehicles: of the newest traffic step; None leaves those of the last call and only moves
-            them on (cheap, for every physics step or picture).
+          vehicles: of the newest traffic step, best a `VehicleFrame`; None leaves those of the last
+            call and only moves them on (cheap, for every physics step or picture).
           ego_xy: of the truck, in the map frame [m]; the nearest vehicles are shown.
-          elapsed: time since that traffic step [s]. Vehicles move on along the road with their
-            speed and acceleration; minus 0.1 to 0 gives what was before.
+          elapsed: time since that traffic step [s]; see `motion.moved`. Minus one step to 0 gives
+            what was before.
 
         Returns:
           The number of vehicles shown.
+
+        Raises:
+          InputError: the mirror is not bound, or a figure of a vehicle is not finite.
         """
-        if not self._body_name:
+        if self._finder is None:
             raise InputError("call mirror.bind(model) before update")
         if vehicles is not None:
-            self._assign(data, vehicles, ego_xy)
-        if self._shown:
-            position, quaternion = self._poses(elapsed)
-            data.mocap_pos[self._index] = position
-            data.mocap_quat[self._index] = quaternion
-        return len(self._shown)
+            frame = VehicleFrame.of(vehicles)
+            changed = self._slots.assign(frame, *ego_xy)
+            for slot in changed:
+                if slot.vehicle is None:
+                    self._park(data, slot)
+            if changed:
+                self._show_others()
+            self._fleet.take(frame)
+        if self._index.size:
+            self._position, self._quaternion = self._fleet.poses(elapsed)
+            data.mocap_pos[self._index] = self._position
+            data.mocap_quat[self._index] = self._quaternion
+        return len(self._slots.taken)
 
-    def slot_of(self, vehicle: str) -> str | None:
-        """Name of the body that shows a vehicle, None if it is not shown."""
-        return next((slot.name for slot, seen in self._shown if seen.id == vehicle), None)
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """Ids of the vehicles that are shown, sorted."""
+        return tuple(sorted(slot.vehicle for slot in self._slots.taken if slot.vehicle))
 
-    def _assign(
-        self,
-        data: mujoco.MjData,
-        vehicles: Sequence[TrackedVehicle],
-        ego_xy: tuple[float, float],
-    ) -> None:
-        holders = {slot.vehicle: slot for slot in self._slots if slot.vehicle is not None}
-        ranked: dict[str, list[tuple[float, str, TrackedVehicle]]] = {}
-        for vehicle in vehicles:
-            distance = math.hypot(vehicle.x - ego_xy[0], vehicle.y - ego_xy[1])
-            if distance <= self.view_range:
-                key = distance * (LOYALTY if vehicle.id in holders else 1.0)
-                ranked.setdefault(vehicle.kind, []).append((key, vehicle.id, vehicle))
-        self._shown = []
-        for kind in self._types:
-            slots = [slot for slot in self._slots if slot.kind == kind]
-            ranking = sorted(ranked.get(kind, ()), key=lambda entry: entry[:2])
-            chosen = {name: vehicle for _, name, vehicle in ranking[: len(slots)]}
-            for slot in slots:
-                if slot.vehicle is not None and slot.vehicle not in chosen:
-                    slot.vehicle = None
-                    data.mocap_pos[slot.mocap] = slot.parking
-                    data.mocap_quat[slot.mocap] = (1.0, 0.0, 0.0, 0.0)
-            free = iter([slot for slot in slots if slot.vehicle is None])
-            for name, vehicle in chosen.items():
-                slot = holders.get(name) or next(free)
-                slot.vehicle = name
-                self._shown.append((slot, vehicle))
-        self._take()
+    def bodies_of(self, vehicle: str) -> tuple[str, ...]:
+        """Names of the bodies that show a vehicle: one, tractor and semitrailer, or none."""
+        for slot in self._slots.taken:
+            if slot.vehicle == vehicle:
+                return self._bodies[slot.place]
+        return ()
 
-    def _take(self) -> None:
-        """Reads the shown vehicles into arrays and finds how they lie on the road."""
-        fields = ("x", "y", "z", "yaw", "speed", "acceleration", "lateral_speed")
-        rows = [vehicle for _, vehicle in self._shown]
-        self._index = np.array([slot.mocap for slot, _ in self._shown], dtype=np.intp)
-        self._columns = np.array([[getattr(v, name) for v in rows] for name in fields])
-        self._station = np.array([v.station for v in rows])
-        self._offset = np.array([v.offset for v in rows])
-        self._here = None
-        if self.route is not None and rows:
-            self._here = here = self.route.evaluate(self._station, self._offset)
-            # The vehicle's own heading against the road's: a lane change, or oncoming.
-            self._turn = self._columns[3] - here.heading
-            self._forward = np.where(np.cos(self._turn) >= 0.0, 1.0, -1.0)
-            self._stretch = np.maximum(1.0 - here.curvature * self._offset, 0.2)
+    def _show_others(self) -> None:
+        self._fleet.set_slots(self._slots.taken)
+        self._index = np.array(
+            [
+                self._mocap[slot.place][unit]
+                for slot, unit in zip(self._fleet.slots, self._fleet.units, strict=True)
+            ],
+            dtype=np.intp,
+        )
 
-    def _poses(self, elapsed: float) -> tuple[FloatArray, FloatArray]:
-        """Positions (n, 3) and quaternions (n, 4) of the shown vehicles."""
-        x, y, z, yaw, speed, acceleration, lateral = self._columns
-        # Braking ends at standstill: nobody rolls backwards because of the last step.
-        slowest = 0.0 if elapsed > 0.0 else -np.inf
-        way = elapsed * np.maximum(speed + 0.5 * elapsed * acceleration, slowest)
-        side = np.where(speed > STANDING, elapsed * lateral, 0.0)
-        if self.route is None or self._here is None:
-            cosine, sine = np.cos(yaw), np.sin(yaw)
-            flat = np.zeros_like(yaw)
-            position = np.column_stack(
-                (x + way * cosine - side * sine, y + way * sine + side * cosine, z)
-            )
-            return position, _quaternions(yaw, flat, flat)
-        point, forward = self._here, self._forward
-        if elapsed != 0.0:
-            point = self.route.evaluate(
-                self._station + forward * way / self._stretch, self._offset + forward * side
-            )
-        position = np.column_stack((point.x, point.y, point.z))
-        slope, bank = np.arctan(point.grade), point.superelevation
-        # Pitch is positive nose down (ISO 8855); both turn over with the direction of travel.
-        return position, _quaternions(point.heading + self._turn, -forward * slope, forward * bank)
+    def _park(self, data: mujoco.MjData, slot: Slot) -> None:
+        for unit, mocap in enumerate(self._mocap[slot.place]):
+            data.mocap_pos[mocap] = _parking(slot, unit)
+            data.mocap_quat[mocap] = (1.0, 0.0, 0.0, 0.0)
 
     # Contact -----------------------------------------------------------------------------------
 
     def contacts(self, data: mujoco.MjData) -> list[tuple[str, str]]:
-        """(vehicle id, truck body) of every pair in contact, sorted; no force comes from it."""
-        count = data.ncon
-        if count == 0:
+        """(vehicle id, truck body) of every pair in contact, sorted; no force comes from it.
+
+        They are those of the positions last computed: of the state before the last `mj_step`, of
+        the present one after `mj_forward`.
+        """
+        if self._finder is None:
             return []
-        pairs = data.contact.geom[:count]
-        first, second = pairs[:, 0], pairs[:, 1]
-        hits = (self._traffic_geom[first] & self._truck_geom[second]) | (
-            self._traffic_geom[second] & self._truck_geom[first]
-        )
-        found = set()
-        for k in np.flatnonzero(hits & (data.contact.dist[:count] <= 0.0)):
-            a, b = int(first[k]), int(second[k])
-            vehicle, truck = (a, b) if self._traffic_geom[a] else (b, a)
-            name = self._geom_slot[vehicle].vehicle
-            if name is not None:
-                found.add((name, self._body_name[truck]))
-        return sorted(found)
+        slots = self._slots.all
+        pairs = {(slots[place].vehicle, body) for place, body in self._finder.pairs(data)}
+        return sorted((vehicle, body) for vehicle, body in pairs if vehicle is not None)
+
+    def may_touch(self, data: mujoco.MjData, within: float) -> bool:
+        """Whether the truck may meet a shown vehicle within a time, however both brake and steer.
+
+        False spares the look at every physics step; see `contact.may_touch`.
+
+        Args:
+          data: of the bound model, its positions and velocities computed (`mj_forward`).
+          within: [s].
+        """
+        if self._finder is None or not self._index.size or not self._finder.hull.size:
+            return False
+        truck, motion = self._finder.truck_boxes(data)
+        apart = self._position[:, None, :2] - truck[None, :, 0]
+        near = ((apart * apart).sum(-1) < NEARBY**2).any(-1)
+        if not near.any():
+            return False
+        boxes, others = self._fleet.outlines(self._position, self._quaternion)
+        return may_touch(truck, motion, boxes[near], others[near], within)
 
 
-def _quaternions(yaw: FloatArray, pitch: FloatArray, roll: FloatArray) -> FloatArray:
-    """Quaternions (n, 4), w first, of intrinsic z-y-x rotations."""
-    cy, sy = np.cos(0.5 * yaw), np.sin(0.5 * yaw)
-    cp, sp = np.cos(0.5 * pitch), np.sin(0.5 * pitch)
-    cr, sr = np.cos(0.5 * roll), np.sin(0.5 * roll)
-    return np.column_stack(
-        (
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        )
-    )
+def _parking(slot: Slot, unit: int) -> tuple[float, float, float]:
+    return PARKING_SPACING * slot.place, PARKING_SPACING * unit, PARKING_DEPTH
+
+
+def _counts(pool: Mapping[str, int], types: Sequence[VehicleType], *, shared: bool) -> list[int]:
+    """Number of slots of each type; `shared` splits the pool's among the types of a look."""
+    if shared:
+        looks = [kind.look for kind in types]
+        return [-(-pool[kind.look] // looks.count(kind.look)) for kind in types]
+    known = [kind.name for kind in types]
+    for name, count in pool.items():
+        whole = isinstance(count, int) and not isinstance(count, bool)
+        if name not in known or not whole or not 0 <= count <= LARGEST_POOL:
+            raise InputError(
+                f"pool {name!r}: {count!r}; types are {', '.join(known)}, "
+                f"counts 0 to {LARGEST_POOL}"
+            )
+    return [pool.get(kind.name, 0) for kind in types]

@@ -32,8 +32,6 @@ TIMESTEP = 0.002
 CONTROL_STEPS = 10
 CYCLE_STEPS = 50
 CYCLE_PERIOD = CYCLE_STEPS * TIMESTEP
-# Contacts are looked for when another vehicle is this close [m].
-NEAR = 1.0
 
 
 class Simulation(Closing):
@@ -73,7 +71,7 @@ class Simulation(Closing):
     ) -> None:
         self.config = config
         self.route: Route = load_map(config.map).route()
-        self.mirror = Mirror(self.route)
+        self.mirror = Mirror(visuals=visuals)
 
         def edit(spec: mujoco.MjSpec) -> None:
             self.mirror.add_to(spec)
@@ -135,6 +133,7 @@ class Simulation(Closing):
         self.collision = self.failed = False
         self._summary = SummaryBuilder()
         self._steps = 0
+        self._touched: tuple[float, str, str] | None = None
         self._fuel_start = ego.fuel_used
         self._distance, self._odometer_time, self._odometer_speed = 0.0, 0.0, ego.speed
         self._wall_start = time.perf_counter()
@@ -168,6 +167,7 @@ class Simulation(Closing):
           TrafficError: SUMO failed.
         """
         schedule = [(observer, round(observer.period / TIMESTEP)) for observer in observers]
+        self._watching = self.mirror.may_touch(self.truck.data, CYCLE_PERIOD)
         for _ in range(CYCLE_STEPS // CONTROL_STEPS):
             ego = self._observe()
             self._drive_on(ego)
@@ -255,11 +255,18 @@ class Simulation(Closing):
             self.traffic.close()
 
     def _advance(self, steps: int) -> None:
-        try:
-            self.truck.step(steps)
-        except Error as error:
-            raise self._diverged(str(error)) from error
-        self._steps += steps
+        # Who may be touched in this cycle is moved and looked at in every step.
+        stride = 1 if self._watching and self._touched is None else steps
+        for _ in range(0, steps, stride):
+            if stride < steps:
+                self._mirror()
+            try:
+                self.truck.step(stride)
+            except Error as error:
+                raise self._diverged(str(error)) from error
+            if self._watching:
+                self._note_contact()
+            self._steps += stride
 
     def _drive_on(self, ego: EgoState) -> None:
         """Adds the way driven since the last observation, by the trapezoidal rule."""
@@ -329,11 +336,10 @@ class Simulation(Closing):
             refused=self.driver.refused,
         )
 
-    def _contacts(self) -> list[tuple[str, str]]:
-        """Vehicles that touch the truck now, with the body that they touch."""
-        # The contacts of the last step are those of the vehicles' last places.
-        mujoco.mj_fwdPosition(self.truck.model, self.truck.data)
-        return self.mirror.contacts(self.truck.data)
+    def _note_contact(self) -> None:
+        """Keeps the first contact, with its time."""
+        if self._touched is None and (found := self.mirror.contacts(self.truck.data)):
+            self._touched = (self.time, *found[0])
 
     def _observe(self) -> EgoState:
         try:
@@ -348,11 +354,14 @@ class Simulation(Closing):
         return DivergedError(reason)
 
     def _judge_end(self, ego: EgoState) -> None:
-        touched = self._contacts() if self.frame.box_distance < NEAR else []
-        if touched or self.frame.box_distance == 0.0:
-            who = f"{touched[0][0]} at the {touched[0][1]}" if touched else "another vehicle"
+        if self.mirror.may_touch(self.truck.data, 0.0):
+            # The contacts of the last step are those of the vehicles' last places.
+            mujoco.mj_fwdPosition(self.truck.model, self.truck.data)
+            self._note_contact()
+        if self._touched is not None:
+            when, vehicle, body = self._touched
             self.collision = self.failed = True
-            self.ended = f"collision with {who} at t = {self.time:.1f} s"
+            self.ended = f"collision with {vehicle} at the {body} at t = {when:.2f} s"
         elif (found := find_ending(ego, self.route, self.truck.footprint)) is not None:
             self.ended, self.failed = found
         elif self.time >= self.config.duration - 0.5 * TIMESTEP:

@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import mujoco
@@ -7,10 +8,9 @@ from scripted_truck import ego_at
 
 from iits_mj.errors import InputError
 from iits_mj.messages import TrackedVehicle
-from iits_mj.road import Route
-from traffic_bridge import InterSim, Mirror, TrafficConfig, default_types
+from traffic_bridge import InterSim, Mirror, TrafficConfig, VehicleFrame, default_types
 
-TYPES = {kind.kind: kind for kind in default_types()}
+TYPES = {kind.name: kind for kind in default_types()}
 TRUCK = """
 <mujoco>
   <worldbody>
@@ -63,82 +63,122 @@ def frame(model, data, name):
     return data.mocap_pos[index].copy(), rotation.reshape(3, 3)
 
 
-def test_bodies_lie_on_a_slope():
-    route = Route.straight(length=1000.0, grade=0.05)
-    mirror = Mirror(route, {"car": 2})
+def pose(model, data, mirror, name):
+    return frame(model, data, mirror.bodies_of(name)[0])
+
+
+def test_bodies_lie_on_slope_and_cross_slope_as_their_frame_says(straight):
+    mirror = Mirror({"car": 2}, visuals=False)
     model, data = scene(mirror)
-    mirror.update(data, [vehicle("a", route, 100.0, 4.0)], (90.0, 0.0))
-    position, axes = frame(model, data, mirror.slot_of("a"))
-    np.testing.assert_allclose(position, [100.0, 4.0, 5.0], atol=1e-9)
-    slope = math.atan(0.05)
-    np.testing.assert_allclose(axes[:, 0], [math.cos(slope), 0.0, math.sin(slope)], atol=1e-9)
-    # Oncoming: the nose points downhill.
-    mirror.update(data, [vehicle("a", route, 100.0, 4.0, yaw=math.pi)], (90.0, 0.0))
-    _, axes = frame(model, data, mirror.slot_of("a"))
-    np.testing.assert_allclose(axes[:, 0], [-math.cos(slope), 0.0, -math.sin(slope)], atol=1e-9)
+    # Uphill, and the left side higher than the right (ISO 8855: nose up is negative pitch).
+    seen = vehicle("a", straight, 100.0, 4.0, yaw=0.3, pitch=-0.05, roll=0.03)
+    mirror.update(data, [seen], (90.0, 0.0))
+    position, axes = pose(model, data, mirror, "a")
+    np.testing.assert_allclose(position, [100.0, 4.0, 0.0], atol=1e-12)
+    nose = [math.cos(0.3) * math.cos(0.05), math.sin(0.3) * math.cos(0.05), math.sin(0.05)]
+    np.testing.assert_allclose(axes[:, 0], nose, atol=1e-12)
+    assert axes[2, 1] == pytest.approx(math.sin(0.03) * math.cos(0.05), abs=1e-12)
 
 
-def test_bodies_are_tangent_to_the_road_everywhere(highway):
-    mirror = Mirror(highway, {"car": 1})
+def test_motion_between_steps_meets_sumos_positions_before_and_after(straight):
+    mirror = Mirror({"car": 1}, visuals=False)
     model, data = scene(mirror)
-    for station in np.linspace(200.0, highway.length - 200.0, 25):
-        v = vehicle("a", highway, float(station), 1.0)
-        mirror.update(data, [v], (v.x, v.y))
-        position, axes = frame(model, data, mirror.slot_of("a"))
-        p = [highway.evaluate(float(station) + d, 1.0 + e) for d, e in ((-1, 0), (1, 0), (0, 1))]
-        point = np.array([[float(q.x), float(q.y), float(q.z)] for q in p])
-        along = (point[1] - point[0]) / np.linalg.norm(point[1] - point[0])
-        left = (point[2] - position) / np.linalg.norm(point[2] - position)
-        normal = np.cross(along, left) / np.linalg.norm(np.cross(along, left))
-        # A twentieth of a degree: 2 mm over a car's length.
-        assert np.dot(axes[:, 0], along) > math.cos(1e-3)
-        assert np.dot(axes[:, 2], normal) > math.cos(1e-3)
-
-
-def test_vehicles_move_on_between_traffic_steps(straight):
-    mirror = Mirror(straight, {"car": 1})
-    model, data = scene(mirror)
-    v = vehicle("a", straight, 100.0, 4.0, speed=10.0, acceleration=2.0, lateral_speed=1.0)
+    v = vehicle("a", straight, 100.0, speed=10.0, acceleration=2.0, pitch=-math.atan(0.04))
     mirror.update(data, [v], (100.0, 0.0))
-    mirror.update(data, None, (100.0, 0.0), elapsed=0.05)
-    position, _ = frame(model, data, mirror.slot_of("a"))
-    np.testing.assert_allclose(position[:2], [100.5025, 4.05], atol=1e-9)
+    for elapsed, way in ((-0.1, -1.0), (0.0, 0.0), (0.05, 0.5075), (0.1, 1.02)):
+        mirror.update(data, None, (100.0, 0.0), elapsed=elapsed)
+        position, _ = pose(model, data, mirror, "a")
+        np.testing.assert_allclose(position, [100.0 + way, 0.0, 0.04 * way], atol=1e-12)
 
 
-def test_extrapolation_meets_the_next_traffic_step(straight):
-    mirror = Mirror(straight)
+def test_a_braking_vehicle_stops_and_does_not_roll_back(straight):
+    mirror = Mirror({"car": 1}, visuals=False)
     model, data = scene(mirror)
-    config = TrafficConfig(density=0.2, fill_ahead=600.0, fill_behind=600.0)
-    worst = 0.0
-    with InterSim(straight, config, seed=1) as traffic:
-        vehicles = traffic.reset(ego_at(straight, 0.0, 1000.0, 9.0, 4.0))
+    v = vehicle("a", straight, 100.0, speed=0.3, acceleration=-6.0)
+    mirror.update(data, [v], (100.0, 0.0))
+    places = []
+    for elapsed in np.linspace(0.0, 0.1, 11):
+        mirror.update(data, None, (100.0, 0.0), elapsed=float(elapsed))
+        places.append(pose(model, data, mirror, "a")[0][0])
+    assert min(places) == 100.0
+
+
+def test_vehicles_in_a_bend_move_along_the_circle(straight):
+    mirror = Mirror({"car": 1}, visuals=False)
+    model, data = scene(mirror)
+    radius, speed = 50.0, 15.0
+    v = vehicle("a", straight, 100.0, speed=speed, yaw_rate=speed / radius)
+    mirror.update(data, [v], (100.0, 0.0))
+    for elapsed in (-0.1, 0.05, 0.1):
+        mirror.update(data, None, (100.0, 0.0), elapsed=elapsed)
+        position, axes = pose(model, data, mirror, "a")
+        angle = elapsed * speed / radius
+        place = [100.0 + radius * math.sin(angle), radius * (1.0 - math.cos(angle)), 0.0]
+        np.testing.assert_allclose(position, place, atol=1e-4)
+        assert math.atan2(axes[1, 0], axes[0, 0]) == pytest.approx(angle, abs=1e-12)
+
+
+@pytest.mark.parametrize("model_of_changes", ["lc2013", "mobil"])
+def test_bodies_do_not_jump_when_the_traffic_steps(highway, model_of_changes):
+    mirror = Mirror(visuals=False)
+    model, data = scene(mirror)
+    config = TrafficConfig(
+        density=0.1, lane_change=model_of_changes, fill_ahead=600.0, fill_behind=600.0
+    )
+    along, across = [], []
+    with InterSim(highway, config, seed=1) as traffic:
+        before = traffic.reset(ego_at(highway, 0.0, 2000.0, 12.0, -2.0))
         for k in range(1, 101):
-            ego = ego_at(straight, 0.1 * k, 1000.0 + 0.9 * k, 9.0, 4.0)
-            mirror.update(data, vehicles, (ego.x, ego.y), elapsed=0.1)
-            vehicles = traffic.step(ego)
-            for v in vehicles:
-                slot = mirror.slot_of(v.id)
-                if slot is not None:
-                    position, _ = frame(model, data, slot)
-                    worst = max(worst, math.hypot(position[0] - v.x, position[1] - v.y))
-    # What a camera would see as a jump at the next step.
-    assert 0.0 < worst < 0.15
+            ego = ego_at(highway, 0.1 * k, 2000.0 + 1.2 * k, 12.0, -2.0)
+            mirror.update(data, before, (ego.x, ego.y), elapsed=0.1)
+            now = traffic.step(ego)
+            for name in mirror.shown:
+                old, new = before.find(name), now.find(name)
+                steady = new is not None and abs(new.acceleration - old.acceleration) < 0.05
+                if new is None or not steady or new.kind == "articulated":
+                    continue
+                position, _ = pose(model, data, mirror, name)
+                apart = np.array([new.x - position[0], new.y - position[1]])
+                ahead = np.array([math.cos(new.yaw), math.sin(new.yaw)])
+                along.append(abs(apart @ ahead))
+                across.append(abs(apart @ [-ahead[1], ahead[0]]))
+            before = now
+    assert len(along) > 800
+    # What a camera would see as a jump; the greatest ones are where the road's curvature changes.
+    assert np.percentile(along, 99) < 2e-3
+    assert np.percentile(across, 99) < 1e-3
+    assert max(along) < 2e-2
+
+
+def test_pace_of_a_vehicle_is_taken_from_its_own_way(straight):
+    mirror = Mirror({"car": 1}, visuals=False)
+    model, data = scene(mirror)
+    # Two per cent shorter ways than the speed says, as on the inner lane of a bend.
+    for station in (100.0, 100.98):
+        mirror.update(data, [vehicle("a", straight, station, speed=10.0)], (100.0, 0.0))
+    mirror.update(data, None, (100.0, 0.0), elapsed=0.1)
+    assert pose(model, data, mirror, "a")[0][0] == pytest.approx(101.96, abs=1e-9)
+    # Put elsewhere: its speed counts.
+    mirror.update(data, [vehicle("a", straight, 130.0, speed=10.0)], (100.0, 0.0), elapsed=0.1)
+    assert pose(model, data, mirror, "a")[0][0] == pytest.approx(131.0, abs=1e-9)
+
+
+# Slots -----------------------------------------------------------------------------------------
 
 
 def test_slots_are_kept_and_reused(straight):
-    mirror = Mirror(straight, {"car": 2, "articulated": 1})
+    mirror = Mirror({"car": 2, "articulated": 1}, visuals=False)
     _, data = scene(mirror)
     cars = [vehicle(f"car.{i}", straight, 100.0 + 30.0 * i) for i in range(4)]
     assert mirror.update(data, cars, (100.0, 0.0)) == 2
-    slots = {name: mirror.slot_of(name) for name in ("car.0", "car.1")}
-    assert None not in slots.values()
-    assert mirror.slot_of("car.2") is None
+    slots = {name: mirror.bodies_of(name) for name in ("car.0", "car.1")}
+    assert mirror.shown == ("car.0", "car.1")
     # Still among the nearest: the same body.
     mirror.update(data, cars[::-1], (110.0, 0.0))
-    assert {name: mirror.slot_of(name) for name in slots} == slots
+    assert {name: mirror.bodies_of(name) for name in slots} == slots
     # Gone: the bodies serve others.
     mirror.update(data, cars[2:], (160.0, 0.0))
-    assert {mirror.slot_of("car.2"), mirror.slot_of("car.3")} == set(slots.values())
+    assert {mirror.bodies_of("car.2"), mirror.bodies_of("car.3")} == set(slots.values())
     mirror.update(data, [], (160.0, 0.0))
     assert np.all(data.mocap_pos[:, 2] < -100.0)
     parked = data.mocap_pos[:, None, :] - data.mocap_pos[None, :, :]
@@ -146,55 +186,157 @@ def test_slots_are_kept_and_reused(straight):
     assert distance.min() > 20.0
 
 
-def test_vehicles_out_of_range_or_of_unknown_kind_are_not_shown(straight):
-    mirror = Mirror(straight, {"car": 3}, view_range=200.0)
+def test_two_vehicles_at_the_edge_do_not_take_turns(straight):
+    mirror = Mirror({"car": 1}, visuals=False)
     _, data = scene(mirror)
-    seen = [vehicle("far", straight, 500.0), vehicle("long", straight, 120.0, kind="articulated")]
+
+    def shown(ahead, behind):
+        cars = [vehicle("a", straight, 1000.0 + ahead), vehicle("b", straight, 1000.0 - behind)]
+        mirror.update(data, cars, (1000.0, 0.0))
+        return mirror.shown
+
+    assert shown(99.0, 100.0) == ("a",)
+    assert [shown(100.0 + d, 100.0 - d) for d in (1.0, 3.0, 5.0)] == 3 * [("a",)]
+    assert shown(110.0, 90.0) == ("b",)
+    assert shown(95.0, 105.0) == ("b",)
+
+
+def test_nobody_hidden_is_much_nearer_than_somebody_shown(straight):
+    mirror = Mirror(
+        {"car": 6, "van": 2, "truck": 2, "articulated": 2}, view_range=5000.0, visuals=False
+    )
+    _, data = scene(mirror)
+    rng = np.random.default_rng(5)
+    kinds = [*TYPES][:4]
+    places = rng.uniform(200.0, 1800.0, 60)
+    speeds = rng.uniform(5.0, 25.0, 60)
+    changes = 0
+    for k in range(200):
+        ego = 1000.0 + 0.5 * k * 15.0
+        cars = [
+            vehicle(f"v{i:02}", straight, s, kind=kinds[i % 4])
+            for i, s in enumerate((places + 0.5 * k * speeds).tolist())
+        ]
+        before = mirror.shown
+        mirror.update(data, cars, (ego, 0.0))
+        changes += len(set(before) ^ set(mirror.shown)) if k else 0
+        for kind in kinds:
+            of_kind = [c for c in cars if c.kind == kind]
+            seen = [abs(c.x - ego) for c in of_kind if c.id in mirror.shown]
+            hidden = [abs(c.x - ego) for c in of_kind if c.id not in mirror.shown]
+            assert len(seen) == (6 if kind == "car" else 2)
+            assert min(hidden) > 0.85 * max(seen) - 1e-9
+    assert 10 < changes < 200
+
+
+def test_a_body_that_was_parked_is_taken_before_one_that_is_just_left(straight):
+    mirror = Mirror({"car": 2}, visuals=False)
+    _, data = scene(mirror)
+    mirror.update(data, [vehicle("a", straight, 100.0)], (100.0, 0.0))
+    left = mirror.bodies_of("a")
+    mirror.update(data, [vehicle("b", straight, 130.0)], (100.0, 0.0))
+    assert mirror.bodies_of("b") != left
+    assert mirror.bodies_of("a") == ()
+
+
+def test_vehicles_out_of_range_or_of_unknown_kind_are_not_shown(straight):
+    mirror = Mirror({"car": 3}, view_range=200.0, visuals=False)
+    _, data = scene(mirror)
+    seen = [
+        vehicle("far", straight, 500.0),
+        vehicle("long", straight, 120.0, kind="articulated"),
+        dataclasses.replace(vehicle("odd", straight, 110.0), kind="tram"),
+    ]
     assert mirror.update(data, seen, (100.0, 0.0)) == 0
 
 
-def test_contact_names_the_pair_and_exerts_no_force(straight):
-    mirror = Mirror(straight, {"car": 3, "van": 1})
+def test_color_belongs_to_the_vehicle_while_a_body_of_it_is_free(straight):
+    car = TYPES["car"]
+
+    def paint(model, mirror, name):
+        geom = model.geom(f"{mirror.bodies_of(name)[0]}_paint")
+        return tuple(np.round(model.mat_rgba[geom.matid[0]][:3], 6).tolist())
+
+    mirror = Mirror({"car": 2 * len(car.colors)})
     model, data = scene(mirror)
-    model.opt.gravity[:] = 0.0
+    for others in range(3):
+        names = [f"other.{i}" for i in range(others)] + ["car.7"]
+        cars = [vehicle(n, straight, 100.0 + 30.0 * i) for i, n in enumerate(names)]
+        mirror.update(data, [], (100.0, 0.0))
+        mirror.update(data, cars, (100.0, 0.0))
+        for name in names:
+            assert paint(model, mirror, name) == pytest.approx(car.color_of(name), abs=1e-6)
+
+
+def test_vehicles_of_two_types_of_one_look_get_bodies_of_their_own_size(straight):
+    car = TYPES["car"]
+    small = dataclasses.replace(car, name="small", look="car", length=3.6, width=1.7, height=1.5)
+    mirror = Mirror({"car": 2, "small": 2}, types=[car, small], visuals=False)
+    model, data = scene(mirror)
     seen = [
-        vehicle("front", straight, 4.0),
-        vehicle("side", straight, -9.0, 2.0, kind="van"),
-        vehicle("near", straight, 1.0, 2.3),
-        vehicle("touching.each.other", straight, 1.5, 2.9),
+        vehicle("a", straight, 100.0),
+        dataclasses.replace(vehicle("b", straight, 120.0), length=3.6, width=1.7),
     ]
-    mirror.update(data, seen, (0.0, 0.0))
-    mujoco.mj_step(model, data)
-    assert mirror.contacts(data) == [("front", "tractor"), ("side", "trailer")]
-    assert np.abs(data.qvel).max() == 0.0
-    assert np.abs(data.qfrc_constraint).max() == 0.0
-    mirror.update(data, [], (0.0, 0.0))
-    mujoco.mj_step(model, data)
-    assert mirror.contacts(data) == []
+    mirror.update(data, seen, (100.0, 0.0))
+    lengths = [
+        2.0 * model.geom(f"{mirror.bodies_of(name)[0]}_hull_0").size[0] for name in ("a", "b")
+    ]
+    assert lengths == pytest.approx([4.7, 3.6])
 
 
-def test_the_real_trucks_hull_is_met_at_both_units():
-    from iits_mj import Truck
+def test_update_is_a_function_of_the_frames_since_bind(straight):
+    rng = np.random.default_rng(2)
 
-    route = Route.straight(length=1000.0)
-    mirror = Mirror(route, {"car": 2})
-    truck = Truck.load(route=route, visuals=False, edit_spec=mirror.add_to)
-    mirror.bind(truck.model)
-    truck.reset(station=100.0, offset=0.0)
-    seen = [vehicle("a", route, 102.0), vehicle("b", route, 88.0, 1.5)]
-    mirror.update(truck.data, seen, (100.0, 0.0))
-    mujoco.mj_forward(truck.model, truck.data)
-    pairs = mirror.contacts(truck.data)
-    assert {name for name, _ in pairs} == {"a", "b"}
-    assert ("a", "tractor") in pairs
-    assert ("b", "trailer") in pairs
+    def frames():
+        places, speeds = rng.uniform(0.0, 800.0, 40), rng.uniform(5.0, 25.0, 40)
+        for k in range(30):
+            yield VehicleFrame.of(
+                [
+                    vehicle(
+                        f"v{i:02}",
+                        straight,
+                        s,
+                        kind=[*TYPES][i % 4],
+                        yaw_rate=0.1 * math.sin(0.3 * k + i),
+                    )
+                    for i, s in enumerate((places + 0.1 * k * speeds).tolist())
+                ]
+            )
+
+    given = list(frames())
+    mirror = Mirror(visuals=False)
+    model, data = scene(mirror)
+    runs = []
+    for _ in range(2):
+        mirror.bind(model)
+        mujoco.mj_resetData(model, data)
+        poses = []
+        for k, now in enumerate(given):
+            mirror.update(data, now, (400.0 + 1.5 * k, 0.0))
+            mirror.update(data, None, (400.0 + 1.5 * k, 0.0), elapsed=0.062)
+            poses.append(np.concatenate((data.mocap_pos, data.mocap_quat), axis=1))
+        runs.append(np.array(poses))
+    assert np.array_equal(*runs)
 
 
 def test_misuse_is_explained(straight):
-    with pytest.raises(InputError, match="kinds are"):
-        Mirror(straight, {"bus": 1})
-    mirror = Mirror(straight)
+    with pytest.raises(InputError, match="types are car, van, truck, articulated"):
+        Mirror({"bus": 1})
+    for count in (-1, 501, 2.5, True):
+        with pytest.raises(InputError, match="counts 0 to 500"):
+            Mirror({"car": count})
+    for name in ("view_range", "step_length"):
+        for value in (0.0, -1.0, math.nan, math.inf, "far"):
+            with pytest.raises(InputError, match=name):
+                Mirror(**{name: value})
+    short = dataclasses.replace(TYPES["articulated"], length=9.0)
+    with pytest.raises(InputError, match=r"9\.0 m: two units need 12 m or more"):
+        Mirror(types=[short])
+    mirror = Mirror(visuals=False)
     with pytest.raises(InputError, match="bind"):
         mirror.update(mujoco.MjData(mujoco.MjModel.from_xml_string(TRUCK)), [], (0.0, 0.0))
     with pytest.raises(InputError, match="add_to"):
         mirror.bind(mujoco.MjModel.from_xml_string(TRUCK))
+    _, data = scene(mirror)
+    with pytest.raises(InputError, match="not finite"):
+        mirror.update(data, [vehicle("a", straight, 10.0, speed=math.nan)], (0.0, 0.0))

@@ -1,0 +1,174 @@
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+from iits_mj.messages import TrackedVehicle
+from traffic_bridge import Mirror, VehicleFrame
+from traffic_bridge.articulation import Articulation, TrailerMemory
+
+TRUCK = Articulation.of_lengths([16.5])
+KINGPIN, AXLES = float(TRUCK.kingpin[0]), float(TRUCK.axles[0])
+
+
+def angle(a, b):
+    return math.remainder(float(a) - float(b), 2.0 * math.pi)
+
+
+def test_pulled_semitrailer_follows_the_tractrix():
+    # The axles of a semitrailer pulled along x from being square to it lie on the classical curve
+    # x = d (t - tanh t), y = d / cosh t, t being the way in units of d.
+    for way in (0.5, 3.0, 12.0):
+        yaw = float(TRUCK.pulled(np.array([-0.5 * math.pi]), np.zeros(1), np.array([way]))[0])
+        t = way / AXLES
+        axles = way - AXLES * math.cos(yaw), -AXLES * math.sin(yaw)
+        assert axles == pytest.approx((AXLES * (t - math.tanh(t)), AXLES / math.cosh(t)))
+
+
+def test_pull_is_undone_by_its_reverse_and_does_not_depend_on_its_parts():
+    start, direction = np.array([0.4]), np.array([-0.3])
+    whole = TRUCK.pulled(start, direction, np.array([3.0]))
+    parts = start
+    for _ in range(30):
+        parts = TRUCK.pulled(parts, direction, np.array([0.1]))
+    assert parts == pytest.approx(whole, abs=1e-12)
+    assert TRUCK.pulled(whole, direction, np.array([-3.0])) == pytest.approx(start, abs=1e-12)
+
+
+@pytest.mark.parametrize("radius", [12.0, -20.0, 100.0])
+def test_a_bend_driven_for_long_puts_the_axles_on_the_concentric_circle(radius):
+    memory = TrailerMemory()
+    yaw = 0.0
+    for _ in range(300):
+        yaw += 0.5 / radius
+        x, y = radius * math.sin(yaw), radius * (1.0 - math.cos(yaw))
+        # The memory begins straight: it is not told of the bend.
+        trailer = memory.follow(
+            ["t"], TRUCK, np.array([x]), np.array([y]), np.array([yaw]), np.zeros(1)
+        )
+    axles = np.array([x - AXLES * math.cos(trailer[0]), y - AXLES * math.sin(trailer[0])])
+    expected = math.sqrt(radius**2 - AXLES**2)
+    assert np.hypot(axles[0], axles[1] - radius) == pytest.approx(expected, rel=2e-3)
+    # So is who appears in the bend.
+    settled = TRUCK.settled(np.array([yaw]), np.array([1.0 / radius]))
+    assert angle(settled[0], trailer[0]) == pytest.approx(0.0, abs=0.012 * 12.0 / abs(radius))
+
+
+def test_the_tractor_points_where_the_kingpin_goes():
+    yaw, trailer, step = np.array([0.5]), np.array([0.1]), 1e-6
+    moved = TRUCK.pulled(trailer, yaw, np.array([step]))
+
+    def kingpin(way, psi):
+        return np.array([way * math.cos(0.5), way * math.sin(0.5)]) + KINGPIN * np.array(
+            [math.cos(psi), math.sin(psi)]
+        )
+
+    motion = kingpin(step, moved[0]) - kingpin(0.0, trailer[0])
+    expected = math.atan2(motion[1], motion[0])
+    assert TRUCK.tractor_yaw(yaw, trailer)[0] == pytest.approx(expected, abs=1e-5)
+
+
+def scene(mirror):
+    spec = mujoco.MjSpec()
+    mirror.add_to(spec)
+    model = spec.compile()
+    mirror.bind(model)
+    return model, mujoco.MjData(model)
+
+
+def on_turn(way, radius, arc, speed):
+    """A truck that drives straight along x, through a bend of an arc, and straight on."""
+    turned = min(max(way, 0.0), arc)
+    yaw = turned / radius
+    x = min(way, 0.0) + radius * math.sin(yaw) + max(way - arc, 0.0) * math.cos(yaw)
+    y = radius * (1.0 - math.cos(yaw)) + max(way - arc, 0.0) * math.sin(yaw)
+    rate = speed / radius if 0.0 <= way < arc else 0.0
+    return TrackedVehicle(
+        "t", "articulated", x, y, yaw=yaw, speed=speed, yaw_rate=rate,
+        length=16.5, width=2.55, height=4.0,
+    )  # fmt: skip
+
+
+def units(model, data, mirror):
+    found = []
+    for name in mirror.bodies_of("t"):
+        index = model.body_mocapid[model.body(name).id]
+        rotation = np.empty(9)
+        mujoco.mju_quat2Mat(rotation, data.mocap_quat[index])
+        found.append((data.mocap_pos[index].copy(), rotation.reshape(3, 3)))
+    return found
+
+
+def test_a_right_angle_turn_bends_the_truck_without_jumps_and_straightens_it_again():
+    mirror = Mirror({"articulated": 1}, visuals=False)
+    model, data = scene(mirror)
+    radius, speed = 12.0, 5.0
+    arc = 0.5 * math.pi * radius
+    bends, last, centers = [], None, []
+    for k in range(160):
+        way = -10.0 + 0.5 * k
+        mirror.update(data, [on_turn(way, radius, arc, speed)], (0.0, 0.0))
+        for elapsed in np.arange(0.0, 0.1, 0.02):
+            mirror.update(data, None, (0.0, 0.0), elapsed=float(elapsed))
+            (hitch, tractor), (same, trailer) = units(model, data, mirror)
+            np.testing.assert_allclose(hitch, same, atol=1e-12)
+            # The box's centre, which the traffic knows, is on the semitrailer.
+            center = hitch - KINGPIN * trailer[:, 0]
+            if elapsed == 0.0:
+                truth = on_turn(way, radius, arc, speed)
+                np.testing.assert_allclose(center[:2], [truth.x, truth.y], atol=1e-9)
+            psi = [math.atan2(axes[1, 0], axes[0, 0]) for axes in (tractor, trailer)]
+            bends.append(angle(*psi))
+            if last is not None:
+                # 20 ms on: 0.1 m of way, and both units turned a little.
+                assert np.linalg.norm(hitch - last[0]) < 0.15
+                assert max(abs(angle(a, b)) for a, b in zip(psi, last[1], strict=True)) < 0.05
+            last = hitch, psi
+            centers.append(center)
+    assert 0.5 < max(bends) < 1.1
+    assert min(bends) > -0.02
+    assert bends[-1] == pytest.approx(0.0, abs=0.01)
+    assert last[1] == pytest.approx([0.5 * math.pi] * 2, abs=0.01)
+
+
+def test_a_truck_standing_bent_stays_bent():
+    mirror = Mirror({"articulated": 1}, visuals=False)
+    model, data = scene(mirror)
+    arc = 0.5 * math.pi * 12.0
+    for k in range(30):
+        mirror.update(data, [on_turn(0.5 * k, 12.0, arc, 5.0)], (0.0, 0.0))
+    before = units(model, data, mirror)
+    for _ in range(50):
+        standing = on_turn(14.5, 12.0, arc, 0.0)
+        mirror.update(data, [standing], (0.0, 0.0))
+    for (p, r), (q, s) in zip(before, units(model, data, mirror), strict=True):
+        np.testing.assert_allclose(p, q, atol=1e-9)
+        np.testing.assert_allclose(r, s, atol=1e-9)
+
+
+def test_a_truck_that_is_put_elsewhere_is_settled_there():
+    mirror = Mirror({"articulated": 1}, visuals=False)
+    model, data = scene(mirror)
+    arc = 0.5 * math.pi * 12.0
+    for k in range(30):
+        mirror.update(data, [on_turn(0.5 * k, 12.0, arc, 5.0)], (0.0, 0.0))
+    mirror.update(data, VehicleFrame.of([on_turn(200.0, 12.0, arc, 5.0)]), (0.0, 0.0))
+    (_, tractor), (_, trailer) = units(model, data, mirror)
+    np.testing.assert_allclose(tractor, trailer, atol=1e-12)
+
+
+def test_units_lie_in_the_plane_of_the_road_under_the_truck():
+    mirror = Mirror({"articulated": 1}, visuals=False)
+    model, data = scene(mirror)
+    v = TrackedVehicle(
+        "t", "articulated", 10.0, 5.0, 2.0, yaw=0.7, pitch=-0.05, roll=0.04, speed=5.0,
+        yaw_rate=0.3, length=16.5, width=2.55, height=4.0,
+    )  # fmt: skip
+    mirror.update(data, [v], (0.0, 0.0))
+    (hitch, tractor), (_, trailer) = units(model, data, mirror)
+    normal = tractor[:, 2]
+    np.testing.assert_allclose(trailer[:, 2], normal, atol=1e-12)
+    assert (hitch - [10.0, 5.0, 2.0]) @ normal == pytest.approx(0.0, abs=1e-12)
+    assert normal[2] == pytest.approx(math.cos(0.05) * math.cos(0.04))
+    assert abs(tractor[:, 0] @ trailer[:, 0]) < math.cos(0.2)

@@ -1,0 +1,206 @@
+import math
+
+import mujoco
+import numpy as np
+import pytest
+from test_traffic_mirror import scene, vehicle
+
+from iits_mj import Truck
+from iits_mj.messages import TrackedVehicle, VehicleCommand
+from iits_mj.road import Route
+from iits_mj.simulation import gaps
+from traffic_bridge import Mirror
+from traffic_bridge.contact import may_touch, separation
+
+
+def test_contact_names_the_pair_and_exerts_no_force(straight):
+    mirror = Mirror({"car": 3, "van": 1}, visuals=False)
+    model, data = scene(mirror)
+    model.opt.gravity[:] = 0.0
+    seen = [
+        vehicle("front", straight, 4.0),
+        vehicle("side", straight, -9.0, 2.0, kind="van"),
+        vehicle("near", straight, 1.0, 2.3),
+        vehicle("touching.each.other", straight, 1.5, 2.9),
+    ]
+    mirror.update(data, seen, (0.0, 0.0))
+    mujoco.mj_step(model, data)
+    assert mirror.contacts(data) == [("front", "tractor"), ("side", "trailer")]
+    assert np.abs(data.qvel).max() == 0.0
+    assert np.abs(data.qfrc_constraint).max() == 0.0
+    mirror.update(data, [], (0.0, 0.0))
+    mujoco.mj_step(model, data)
+    assert mirror.contacts(data) == []
+
+
+def test_a_bridge_over_the_truck_is_no_contact(straight):
+    mirror = Mirror({"car": 1}, visuals=False)
+    model, data = scene(mirror)
+    for height, touched in ((6.0, False), (1.0, True)):
+        car = vehicle("a", straight, 0.0)
+        above = TrackedVehicle("a", "car", x=car.x, y=car.y, z=height)
+        mirror.update(data, [above], (0.0, 0.0))
+        mujoco.mj_forward(model, data)
+        assert bool(mirror.contacts(data)) == touched
+
+
+@pytest.fixture(scope="module")
+def driven():
+    route = Route.straight(length=1000.0)
+    mirror = Mirror(visuals=False)
+    truck = Truck.load(route=route, visuals=False, edit_spec=mirror.add_to)
+    return route, mirror, truck
+
+
+def test_both_units_of_the_truck_meet_cars_and_both_units_of_others(driven):
+    route, mirror, truck = driven
+    mirror.bind(truck.model)
+    truck.reset(station=100.0, offset=0.0)
+    seen = [
+        vehicle("a", route, 102.0),
+        vehicle("b", route, 88.0, 1.5),
+        # Its semitrailer beside the tractor; its tractor behind the semitrailer.
+        vehicle("c", route, 108.0, 2.0, kind="articulated"),
+        vehicle("d", route, 78.2, -1.0, kind="articulated"),
+    ]
+    mirror.update(truck.data, seen, (100.0, 0.0))
+    mujoco.mj_forward(truck.model, truck.data)
+    pairs = mirror.contacts(truck.data)
+    assert {name for name, _ in pairs} == {"a", "b", "c", "d"}
+    assert {("a", "tractor"), ("b", "trailer"), ("c", "tractor"), ("d", "trailer")} <= set(pairs)
+
+
+def test_a_collision_leaves_no_trace_in_the_trucks_motion(driven):
+    route, mirror, truck = driven
+    states = []
+    for crowd in (False, True):
+        mirror.bind(truck.model)
+        ego = truck.reset(station=100.0, offset=0.0, speed=15.0)
+        truck.command(VehicleCommand(accelerator_pedal=0.5, steering_wheel_angle=0.2))
+        trace, touched = [], 0
+        for k in range(100):
+            seen = [
+                vehicle(f"v{i}", route, ego.station + 12.0 * (i - 2), 0.5 * i, kind=kind)
+                for i, kind in enumerate(("car", "van", "truck", "articulated", "car"))
+            ]
+            mirror.update(truck.data, seen if crowd else [], (ego.x, ego.y))
+            truck.step(2)
+            touched += len(mirror.contacts(truck.data))
+            trace.append(np.concatenate((truck.data.qpos, truck.data.qvel, truck.data.act)))
+            ego = truck.observe() if k % 10 == 9 else ego
+        assert (touched > 50) == crowd
+        states.append(np.array(trace))
+    assert np.array_equal(*states)
+
+
+# Looking between traffic steps ----------------------------------------------------------------
+
+
+def rectangles(rng, count):
+    center = rng.uniform(-12.0, 12.0, (count, 2))
+    yaw = rng.uniform(-math.pi, math.pi, count)
+    ahead = np.column_stack((np.cos(yaw), np.sin(yaw)))
+    left = np.column_stack((-ahead[:, 1], ahead[:, 0]))
+    size = rng.uniform(0.5, 8.0, (count, 2))
+    return np.stack((center, size[:, :1] * ahead, size[:, 1:] * left), axis=1)
+
+
+def corners(box):
+    signs = ((1, -1), (1, 1), (-1, 1), (-1, -1))
+    return np.array([box[0] + a * box[1] + b * box[2] for a, b in signs])
+
+
+def test_separation_is_a_lower_bound_of_the_distance_and_zero_only_on_overlap():
+    rng = np.random.default_rng(4)
+    a, b = rectangles(rng, 20), rectangles(rng, 25)
+    found = separation(a, b)
+    tight = 0
+    for i in range(20):
+        for k in range(25):
+            true = gaps.box_distance(corners(a[i]), corners(b[k]))
+            assert found[i, k] <= true + 1e-9
+            assert (found[i, k] <= 0.0) == (true == 0.0)
+            tight += true > 0.0 and found[i, k] > 0.999 * true
+    assert tight > 30
+
+
+def test_whoever_touches_within_the_time_was_announced():
+    rng = np.random.default_rng(9)
+    within, announced, touching = 0.1, 0, 0
+    for _ in range(300):
+        a, b = rectangles(rng, 1), rectangles(rng, 1)
+        b[0, 0] *= 2.0
+        speed = rng.uniform(-30.0, 30.0, (2, 2))
+        rate = rng.uniform(-0.5, 0.5, 2)
+        spin = [
+            abs(w) * float(np.hypot(*np.linalg.norm(box[0, 1:], axis=1)))
+            for w, box in zip(rate, (a, b), strict=True)
+        ]
+        motion = np.column_stack((speed, spin))
+        if separation(a, b)[0, 0] <= 0.0:
+            continue
+        said = may_touch(a, motion[:1], b, motion[1:], within)
+        met = False
+        for t in np.linspace(0.0, within, 21):
+            moved = []
+            for box, v, w in zip((a, b), speed, rate, strict=True):
+                c, s = math.cos(w * t), math.sin(w * t)
+                turned = box.copy()
+                turned[0, 0] += v * t
+                turned[0, 1:] = box[0, 1:] @ np.array([[c, s], [-s, c]])
+                moved.append(turned)
+            met |= separation(*moved)[0, 0] <= 0.0
+        assert said or not met
+        announced += said
+        touching += met
+    assert touching > 10
+    assert announced < 200
+
+
+def test_neighbors_beside_the_truck_do_not_slow_its_steps_down(driven):
+    route, mirror, truck = driven
+    mirror.bind(truck.model)
+    ego = truck.reset(station=200.0, offset=0.0, speed=15.0)
+    truck.observe()
+    beside = [vehicle(f"v{i}", route, 180.0 + 8.0 * i, 3.5, speed=17.0) for i in range(6)]
+    beside += [vehicle(f"w{i}", route, 215.0 + 9.0 * i, speed=15.5) for i in range(3)]
+    mirror.update(truck.data, beside, (ego.x, ego.y))
+    mujoco.mj_forward(truck.model, truck.data)
+    assert not mirror.may_touch(truck.data, 0.1)
+    assert truck.data.ncon == 0
+    # Oncoming at 30 m/s, 2 m before the bumper: within the next 0.1 s.
+    ahead = vehicle("x", route, 200.0 + 1.4 + 2.0 + 2.35, yaw=math.pi, speed=15.0)
+    mirror.update(truck.data, [*beside, ahead], (ego.x, ego.y))
+    assert mirror.may_touch(truck.data, 0.1)
+
+
+@pytest.mark.parametrize("lasting", [0.01, 0.04])
+def test_a_thin_clip_at_30_meters_a_second_is_seen_between_two_traffic_steps(driven, lasting):
+    route, mirror, truck = driven
+    mirror.bind(truck.model)
+    truck.reset(station=200.0, offset=0.0, speed=20.0)
+    tractor = truck.parameters.tractor
+    # A car crosses from the right, and the last of it does not quite clear the left of the bumper:
+    # the corners overlap from 0.14 s on, while both move at 30 m/s to each other.
+    begin, speed = 0.14, 22.0
+    front = 200.0 + tractor.front_overhang + 20.0 * begin
+
+    def crossing(time):
+        y = 0.5 * tractor.width + 2.35 + speed * (time - begin - lasting)
+        return vehicle("x", route, front + 0.925, y, yaw=0.5 * math.pi, speed=speed)
+
+    at_steps, between = [], []
+    for k in range(4):
+        ego = truck.observe()
+        mirror.update(truck.data, [crossing(0.1 * k)], (ego.x, ego.y))
+        mujoco.mj_forward(truck.model, truck.data)
+        at_steps += mirror.contacts(truck.data)
+        stride = 1 if mirror.may_touch(truck.data, 0.1) else 50
+        for j in range(0, 50, stride):
+            mirror.update(truck.data, None, (ego.x, ego.y), elapsed=0.002 * j)
+            truck.step(stride)
+            between += [(0.1 * k + 0.002 * j, *pair) for pair in mirror.contacts(truck.data)]
+    assert at_steps == []
+    assert {pair[1:] for pair in between} == {("x", "tractor")}
+    assert between[0][0] == pytest.approx(begin, abs=0.006)
+    assert len(between) == pytest.approx(lasting / 0.002, abs=3)
