@@ -52,15 +52,22 @@ def read_fcd(table: Table, path: Path, *, types: Mapping[str, Size] | None = Non
         return name, f"vehicle_{name}"
 
     name = table.texts(*column("id"))
-    there = np.flatnonzero(name != "")
+    lane = table.texts(*column("lane"))
+    # CSV has lines for instants without vehicles; vehicles beside the network are in no lane.
+    there = np.flatnonzero((name != "") & (lane != ""))
     if not there.size:
-        raise InputError(f"data set {path}: no vehicles")
+        raise InputError(f"data set {path}: no vehicles in lanes")
+    off = int(((name != "") & (lane == "")).sum())
+    beside = (f"{off} rows of vehicles in no lane are left out",) if off else ()
 
-    def numbers(what: str, finite: bool = True) -> FloatArray:
-        return table.numbers(*column(what), finite=finite and there.size == table.rows)[there]
+    def numbers(what: str) -> FloatArray:
+        found = table.numbers(*column(what), finite=False)
+        good = np.ones(table.rows, dtype=bool)
+        good[there] = np.isfinite(found[there])
+        table.must(good, what, found, "must be a finite number")
+        return found[there]
 
-    lane = table.texts(*column("lane"))[there]
-    edge, index = _split(table, there, lane)
+    edge, index = _split(table, there, lane[there])
     time = table.numbers("time", "timestep_time")[there]
     speed, position = numbers("speed"), numbers("pos")
     station, keep, notes = lay_out(name[there], time, edge, position, speed)
@@ -83,7 +90,7 @@ def read_fcd(table: Table, path: Path, *, types: Mapping[str, Size] | None = Non
         acceleration=numbers("acceleration")[keep] if table.has(*column("acceleration")) else None,
         leader=table.texts(*column("leaderID"))[there][keep] if has_leader else None,
     )
-    return assemble(rows, int(index[keep].max()) + 1, LANE_WIDTH, (*notes, *unknown))
+    return assemble(rows, int(index[keep].max()) + 1, LANE_WIDTH, (*beside, *notes, *unknown))
 
 
 def read_fcd_xml(path: Path) -> Table:

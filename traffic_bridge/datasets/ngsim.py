@@ -174,12 +174,11 @@ def _time(table: Table) -> FloatArray:
     """Seconds since the set's first instant."""
     frame = table.integers("Frame_ID")
     if not table.has("Global_Time"):
-        return frame * FRAME
+        return frame.astype(np.float64) * FRAME
     stamp = table.numbers("Global_Time")
     table.must(stamp >= 0.0, "Global_Time", stamp, "must be milliseconds since 1970")
     # To the nearest tenth of a second: the sites' clocks are off by up to some milliseconds.
-    seconds: FloatArray = np.round((stamp - stamp.min()) * 1e-3, 1)
-    return seconds
+    return np.asarray(np.round((stamp - stamp.min()) * 1e-3, 1), dtype=np.float64)
 
 
 def _check_units(path: Path, length: FloatArray, units: str) -> None:
