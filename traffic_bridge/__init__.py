@@ -25,6 +25,7 @@ from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.mirror import Mirror
 from traffic_bridge.modes import InterSim, PureSim, Traffic
 from traffic_bridge.network import Network, build_network, cache_dir, find_netconvert
+from traffic_bridge.parallel import TrafficWorlds, WorldSpec
 from traffic_bridge.recorded import Recorder, RepSim, ReSim
 from traffic_bridge.recording import PoseDigest, Recording
 from traffic_bridge.vehicle_types import KINDS, VehicleType, default_types, read_types
@@ -52,9 +53,11 @@ __all__ = [
     "StoppedVehicle",
     "Traffic",
     "TrafficConfig",
+    "TrafficWorlds",
     "VehicleChange",
     "VehicleFrame",
     "VehicleType",
+    "WorldSpec",
     "build_network",
     "cache_dir",
     "default_types",
