@@ -10,7 +10,9 @@ libsumo is imported when a simulation starts, not before.
 """
 
 from traffic_bridge.config import DENSITIES, LANE_CHANGE_MODELS, TrafficConfig
+from traffic_bridge.datasets import Trajectories, lay, read_trajectories
 from traffic_bridge.departures import Departure
+from traffic_bridge.event_files import read_events
 from traffic_bridge.events import (
     Event,
     LaneClosure,
@@ -22,6 +24,7 @@ from traffic_bridge.events import (
     VehicleChange,
 )
 from traffic_bridge.frame import VehicleFrame
+from traffic_bridge.lights import LightAhead, LightPhase
 from traffic_bridge.mirror import Mirror
 from traffic_bridge.modes import InterSim, PureSim, Traffic
 from traffic_bridge.network import Network, build_network, cache_dir, find_netconvert
@@ -38,6 +41,8 @@ __all__ = [
     "Event",
     "InterSim",
     "LaneClosure",
+    "LightAhead",
+    "LightPhase",
     "LightProgramRun",
     "LightState",
     "Mirror",
@@ -54,6 +59,7 @@ __all__ = [
     "Traffic",
     "TrafficConfig",
     "TrafficWorlds",
+    "Trajectories",
     "VehicleChange",
     "VehicleFrame",
     "VehicleType",
@@ -62,5 +68,8 @@ __all__ = [
     "cache_dir",
     "default_types",
     "find_netconvert",
+    "lay",
+    "read_events",
+    "read_trajectories",
     "read_types",
 ]

@@ -11,6 +11,8 @@ from iits_mj.options import option
 
 DENSITIES = ("dense", "medium", "sparse", "empty")
 TRAFFIC_MODES = ("inter", "pure", "none")
+LANE_CHANGE_MODELS = ("lc2013", "mobil")
+TRAFFIC_SCOPES = ("route", "both", "map")
 COMMAND_PATHS = ("direct", "j1939")
 
 
@@ -73,6 +75,22 @@ class DriveConfig(TruckStart):
         help="inter: SUMO traffic that reacts to the truck; pure: SUMO traffic that does not see "
         "it; none: an empty road, without SUMO",
         choices=TRAFFIC_MODES,
+    )
+    lane_change: str = option(
+        "lc2013",
+        help="how the traffic changes lanes; lc2013: SUMO's model; mobil: by acceleration gained",
+        choices=LANE_CHANGE_MODELS,
+    )
+    traffic_scope: str = option(
+        "route",
+        help="where the traffic drives; route: along the truck's route; both: on the opposite "
+        "lanes too; map: on all roads of the map",
+        choices=TRAFFIC_SCOPES,
+    )
+    events: Path | None = option(
+        None,
+        help="what happens in the traffic: lights, limits, closures, stopped vehicles, convoys",
+        metavar="FILE.toml",
     )
     recording: Path | None = option(
         None,

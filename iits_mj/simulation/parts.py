@@ -13,7 +13,15 @@ from iits_mj.messages import EgoFootprint
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
 from iits_mj.simulation.config import DriveConfig
-from traffic_bridge import InterSim, PureSim, Recorder, RepSim, Traffic, TrafficConfig
+from traffic_bridge import (
+    InterSim,
+    PureSim,
+    Recorder,
+    RepSim,
+    Traffic,
+    TrafficConfig,
+    read_events,
+)
 
 
 def load_map(path: Path | None) -> RoadMap:
@@ -31,11 +39,20 @@ def make_traffic(
     """The traffic on the route, None for an empty road.
 
     Raises:
-      InputError: the recording cannot be used, or there is no SUMO traffic to record.
+      InputError: the recording or the events cannot be used, or there is no SUMO traffic to record
+        or for the events.
     """
+    without_sumo = config.recording is not None or config.traffic_mode == "none"
+    if config.events is not None and without_sumo:
+        raise InputError("events happen in SUMO traffic only; use traffic-mode inter or pure")
     if config.recording is None and config.traffic_mode != "none":
         settings = TrafficConfig(
-            density=config.density, speed_limit=config.traffic_speed, footprint=footprint
+            density=config.density,
+            speed_limit=config.traffic_speed,
+            lane_change=config.lane_change,
+            scope=config.traffic_scope,
+            footprint=footprint,
+            events=() if config.events is None else read_events(config.events),
         )
         mode = InterSim if config.traffic_mode == "inter" else PureSim
         traffic = mode(route, settings, seed=config.seed)
