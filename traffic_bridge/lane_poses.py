@@ -12,9 +12,10 @@ from traffic_bridge.lane_table import LaneTable
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
-# Columns of the stack: first those that are cubic with their slopes per sample, then linear ones.
+# Columns of the stack: four coefficients of x, y and z, then two of each of the others.
 _CUBIC = 3
-_LINEAR = 2 * _CUBIC
+_LINEAR = 6
+_WIDTH = 4 * _CUBIC + 2 * _LINEAR
 POSE_ROWS = ("x", "y", "z", "station", "offset", "heading", "pitch", "roll", "curvature")
 
 
@@ -30,12 +31,10 @@ class LanePoses:
         self.tables: list[LaneTable] = []
         self._numbers: dict[str, int] = {}
         self._stacked = 0
-        self._nodes: FloatArray = np.zeros((0, 12))
-        self._base: IntArray = np.zeros(0, dtype=np.intp)
-        self._last: IntArray = np.zeros(0, dtype=np.intp)
+        self._pieces: FloatArray = np.zeros((0, _WIDTH))
+        # Of each lane: first piece, last piece, number on the route, direction on it.
+        self._of_lane: IntArray = np.zeros((4, 0), dtype=np.intp)
         self._scale: FloatArray = np.zeros(0)
-        self.route_lane: IntArray = np.zeros(0, dtype=np.intp)
-        self.direction: IntArray = np.zeros(0, dtype=np.intp)
 
     def number(self, lane: str) -> int:
         """Number of a lane; its table is made when it is new."""
@@ -45,7 +44,7 @@ class LanePoses:
             self.tables.append(self._make(lane))
         return found
 
-    def evaluate(self, lane: IntArray, position: FloatArray) -> FloatArray:
+    def evaluate(self, lane: IntArray, position: FloatArray) -> tuple[FloatArray, IntArray]:
         """Where the lanes' centres are at positions along them; beyond their ends straight on.
 
         Args:
@@ -53,56 +52,66 @@ class LanePoses:
           position: as SUMO counts them [m], shape (n,).
 
         Returns:
-          Rows `POSE_ROWS`, shape (9, n).
+          Rows `POSE_ROWS`, shape (9, n); index on the route (-1 off it) and direction (see
+          `LaneTable`) of the lanes, shape (2, n).
         """
         if self._stacked != len(self.tables):
             self._stack()
-        last, scale = self._last.take(lane), self._scale.take(lane)
+        of_lane, scale = self._of_lane.take(lane, axis=1), self._scale.take(lane)
         place = position * scale
-        inside = np.minimum(np.maximum(place, 0.0), last)
-        index = np.minimum(inside.astype(np.intp), last - 1)
-        t = inside - index
-        row = self._base.take(lane) + index
-        a, b = self._nodes.take(row, axis=0).T, self._nodes.take(row + 1, axis=0).T
-        rise = b[:_CUBIC] - a[:_CUBIC]
-        u, v = a[_CUBIC:_LINEAR], b[_CUBIC:_LINEAR]
+        piece = np.minimum(np.maximum(place, 0.0).astype(np.intp), of_lane[1])
+        inside = place - piece
+        t = np.minimum(np.maximum(inside, 0.0), 1.0)
+        c = self._pieces.take(of_lane[0] + piece, axis=0).T
         result = np.empty((9, len(lane)))
-        result[:_CUBIC] = a[:_CUBIC] + t * (
-            u + t * ((3.0 * rise - 2.0 * u - v) + t * (u + v - 2.0 * rise))
-        )
-        result[_CUBIC:] = a[_LINEAR:] + t * (b[_LINEAR:] - a[_LINEAR:])
-        if not np.array_equal(place, inside):
-            beyond = place - inside
-            result[:_CUBIC] += beyond * np.where(beyond < 0.0, u, v)
-            way = beyond / scale
-            result[_CUBIC] += way * self.direction.take(lane)
-        return result
+        result[:3] = c[:3] + t * (c[3:6] + t * (c[6:9] + t * c[9:12]))
+        result[3:] = c[12:18] + t * c[18:24]
+        beyond = inside - t
+        if beyond.any():
+            slope = c[3:6] + t * (2.0 * c[6:9] + 3.0 * t * c[9:12])
+            result[:3] += beyond * slope
+            result[3] += of_lane[3] * beyond / scale
+        return result, of_lane[2:]
 
     def _stack(self) -> None:
-        nodes, counts = [], []
-        for table in self.tables[self._stacked :]:
-            nodes.append(_nodes(table))
-            counts.append(len(table.station))
-        starts = len(self._nodes) + np.concatenate(([0], np.cumsum(counts)[:-1])).astype(np.intp)
         new = self.tables[self._stacked :]
-        self._nodes = np.concatenate((self._nodes, *nodes))
-        self._base = np.concatenate((self._base, starts))
-        self._last = np.concatenate((self._last, np.array(counts, dtype=np.intp) - 1))
+        pieces = [_pieces(table) for table in new]
+        counts = np.array([len(rows) for rows in pieces], dtype=np.intp)
+        first = len(self._pieces) + np.cumsum(counts) - counts
+        of_lane = np.array(
+            [first, counts - 1, [t.lane for t in new], [t.direction for t in new]], dtype=np.intp
+        )
+        self._pieces = np.concatenate((self._pieces, *pieces))
+        self._of_lane = np.concatenate((self._of_lane, of_lane), axis=1)
         self._scale = np.concatenate((self._scale, [1.0 / table.spacing for table in new]))
-        lanes = np.array([table.lane for table in new], dtype=np.intp)
-        self.route_lane = np.concatenate((self.route_lane, lanes))
-        senses = np.array([table.direction for table in new], dtype=np.intp)
-        self.direction = np.concatenate((self.direction, senses))
         self._stacked = len(self.tables)
 
 
-def _nodes(table: LaneTable) -> FloatArray:
-    """The stack's rows of one lane, shape (n, 12)."""
+def _pieces(table: LaneTable) -> FloatArray:
+    """Polynomials between the samples of one lane: cubic Hermite for the place, else linear.
+
+    Returns:
+      Shape (samples - 1, _WIDTH), the variable going from 0 to 1 in each piece.
+    """
     x, y, z, heading, pitch, roll, curvature = table.pose
     order = 2 if len(x) > 2 else 1
     # The tangent is the heading's: exact where the samples' differences are not.
     reach = np.hypot(np.gradient(x, edge_order=order), np.gradient(y, edge_order=order))
-    slopes = (reach * np.cos(heading), reach * np.sin(heading), np.gradient(z, edge_order=order))
-    return np.column_stack(
-        (x, y, z, *slopes, table.station, table.offset, heading, pitch, roll, curvature)
+    place = np.stack((x, y, z))
+    slope = np.stack(
+        (reach * np.cos(heading), reach * np.sin(heading), np.gradient(z, edge_order=order))
+    )
+    rise, u, v = np.diff(place), slope[:, :-1], slope[:, 1:]
+    rest = np.stack((table.station, table.offset, heading, pitch, roll, curvature))
+    return np.ascontiguousarray(
+        np.concatenate(
+            (
+                place[:, :-1],
+                u,
+                3.0 * rise - 2.0 * u - v,
+                u + v - 2.0 * rise,
+                rest[:, :-1],
+                np.diff(rest),
+            )
+        ).T
     )

@@ -24,10 +24,9 @@ HISTORY = 4  # lanes a vehicle remembers: a long one can stand on several short 
 TIGHT_TURN = 2.0  # [m/s] below which a sideways motion turns the box no further
 _TURN = 2.0 * np.pi
 # Rows of a frame's columns.
-_SPEED, _ACCELERATION, _LATERAL = (
-    COLUMNS.index(name) for name in ("speed", "acceleration", "lateral_speed")
+_SPEED, _ACCELERATION, _LATERAL, _STATION, _OFFSET = (
+    COLUMNS.index(name) for name in ("speed", "acceleration", "lateral_speed", "station", "offset")
 )
-_ROAD = slice(COLUMNS.index("station"), COLUMNS.index("offset") + 1)
 _SIZE = slice(COLUMNS.index("length"), COLUMNS.index("height") + 1)
 # Reading a lane's list of vehicles costs about as much as reading the lane of three vehicles.
 LANE_COST = 3
@@ -92,7 +91,7 @@ class Observation:
     def read(self, ego: EgoState | None) -> VehicleFrame:
         """The vehicles now, near the ego; all of them without one."""
         on = self._on_lanes(ego)
-        names = sorted(name for name in on if name in self._vehicles)
+        names = sorted(on.keys() & self._vehicles.names())
         if not names:
             self._smoother.clear()
             return VehicleFrame.empty()
@@ -101,21 +100,26 @@ class Observation:
         columns = np.empty((len(COLUMNS), len(names)))
         columns[_SIZE] = self._size
         speed, acceleration = columns[_SPEED], columns[_ACCELERATION]
-        speed[:] = [vehicle.getSpeed(name) for name in names]
-        acceleration[:] = [vehicle.getAcceleration(name) for name in names]
-        middle = np.array([vehicle.getLanePosition(name) for name in names])
+        speed[:] = list(map(vehicle.getSpeed, names))
+        acceleration[:] = list(map(vehicle.getAcceleration, names))
+        middle = np.array(list(map(vehicle.getLanePosition, names)))
         middle -= 0.5 * self._size[0]
         lane = self._lane
         if middle.min() < 0.0:
             lane = lane.copy()
             for k in np.flatnonzero(middle < 0.0).tolist():
                 lane[k], middle[k] = self._behind(names[k], on[names[k]], float(middle[k]))
-        poses = self._lanes.poses
-        x, y, z, station, offset, heading, pitch, roll, curvature = poses.evaluate(lane, middle)
-        direction, route_lane = poses.direction.take(lane), poses.route_lane.take(lane)
+        pose, (route_lane, direction) = self._lanes.poses.evaluate(lane, middle)
+        x, y, z, station, offset, heading, pitch, roll, curvature = pose
         yaw, yaw_rate, lateral = heading, curvature * speed, 0.0
         shift = self._smoother.update(
-            names, (x, y, heading), speed, self._size, (station, offset, direction), self._step
+            names,
+            lane,
+            (x, y, heading),
+            speed,
+            self._size,
+            (station, offset, direction),
+            self._step,
         )
         if shift is not None:
             residual, lateral, bend = shift
@@ -129,10 +133,11 @@ class Observation:
             for k in np.flatnonzero(residual).tolist():
                 if direction[k] > 0:
                     route_lane[k] = self._route.lane_at(float(station[k]), float(offset[k]))
-        columns[:3] = x, y, z
-        columns[3:7] = yaw - _TURN * np.round(yaw / _TURN), pitch, roll, yaw_rate
+        columns[0], columns[1], columns[2] = x, y, z
+        columns[3] = yaw - _TURN * np.round(yaw / _TURN)
+        columns[4], columns[5], columns[6] = pitch, roll, yaw_rate
         columns[_LATERAL] = lateral
-        columns[_ROAD] = station, offset
+        columns[_STATION], columns[_OFFSET] = station, offset
         frame = VehicleFrame(names, self._kinds, route_lane, columns)
         return frame if ego is None else frame.near(ego.x, ego.y, self._range)
 

@@ -85,6 +85,7 @@ class LateralSmoother:
         self._names: list[str] = []
         self._place: dict[str, int] = {}
         self._last: Rows = ()
+        self._lane: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
         self._changes: dict[str, _Change] = {}
         self._urgent: set[str] = set()
 
@@ -97,6 +98,7 @@ class LateralSmoother:
     def update(
         self,
         names: list[str],
+        lane: NDArray[np.intp],
         pose: Rows,
         speed: FloatArray,
         size: FloatArray,
@@ -107,6 +109,7 @@ class LateralSmoother:
 
         Args:
           names: of the n vehicles; vehicles that are not named are forgotten.
+          lane: a number of the lane that each is on, shape (n,); within one lane nobody leaps.
           pose: x, y and heading of the lanes' centres under the boxes' centres [m], [rad], each of
             shape (n,).
           speed: [m/s], shape (n,).
@@ -121,9 +124,9 @@ class LateralSmoother:
         """
         if self.duration <= 0.0:
             return None
-        for i, jump in self._jumps(names, pose):
+        for i, jump in self._jumps(names, lane, pose):
             self._begin(names[i], jump)
-        self._last = pose
+        self._last, self._lane = pose, lane
         if self._names != names:
             self._names, self._place = names, {name: i for i, name in enumerate(names)}
         if not self._changes:
@@ -150,25 +153,28 @@ class LateralSmoother:
         }
         return shown[0], shown[1], shown[2]
 
-    def _jumps(self, names: list[str], pose: Rows) -> list[tuple[int, float]]:
+    def _jumps(
+        self, names: list[str], lane: NDArray[np.intp], pose: Rows
+    ) -> list[tuple[int, float]]:
         """Vehicles whose lane's centre has leapt sideways, and how far to the left [m]."""
         if not self._names:
             return []
-        old_x, old_y, old_heading = self._last
-        known: NDArray[np.bool_] | None = None
-        if names != self._names:
+        if names == self._names:
+            now = before = np.flatnonzero(lane != self._lane)
+        else:
             index = np.array([self._place.get(name, -1) for name in names], dtype=np.intp)
-            known = index >= 0
-            old_x, old_y, old_heading = old_x[index], old_y[index], old_heading[index]
-        x, y, heading = pose
+            now = np.flatnonzero((index >= 0) & (lane != self._lane[index]))
+            before = index[now]
+        if not now.size:
+            return []
+        x, y, heading = (row[now] for row in pose)
+        old_x, old_y, old_heading = (row[before] for row in self._last)
         turn = heading - old_heading
         turn -= 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
         course = old_heading + 0.5 * turn
         across = (y - old_y) * np.cos(course) - (x - old_x) * np.sin(course)
         leapt = np.abs(across) > JUMP
-        if known is not None:
-            leapt &= known
-        return [(i, float(across[i])) for i in np.flatnonzero(leapt).tolist()]
+        return list(zip(now[leapt].tolist(), across[leapt].tolist(), strict=True))
 
     def _begin(self, name: str, jump: float) -> None:
         residual, rate, bend = 0.0, 0.0, 0.0

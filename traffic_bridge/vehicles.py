@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, KeysView
 from typing import TYPE_CHECKING, Any
 
 from iits_mj.errors import InputError
@@ -113,6 +113,10 @@ class Vehicles:
     def ids(self) -> list[str]:
         """Names of the vehicles, sorted."""
         return sorted(self._of_vehicle)
+
+    def names(self) -> KeysView[str]:
+        """Names of the vehicles, as a set that is always up to date."""
+        return self._of_vehicle.keys()
 
     def __contains__(self, name: object) -> bool:
         return name in self._of_vehicle

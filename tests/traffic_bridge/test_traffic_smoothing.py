@@ -23,6 +23,7 @@ def shown(smoother, names, station, offset, speed, size=SIZE):
     heading, along = np.zeros(len(names)), np.ones(len(names))
     shift = smoother.update(
         list(names),
+        np.round(offset).astype(int),
         np.stack((station, offset, heading)),
         speed,
         size.T,
@@ -86,7 +87,7 @@ def test_a_bend_is_no_lane_change_and_a_change_in_a_bend_is_one():
         r = radius if k < 20 else radius - 3.0
         pose = np.array([[r * np.sin(angle)], [-r * np.cos(angle)], [angle]])
         road = np.array([[radius * angle], [0.0], [0.0]])
-        shift = smoother.update(["a"], pose, np.array([6.0]), SIZE.T, road, 0.1)
+        shift = smoother.update(["a"], np.array([k < 20]), pose, np.array([6.0]), SIZE.T, road, 0.1)
         sideways.append(0.0 if shift is None else float(shift[0][0]))
     assert sideways[:20] == [0.0] * 20
     assert abs(sideways[20] + 3.0) < 0.1
