@@ -28,6 +28,7 @@ COMMANDS = {
     "evaluate": "compare decision makers over the paper's traffic cells",
     "record": "run traffic and store what it did",
     "replay": "drive in stored traffic",
+    "lay": "lay a data set of recorded trajectories on a map, to be replayed",
     "serve": "the truck on a CAN bus in real time, for somebody's own controller",
     "replay-can": "drive the truck with the commands of a CAN log, or decode it",
     "bench": "measure what a step costs",

@@ -1,7 +1,28 @@
-"""Recorded trajectories of other people's making: read, checked, and laid on any map."""
+"""Recorded trajectories of other people's making: read, checked, and laid on any map.
 
+from traffic_bridge.datasets import Lay, lay, read_trajectories
+
+trajectories = read_trajectories("tracks.csv")
+recording = lay(trajectories, route, Lay(start_station=2900.0))
+recording.save("laid.npz")
+"""
+
+from traffic_bridge.datasets.fcd_export import write_fcd
+from traffic_bridge.datasets.filters import without_noise
 from traffic_bridge.datasets.pairs import Pair, pairs
+from traffic_bridge.datasets.laying import Lay, lay
+from traffic_bridge.datasets.own import of_recording
 from traffic_bridge.datasets.read import read_trajectories
 from traffic_bridge.datasets.trajectories import Trajectories
 
-__all__ = ["Pair", "Trajectories", "pairs", "read_trajectories"]
+__all__ = [
+    "Lay",
+    "Pair",
+    "Trajectories",
+    "lay",
+    "of_recording",
+    "pairs",
+    "read_trajectories",
+    "without_noise",
+    "write_fcd",
+]

@@ -1,9 +1,9 @@
 """Takes the noise out of raw recorded positions.
 
 C. Thiemann, M. Treiber and A. Kesting, "Estimating acceleration and lane-changing dynamics from
-Next Generation Simulation trajectory data", Transportation Research Record 2088 (2008): positions are
-differentiated first, then positions, speeds and accelerations are averaged each with a symmetric
-exponential kernel of its own width, narrowed towards the ends of a track.
+Next Generation Simulation trajectory data", Transportation Research Record 2088 (2008): positions
+are differentiated first, then positions, speeds and accelerations are averaged each with a
+symmetric exponential kernel of its own width, narrowed towards the ends of a track.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from iits_mj.errors import InputError
 from iits_mj.road import Route
 from traffic_bridge.datasets.motion import Motion, fit, without_jumps
 from traffic_bridge.datasets.trajectories import Trajectories
-from traffic_bridge.vehicles import default_types
+from traffic_bridge.vehicle_types import default_types
 
 if TYPE_CHECKING:
     from traffic_bridge.recording import Recording
