@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from traffic_bridge.lane_table import LaneTable
+from traffic_bridge.lane_table import LaneTable, per_sample
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -94,13 +94,10 @@ def _pieces(table: LaneTable) -> FloatArray:
       Shape (samples - 1, _WIDTH), the variable going from 0 to 1 in each piece.
     """
     x, y, z, heading, pitch, roll, curvature = table.pose
-    order = 2 if len(x) > 2 else 1
     # The tangent is the heading's: exact where the samples' differences are not.
-    reach = np.hypot(np.gradient(x, edge_order=order), np.gradient(y, edge_order=order))
+    reach = np.hypot(per_sample(x), per_sample(y))
     place = np.stack((x, y, z))
-    slope = np.stack(
-        (reach * np.cos(heading), reach * np.sin(heading), np.gradient(z, edge_order=order))
-    )
+    slope = np.stack((reach * np.cos(heading), reach * np.sin(heading), per_sample(z)))
     rise, u, v = np.diff(place), slope[:, :-1], slope[:, 1:]
     rest = np.stack((table.station, table.offset, heading, pitch, roll, curvature))
     return np.ascontiguousarray(

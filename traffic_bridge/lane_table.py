@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.road import Route
+from traffic_bridge.lane_surface import LaneSurface
 
 FloatArray = NDArray[np.float64]
 
@@ -18,17 +19,6 @@ JUNCTION_SPACING = 1.0  # [m] where a truck's turn has a radius of some metres
 NEWTON_STEPS = 12
 SETTLED = 1e-6  # [m]
 FARTHEST_STEP = 30.0  # [m] of Newton's method
-
-
-class Surface(Protocol):
-    """A lane's centre on the road's surface at even positions along SUMO's lane, shapes (n,)."""
-
-    x: FloatArray
-    y: FloatArray
-    z: FloatArray
-    heading: FloatArray
-    grade: FloatArray
-    bank: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,9 +138,9 @@ def route_pose(route: Route, station: FloatArray, offset: FloatArray, direction:
     """Pose of a lane's centre from the route's own geometry, shape (7, n); see `LaneTable`."""
     point = route.evaluate(station, offset)
     stretch = np.maximum(1.0 - point.curvature * offset, 0.2)
-    way = _slope(station) * stretch
+    way = per_sample(station) * stretch
     # Some internal lanes have no length at all, and no direction but the road's.
-    aside = np.divide(_slope(offset), way, out=np.zeros_like(way), where=np.abs(way) > 1e-6)
+    aside = np.divide(per_sample(offset), way, out=np.zeros_like(way), where=np.abs(way) > 1e-6)
     heading = np.unwrap(point.heading + np.arctan(aside) + (math.pi if direction < 0 else 0.0))
     sense = float(direction)
     return with_curvature(
@@ -167,7 +157,7 @@ def route_pose(route: Route, station: FloatArray, offset: FloatArray, direction:
     )
 
 
-def surface_pose(surface: Surface) -> FloatArray:
+def surface_pose(surface: LaneSurface) -> FloatArray:
     """Pose of a lane's centre from its road's surface, shape (7, n); see `LaneTable`."""
     return with_curvature(
         np.stack(
@@ -185,11 +175,11 @@ def surface_pose(surface: Surface) -> FloatArray:
 
 def with_curvature(pose: FloatArray) -> FloatArray:
     """Adds the curvature as the change of heading over the way, shape (6, n) to (7, n)."""
-    reach = np.hypot(_slope(pose[0]), _slope(pose[1]))
-    curvature = np.divide(_slope(pose[3]), reach, out=np.zeros_like(reach), where=reach > 1e-6)
+    reach = np.hypot(per_sample(pose[0]), per_sample(pose[1]))
+    curvature = np.divide(per_sample(pose[3]), reach, out=np.zeros_like(reach), where=reach > 1e-6)
     return np.concatenate((pose, curvature[None]))
 
 
-def _slope(values: FloatArray) -> FloatArray:
-    """Change per sample."""
-    return np.gradient(values, edge_order=2 if len(values) > 2 else 1)
+def per_sample(values: FloatArray) -> FloatArray:
+    """Change per sample, of second order at the ends too where there are three."""
+    return np.gradient(values, edge_order=2) if len(values) > 2 else np.gradient(values)

@@ -111,7 +111,7 @@ class Observation:
                 lane[k], middle[k] = self._behind(names[k], on[names[k]], float(middle[k]))
         pose, (route_lane, direction) = self._lanes.poses.evaluate(lane, middle)
         x, y, z, station, offset, heading, pitch, roll, curvature = pose
-        yaw, yaw_rate, lateral = heading, curvature * speed, 0.0
+        yaw, yaw_rate, lateral = heading, curvature * speed, np.zeros_like(speed)
         shift = self._smoother.update(
             names,
             lane,

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.messages import EgoFootprint, EgoState, TrackedVehicle
 from iits_mj.parameters import TruckParameters
+from traffic_bridge import VehicleFrame
 
 FloatArray = NDArray[np.float64]
 
+# [m] between two roads that cross one above the other: bridges leave at least that free.
+OTHER_LEVEL = 4.5
+
 
 def lane_gaps(
-    ego: EgoState, lane: int, vehicles: tuple[TrackedVehicle, ...], footprint: EgoFootprint
+    ego: EgoState, lane: int, vehicles: Iterable[TrackedVehicle], footprint: EgoFootprint
 ) -> tuple[float, float]:
     """Bumper-to-bumper gaps to the vehicles ahead and behind in the truck's lane [m].
 
@@ -25,15 +30,17 @@ def lane_gaps(
     front = ego.station + footprint.front_overhang
     rear = front - footprint.length
     center = 0.5 * (front + rear)
-    ahead = behind = math.inf
-    for vehicle in vehicles:
-        reach = 0.5 * (vehicle.width + footprint.width)
-        if abs(vehicle.offset - ego.offset) >= reach and (lane < 0 or vehicle.lane != lane):
-            continue
-        if vehicle.station >= center:
-            ahead = min(ahead, vehicle.station - 0.5 * vehicle.length - front)
-        else:
-            behind = min(behind, rear - vehicle.station - 0.5 * vehicle.length)
+    frame = VehicleFrame.of(vehicles)
+    station, half = frame.column("station"), 0.5 * frame.column("length")
+    reach = 0.5 * (frame.column("width") + footprint.width)
+    inside = np.abs(frame.column("offset") - ego.offset) < reach
+    if lane >= 0:
+        inside |= frame.lanes == lane
+    inside &= _on_level(frame, ego)
+    before = inside & (station >= center)
+    after = inside & (station < center)
+    ahead = float(np.min((station - half - front)[before], initial=math.inf))
+    behind = float(np.min((rear - station - half)[after], initial=math.inf))
     return ahead, behind
 
 
@@ -58,23 +65,29 @@ def truck_boxes(ego: EgoState, parameters: TruckParameters) -> tuple[FloatArray,
 
 def nearest_box_distance(
     ego: EgoState,
-    vehicles: tuple[TrackedVehicle, ...],
+    vehicles: Iterable[TrackedVehicle],
     parameters: TruckParameters,
     horizon: float = 80.0,
 ) -> float:
     """Distance from tractor or semitrailer to the nearest vehicle's box [m], in the plane.
 
-    0 when two boxes overlap, inf when no vehicle's centre is within `horizon` of the steer axle.
+    0 when two boxes overlap, inf when no vehicle's centre is within `horizon` of the steer axle, on
+    its level: who is on a bridge above does not count.
     """
+    frame = VehicleFrame.of(vehicles).near(ego.x, ego.y, horizon)
+    frame = frame.select(_on_level(frame, ego))
     boxes = truck_boxes(ego, parameters)
     nearest = math.inf
-    for vehicle in vehicles:
-        if math.hypot(vehicle.x - ego.x, vehicle.y - ego.y) > horizon:
-            continue
+    for vehicle in frame:
         half = 0.5 * vehicle.length
         other = _box(vehicle.x, vehicle.y, vehicle.yaw, half, half, vehicle.width)
         nearest = min(nearest, *(box_distance(box, other) for box in boxes))
     return nearest
+
+
+def _on_level(frame: VehicleFrame, ego: EgoState) -> NDArray[np.bool_]:
+    """Vehicles of the truck's road, and those of other roads that are not above or below it."""
+    return np.asarray((frame.lanes >= 0) | (np.abs(frame.column("z") - ego.z) < OTHER_LEVEL))
 
 
 def box_distance(a: FloatArray, b: FloatArray) -> float:

@@ -13,7 +13,7 @@ import mujoco
 from controllers.stack import Stack
 from iits_mj.closing import Closing
 from iits_mj.errors import Error, InputError
-from iits_mj.messages import EgoFootprint, EgoState, Scene, TrackedVehicle, VehicleCommand
+from iits_mj.messages import EgoFootprint, EgoState, Scene, VehicleCommand
 from iits_mj.road import Route
 from iits_mj.simulation import gaps
 from iits_mj.simulation.command_path import CommandPath
@@ -26,7 +26,7 @@ from iits_mj.simulation.parts import load_map, make_stack, make_traffic
 from iits_mj.simulation.start import check_start
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
 from iits_mj.truck import Truck
-from traffic_bridge import Mirror, Recorder, Traffic
+from traffic_bridge import Mirror, Recorder, Traffic, VehicleFrame
 
 TIMESTEP = 0.002
 CONTROL_STEPS = 10
@@ -124,9 +124,9 @@ class Simulation(Closing):
         self.mirror.bind(self.truck.model)
         self.driver.reset()
         self.path.reset()
-        self.vehicles: tuple[TrackedVehicle, ...] = ()
+        self.vehicles = VehicleFrame.empty()
         if self.traffic is not None:
-            self.vehicles = tuple(self.traffic.reset(ego))
+            self.vehicles = VehicleFrame.of(self.traffic.reset(ego))
         if self._log is not None:
             self._log.begin()
         self.ended = ""
@@ -185,7 +185,7 @@ class Simulation(Closing):
         ego = self._observe()
         self._drive_on(ego)
         if self.traffic is not None:
-            self.vehicles = tuple(self.traffic.step(ego))
+            self.vehicles = VehicleFrame.of(self.traffic.step(ego))
         if self._log is not None:
             self._log.note_state()
         self._mirror(new=True)

@@ -71,3 +71,15 @@ def test_nearest_box_distance_sees_a_car_beside_the_trailer() -> None:
     distance = gaps.nearest_box_distance(EgoState(), (car,), parameters)
     assert distance == pytest.approx(4.0 - 0.95 - 1.275, abs=1e-6)
     assert gaps.nearest_box_distance(EgoState(), (), parameters) == math.inf
+
+
+def test_who_is_on_a_bridge_above_is_neither_ahead_nor_near() -> None:
+    parameters = TruckParameters.load()
+    ego = EgoState(station=100.0)
+    above = TrackedVehicle("a", x=-3.0, z=6.0, yaw=1.5, station=130.0, lane=-1)
+    crossing = TrackedVehicle("a", x=-3.0, z=0.2, yaw=1.5, station=130.0, lane=-1)
+    uphill = TrackedVehicle("a", x=200.0, z=8.0, station=300.0, lane=0)
+    assert gaps.nearest_box_distance(ego, (above,), parameters) == math.inf
+    assert gaps.nearest_box_distance(ego, (crossing,), parameters) == 0.0
+    assert gaps.lane_gaps(ego, 0, (above,), FOOTPRINT)[0] == math.inf
+    assert gaps.lane_gaps(ego, 0, (uphill,), FOOTPRINT)[0] < 200.0
