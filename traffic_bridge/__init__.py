@@ -13,6 +13,7 @@ from traffic_bridge.config import DENSITIES, LANE_CHANGE_MODELS, TrafficConfig
 from traffic_bridge.datasets import Trajectories, lay, read_trajectories
 from traffic_bridge.departures import Departure
 from traffic_bridge.event_files import read_events
+from traffic_bridge.digest import PoseDigest
 from traffic_bridge.events import (
     Event,
     LaneClosure,
@@ -26,11 +27,14 @@ from traffic_bridge.events import (
 from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.lights import LightAhead, LightPhase
 from traffic_bridge.mirror import Mirror
+from traffic_bridge.mixed import MixedSim
 from traffic_bridge.modes import InterSim, PureSim, Traffic
 from traffic_bridge.network import Network, build_network, cache_dir, find_netconvert
 from traffic_bridge.parallel import TrafficWorlds, WorldSpec
-from traffic_bridge.recorded import Recorder, RepSim, ReSim
-from traffic_bridge.recording import PoseDigest, Recording
+from traffic_bridge.recorder import Recorder
+from traffic_bridge.recording import Recording
+from traffic_bridge.repsim import RepSim
+from traffic_bridge.resim import ReSim
 from traffic_bridge.vehicle_types import KINDS, VehicleType, default_types, read_types
 
 __all__ = [
@@ -46,6 +50,7 @@ __all__ = [
     "LightProgramRun",
     "LightState",
     "Mirror",
+    "MixedSim",
     "Network",
     "PoseDigest",
     "PureSim",

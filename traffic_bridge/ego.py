@@ -7,18 +7,14 @@ import math
 from iits_mj.errors import InputError
 from iits_mj.messages import EgoFootprint, EgoState
 from iits_mj.road import Route
-from traffic_bridge.lanes import LaneTable, RouteLanes
+from traffic_bridge.lanes import RouteLanes
+from traffic_bridge.placed import EGO_TYPE, PlacedVehicle
 from traffic_bridge.session import Session
 
 EGO = "ego"
 SHADOW = "shadow"
 # The truck counts as being in a second lane as well from this overlap on [m].
 OVERLAP = 0.3
-# moveToXY: 2 keeps the exact pose, 0 and 1 would snap it to the lane's centre.
-EXACT_POSE = 2
-FASTEST = 60.0  # [m/s]: a truck that is farther away has been moved, not driven
-ROLLBACK = 0.3  # [m] that a truck may roll back before it is moved
-MATCH_RADIUS = 30.0  # [m] in which SUMO looks for the truck's lane; its default of 100 costs more
 
 
 def check_ego(ego: EgoState) -> None:
@@ -35,66 +31,10 @@ def check_ego(ego: EgoState) -> None:
 def ego_type_xml(footprint: EgoFootprint) -> str:
     """The ego's `vType`: SUMO needs its size only, the truck drives itself."""
     return (
-        f'<vType id="{EGO}" length="{footprint.length}" width="{footprint.width}" minGap="2.5" '
-        'maxSpeed="40" carFollowModel="IDM" accel="1" decel="4" emergencyDecel="6" '
+        f'<vType id="{EGO_TYPE}" length="{footprint.length}" width="{footprint.width}" '
+        'minGap="2.5" maxSpeed="40" carFollowModel="IDM" accel="1" decel="4" emergencyDecel="6" '
         'speedFactor="1" speedDev="0"/>'
     )
-
-
-class _Placed:
-    """A vehicle of SUMO that is where it is told to be.
-
-    SUMO's search for the place of a point of the map costs more than all else in a step, and is not
-    exact in bends. So the vehicle is driven along its lane, at the speed that takes it to its place
-    in one step, and set over where it changes lanes. Only beside the lanes a point is searched.
-
-    Args:
-      session: the running SUMO.
-      lanes: of the route.
-      name: of the vehicle.
-      step: length of a step [s].
-    """
-
-    def __init__(self, session: Session, lanes: RouteLanes, name: str, step: float) -> None:
-        self.name = name
-        self._api = session.api
-        self._lanes = lanes
-        self._step = step
-        vehicle = self._api.vehicle
-        vehicle.add(name, "along.0", typeID=EGO, departSpeed="0")
-        vehicle.setSpeedMode(name, 0)
-        vehicle.setLaneChangeMode(name, 0)
-
-    def remove(self) -> None:
-        """Takes it out of the traffic."""
-        self._api.vehicle.remove(self.name)
-
-    def put(self, table: LaneTable, position: float, side: float, speed: float) -> None:
-        """Has it at a place on a lane after the coming step.
-
-        Args:
-          table: the lane.
-          position: along it [m].
-          side: distance from the lane's centre, positive to the left [m].
-          speed: its own [m/s].
-        """
-        vehicle = self._api.vehicle
-        here = vehicle.getLaneID(self.name)
-        way = None
-        if here:
-            way = self._lanes.way(here, vehicle.getLanePosition(self.name), table, position)
-        if way is None or not -ROLLBACK <= way <= FASTEST * self._step:
-            way = min(speed * self._step, position)
-            vehicle.moveTo(self.name, table.id, position - way)
-        vehicle.setSpeed(self.name, max(way, 0.0) / self._step)
-        vehicle.setLateralLanePosition(self.name, side)
-
-    def move(self, x: float, y: float, yaw: float, speed: float) -> None:
-        """Has it at a point beside the lanes after the coming step, in SUMO's coordinates."""
-        angle = 90.0 - math.degrees(yaw)
-        vehicle = self._api.vehicle
-        vehicle.moveToXY(self.name, "", -1, x, y, angle, EXACT_POSE, MATCH_RADIUS)
-        vehicle.setSpeed(self.name, speed)
 
 
 class EgoInTraffic:
@@ -126,8 +66,8 @@ class EgoInTraffic:
         self._route = route
         self._footprint = footprint
         self._step = step
-        self._truck: _Placed | None = None
-        self._shadow: _Placed | None = None
+        self._truck: PlacedVehicle | None = None
+        self._shadow: PlacedVehicle | None = None
         self._shadows = 0
 
     def front(self, ego: EgoState) -> tuple[float, float, float, float]:
@@ -147,13 +87,13 @@ class EgoInTraffic:
                 self._remove()
                 return
             if self._truck is None:
-                self._truck = _Placed(self._session, self._lanes, EGO, self._step)
+                self._truck = PlacedVehicle(self._session, self._lanes, EGO, self._step)
             self._put(self._truck, ego, station, offset, lane, (x, y))
             self._place_shadow(ego, station, lane)
 
     def _put(
         self,
-        placed: _Placed,
+        placed: PlacedVehicle,
         ego: EgoState,
         station: float,
         offset: float,
@@ -177,7 +117,7 @@ class EgoInTraffic:
         if self._shadow is None:
             name = f"{SHADOW}.{self._shadows}"
             self._shadows += 1
-            self._shadow = _Placed(self._session, self._lanes, name, self._step)
+            self._shadow = PlacedVehicle(self._session, self._lanes, name, self._step)
         offset = float(self._route.lane_offset(second, station))
         point = self._route.evaluate(station, offset)
         self._put(self._shadow, ego, station, offset, second, (float(point.x), float(point.y)))

@@ -112,6 +112,7 @@ class PureSim(Mode):
             check_ego(ego)
         self._world = World(self.route, self.config, self.seed, self.with_ego, self._lanes)
         self._lanes = self._world.lanes
+        self._prepare(self._world)
         with self._world.session.guard("beginning the traffic"):
             return self._world.begin(ego)
 
@@ -136,6 +137,9 @@ class PureSim(Mode):
         if self._world is not None:
             self._world.close()
             self._world = None
+
+    def _prepare(self, world: World) -> None:
+        """Adds to a new world what a mode has beside the traffic."""
 
     @property
     def _running(self) -> World:

@@ -10,6 +10,7 @@ from traffic_bridge.config import TrafficConfig
 from traffic_bridge.demand import Demand
 from traffic_bridge.ego import EgoInTraffic, ego_type_xml
 from traffic_bridge.frame import VehicleFrame
+from traffic_bridge.guests import Guests
 from traffic_bridge.lane_changing import LaneChanger
 from traffic_bridge.lanes import RouteLanes
 from traffic_bridge.network import build_network
@@ -29,6 +30,9 @@ class World:
       with_ego: the traffic reacts to the truck.
       lanes: of an earlier world on the same route, to save reading the net again.
 
+    Attributes:
+      guests: vehicles that are led from outside, None where there are none.
+
     Raises:
       MapError, TrafficError: see `build_network` and `Session`.
     """
@@ -43,6 +47,7 @@ class World:
     ) -> None:
         self.route = route
         self.config = config
+        self.guests: Guests | None = None
         self._steps = 0
         network = build_network(route)
         types = "".join(t.to_sumo_xml(config.speed_limit) for t in config.types)
@@ -86,6 +91,8 @@ class World:
         """Populates the road around the ego and lets everybody depart; time is zero then."""
         with self.session.guard("populating the road"):
             self.signals.begin(None if ego is None else ego.station)
+            if self.guests is not None:
+                self.guests.place(0.0)
             if ego is None:
                 self._demand.fill(None, -1, 0.0)
             else:
@@ -108,6 +115,8 @@ class World:
             self.signals.step(self.time, station)
             if self._lane_changer is not None:
                 self._lane_changer.step(self.time, self._with_ego and ego is not None)
+            if self.guests is not None:
+                self.guests.place(self.time + self.config.step_length)
         if self._with_ego and ego is not None:
             self._ego.place(ego)
         self.session.step()
