@@ -97,6 +97,9 @@ class DriveConfig(TruckStart):
         help="recorded traffic to drive in, instead of SUMO; it reacts to nothing",
         metavar="FILE.npz",
     )
+    reactive: bool = option(
+        False, help="SUMO traffic around the recorded one as well, which reacts to it and the truck"
+    )
     speed: float = option(
         60.0 / 3.6,
         help="reference speed of the truck, 16.67 m/s being 60 km/h",

@@ -15,6 +15,7 @@ from iits_mj.road import RoadMap, Route
 from iits_mj.simulation.config import DriveConfig
 from traffic_bridge import (
     InterSim,
+    MixedSim,
     PureSim,
     Recorder,
     RepSim,
@@ -42,24 +43,31 @@ def make_traffic(
       InputError: the recording or the events cannot be used, or there is no SUMO traffic to record
         or for the events.
     """
-    without_sumo = config.recording is not None or config.traffic_mode == "none"
+    if config.reactive and config.recording is None:
+        raise InputError("reactive traffic is around a recording; name one, or leave it out")
+    replayed = config.recording is not None and not config.reactive
+    without_sumo = replayed or config.traffic_mode == "none"
     if config.events is not None and without_sumo:
         raise InputError("events happen in SUMO traffic only; use traffic-mode inter or pure")
-    if config.recording is None and config.traffic_mode != "none":
-        settings = TrafficConfig(
-            density=config.density,
-            speed_limit=config.traffic_speed,
-            lane_change=config.lane_change,
-            scope=config.traffic_scope,
-            footprint=footprint,
-            events=() if config.events is None else read_events(config.events),
-        )
-        mode = InterSim if config.traffic_mode == "inter" else PureSim
-        traffic = mode(route, settings, seed=config.seed)
-        return Recorder(traffic) if record else traffic
-    if record:
+    if record and (without_sumo or config.recording is not None):
         raise InputError("only SUMO traffic can be recorded; use traffic-mode inter or pure")
-    return RepSim(route, config.recording) if config.recording is not None else None
+    if config.recording is not None and without_sumo:
+        return RepSim(route, config.recording)
+    if without_sumo:
+        return None
+    settings = TrafficConfig(
+        density=config.density,
+        speed_limit=config.traffic_speed,
+        lane_change=config.lane_change,
+        scope=config.traffic_scope,
+        footprint=footprint,
+        events=() if config.events is None else read_events(config.events),
+    )
+    if config.recording is not None:
+        return MixedSim(route, config.recording, settings, seed=config.seed)
+    mode = InterSim if config.traffic_mode == "inter" else PureSim
+    traffic = mode(route, settings, seed=config.seed)
+    return Recorder(traffic) if record else traffic
 
 
 def make_stack(config: DriveConfig, route: Route, parameters: TruckParameters) -> Stack:

@@ -1,0 +1,207 @@
+"""A recorded drive is driven again from its commands: the same bits, or the first difference."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from iits_mj import cli
+from iits_mj.errors import InputError
+from iits_mj.simulation import DriveConfig, Simulation
+from iits_mj.simulation import drive_log as drive_log_module
+from iits_mj.simulation.redrive import RedriveError, check_options, redrive
+from traffic_bridge import Recording, RepSim
+
+CONFIG = DriveConfig(duration=4.0, density="dense", start_station=2500.0, seed=3)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    with Simulation(CONFIG, record=True, visuals=False) as simulation:
+        simulation.run()
+        return simulation.save_recording(tmp_path_factory.mktemp("drive") / "drive")
+
+
+def edited(path: Path, **changes: Any) -> Recording:
+    """The recording with other arrays or entries of its meta."""
+    recording = Recording.load(path)
+    meta = recording.meta | changes.pop("meta", {})
+    return dataclasses.replace(recording, meta=meta, **changes)
+
+
+def test_recording_holds_every_command_and_the_truck_at_every_frame(recorded: Path) -> None:
+    recording = Recording.load(recorded)
+    assert len(recording) == len(recording.truck_hash) == 41
+    assert len(set(recording.truck_hash.tolist())) == 41
+    np.testing.assert_allclose(recording.command_time, 0.02 * np.arange(200), atol=1e-12)
+    assert recording.command_at(7).accelerator_pedal > 0.0
+    ego = recording.ego_at(40)
+    assert ego is not None
+    assert ego.brake_pressures[0] > 0.0 or ego.engine_speed > 50.0
+    assert recording.meta["drive"]["options"]["seed"] == 3
+
+
+def test_drive_is_driven_again_bit_for_bit_in_another_process(recorded: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "iits_mj.cli", "replay", str(recorded), "--verify", "--truck"],
+        env=dict(os.environ, PYTHONHASHSEED="11"),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    recording = Recording.load(recorded)
+    assert f"hash of poses {recording.meta['digest'][:12]}" in done.stdout
+    assert f"200 commands, hash of states {int(recording.truck_hash[-1]):016x}"[:-4] in done.stdout
+
+
+def test_drive_over_j1939_is_driven_again_from_what_the_truck_obeyed(tmp_path: Path) -> None:
+    config = dataclasses.replace(CONFIG, commands="j1939", duration=1.0)
+    with Simulation(config, record=True, visuals=False) as simulation:
+        simulation.run()
+        path = simulation.save_recording(tmp_path / "bus")
+    same = redrive(Recording.load(path), "bus", None)
+    assert (same.frames, same.commands) == (11, 50)
+
+
+def test_one_changed_command_is_found(recorded: Path) -> None:
+    recording = Recording.load(recorded)
+    commands = recording.commands.copy()
+    commands[60, 0] = 0.0
+    with pytest.raises(RedriveError, match=r"the truck differs first at t = 1\.30 s: "):
+        redrive(edited(recorded, commands=commands), "drive", None)
+
+
+def test_a_changed_state_that_the_truck_does_not_report_is_found(recorded: Path) -> None:
+    hashes = Recording.load(recorded).truck_hash.copy()
+    hashes[12] ^= np.uint64(1)
+    with pytest.raises(RedriveError, match=r"t = 1\.20 s, in a state that it does not report"):
+        redrive(edited(recorded, truck_hash=hashes), "drive", None)
+
+
+def test_missing_commands_are_told(recorded: Path) -> None:
+    recording = Recording.load(recorded)
+    short = edited(
+        recorded, command_time=recording.command_time[:30], commands=recording.commands[:30]
+    )
+    with pytest.raises(RedriveError, match=r"no command of t = 0\.60 s"):
+        redrive(short, "drive", None)
+
+
+@pytest.mark.parametrize("name", ["mujoco", "engine plugin of hash", "truck parameters of hash"])
+def test_another_version_of_the_truck_is_refused(recorded: Path, name: str) -> None:
+    drive = Recording.load(recorded).meta["drive"]
+    drive = drive | {"versions": drive["versions"] | {name: "old"}}
+    with pytest.raises(InputError, match=f"made with {name} old, here is"):
+        redrive(edited(recorded, meta={"drive": drive}), "drive", None)
+
+
+def test_truck_parameters_are_hashed_to_the_last_digit() -> None:
+    from iits_mj.parameters import TruckParameters
+
+    shipped = TruckParameters.load()
+    mass = shipped.tractor.mass
+    heavier = TruckParameters.load(overlay={"tractor": {"mass": float(np.nextafter(mass, 1e9))}})
+    one, two = (drive_log_module.truck_versions(p) for p in (shipped, heavier))
+    assert one["truck parameters of hash"] != two["truck parameters of hash"]
+    assert one["mujoco"] == two["mujoco"]
+
+
+def test_another_map_is_refused(recorded: Path, tmp_path: Path) -> None:
+    from iits_mj.road import RoadMap
+
+    path = tmp_path / "other.xodr"
+    path.write_bytes(RoadMap.builtin().path.read_bytes() + b"<!-- changed -->\n")
+    with pytest.raises(InputError, match="made on map"):
+        redrive(Recording.load(recorded), "drive", path)
+
+
+def test_options_that_are_given_must_be_those_of_then(recorded: Path) -> None:
+    recording = Recording.load(recorded)
+    check_options(recording, "drive", DriveConfig())
+    check_options(recording, "drive", CONFIG)
+    with pytest.raises(InputError, match="made with density dense, asked is density sparse"):
+        check_options(recording, "drive", DriveConfig(density="sparse"))
+
+
+def test_options_of_another_time_are_refused(recorded: Path) -> None:
+    drive = Recording.load(recorded).meta["drive"]
+    drive = drive | {"options": drive["options"] | {"wind": 3.0}}
+    with pytest.raises(InputError, match="other options than there are now: wind"):
+        redrive(edited(recorded, meta={"drive": drive}), "drive", None)
+
+
+def test_traffic_without_a_drive_has_no_truck_to_drive(recorded: Path) -> None:
+    recording = Recording.load(recorded)
+    meta = {name: value for name, value in recording.meta.items() if name != "drive"}
+    with pytest.raises(InputError, match="without a drive"):
+        redrive(dataclasses.replace(recording, meta=meta), "drive", None)
+
+
+def test_another_driver_meets_the_recorded_traffic_unchanged(recorded: Path) -> None:
+    config = DriveConfig(recording=recorded, duration=1.0, start_station=2600.0, decision="neutral")
+    recording = Recording.load(recorded)
+    with Simulation(config, visuals=False) as simulation:
+        assert isinstance(simulation.traffic, RepSim)
+        for k in range(1, 11):
+            simulation.cycle()
+            assert simulation.vehicles == recording.frames[k]
+
+
+def test_live_traffic_joins_the_recorded_one_on_request(recorded: Path) -> None:
+    config = DriveConfig(
+        recording=recorded, reactive=True, duration=1.0, start_station=2500.0, density="dense"
+    )
+    recording = Recording.load(recorded)
+    with Simulation(config, visuals=False) as simulation:
+        simulation.cycle()
+        live = [v for v in simulation.vehicles if v.id.startswith("live.")]
+        others = [v for v in simulation.vehicles if not v.id.startswith("live.")]
+        assert live
+        # The recording was cut at the same range of view.
+        assert others == [v for v in recording.frames[1] if v in others]
+        assert others
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (["--truck"], "--verify --truck"),
+        (["--verify", "--density", "sparse"], "made with density dense"),
+        (["--verify", "--truck", "--payload", "1000"], "made with payload 36000.0, asked"),
+    ],
+)
+def test_wrong_use_is_one_line(
+    recorded: Path, words: list[str], reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["replay", str(recorded), *words]) == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    assert len(said) == 1
+    assert reason in said[0]
+
+
+def test_a_recording_that_differs_ends_with_1_and_says_where(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = Recording.load(recorded)
+    columns = recording.columns.copy()
+    columns[0, recording.start[3]] += 1e-9
+    path = dataclasses.replace(recording, columns=columns).save(tmp_path / "moved")
+    assert cli.main(["replay", str(path), "--verify"]) == 1
+    assert "first at t = 0.30 s, where x of vehicle" in capsys.readouterr().out
+
+
+def test_options_are_stored_as_plain_values(recorded: Path) -> None:
+    options = drive_log_module.stored_options(
+        dataclasses.replace(CONFIG, map=Path("/somewhere/road.xodr"))
+    )
+    assert options["map"] == "road.xodr"
+    assert json.loads(json.dumps(options)) == options
