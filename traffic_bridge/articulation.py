@@ -7,15 +7,11 @@ sideways, is pulled after it (a tractrix), and the tractor points where the king
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from iits_mj.errors import InputError
-
-FloatArray = NDArray[np.float64]
 
 # Of a 16.5 m combination within 96/53/EC, from either end of it [m].
 KINGPIN_FROM_FRONT = 4.5
@@ -26,92 +22,78 @@ LONGEST_STEP = 8.0
 BACKWARDS = 0.5  # cosine between motion and heading below which the way is not believed
 STEEPEST = 0.95  # sine of the greatest angle between centre's heading and semitrailer in a bend
 AT_REST = 1e-6  # [m]: so little motion has no direction
-NOWHERE = [1e12, 1e12, 0.0]  # x, y [m] and yaw of who was not seen before
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Articulation:
-    """Distances on n articulated trucks, each of shape (n,).
+    """Distances on an articulated truck.
 
     Attributes:
       kingpin: from the box's centre forward to the kingpin [m].
       axles: from the box's centre back to the middle of the semitrailer's axle group [m].
     """
 
-    kingpin: FloatArray
-    axles: FloatArray
+    kingpin: float
+    axles: float
 
     @classmethod
-    def of_lengths(cls, lengths: Sequence[float]) -> Articulation:
-        """The distances on combinations of some lengths [m].
+    def of_length(cls, length: float) -> Articulation:
+        """The distances on a combination of a length [m].
 
         Raises:
-          InputError: one is too short to consist of two units.
+          InputError: it is too short to consist of two units.
         """
-        for length in lengths:
-            if not length >= SHORTEST:
-                raise InputError(
-                    f"articulated truck of length {length!r} m: "
-                    f"two units need {SHORTEST:g} m or more"
-                )
-        half = 0.5 * np.asarray(lengths, dtype=np.float64)
-        return cls(half - KINGPIN_FROM_FRONT, half - AXLES_FROM_REAR)
+        if not length >= SHORTEST:
+            raise InputError(
+                f"articulated truck of length {length!r} m: two units need {SHORTEST:g} m or more"
+            )
+        return cls(0.5 * length - KINGPIN_FROM_FRONT, 0.5 * length - AXLES_FROM_REAR)
 
-    def settled(self, yaw: FloatArray, curvature: FloatArray) -> FloatArray:
-        """Yaw of a semitrailer that has long been in a bend: its axles' circle is concentric.
+    def settled(self, yaw: float, curvature: float) -> float:
+        """Yaw of a semitrailer that has long been in a bend: its axles' circle is concentric [rad].
 
         Args:
-          yaw: direction in which the box's centre moves [rad], shape (n,).
-          curvature: of the centre's way [1/m], shape (n,), positive to the left.
-
-        Returns:
-          [rad], shape (n,).
+          yaw: direction in which the box's centre moves [rad].
+          curvature: of the centre's way [1/m], positive to the left.
         """
-        sine = np.clip(curvature * self.axles, -STEEPEST, STEEPEST)
-        return np.asarray(yaw - np.arcsin(sine))
+        return yaw - math.asin(min(max(curvature * self.axles, -STEEPEST), STEEPEST))
 
-    def pulled(self, trailer_yaw: FloatArray, direction: FloatArray, way: FloatArray) -> FloatArray:
-        """Yaw of the semitrailer after its centre was moved along a straight line.
+    def pulled(self, trailer_yaw: float, direction: float, way: float) -> float:
+        """Yaw of the semitrailer after its centre was moved along a straight line [rad].
 
         The exact tractrix of a straight pull: d(psi)/ds = sin(chi - psi) / d, with chi the pull's
         direction and d = `axles`, is solved by tan((chi - psi)/2) falling as exp(-s / d). Paths are
         chains of such chords, so that the result does not depend on speed or time step.
 
         Args:
-          trailer_yaw: before [rad], shape (n,).
-          direction: of the motion [rad], shape (n,).
-          way: its length [m], shape (n,); negative for where the semitrailer came from.
-
-        Returns:
-          [rad], shape (n,).
+          trailer_yaw: before [rad].
+          direction: of the motion [rad].
+          way: its length [m]; negative for where the semitrailer came from.
         """
-        half = 0.5 * _wrapped(direction - trailer_yaw)
-        return np.asarray(direction - 2.0 * np.arctan(np.tan(half) * np.exp(-way / self.axles)))
+        half = 0.5 * math.remainder(direction - trailer_yaw, 2.0 * math.pi)
+        return direction - 2.0 * math.atan(math.tan(half) * math.exp(-way / self.axles))
 
-    def tractor_yaw(self, yaw: FloatArray, trailer_yaw: FloatArray) -> FloatArray:
-        """Yaw of the tractor: the direction in which the kingpin moves.
+    def tractor_yaw(self, yaw: float, trailer_yaw: float) -> float:
+        """Yaw of the tractor: the direction in which the kingpin moves [rad].
 
         The fifth wheel counts as above the drive axle, which does not slip sideways. The centre
         moves towards `yaw`, which turns the semitrailer at v sin(delta) / d; the kingpin, e ahead,
         moves across the semitrailer by v sin(delta) (1 + e / d) and along it by v cos(delta).
 
         Args:
-          yaw: direction in which the box's centre moves [rad], shape (n,).
-          trailer_yaw: [rad], shape (n,).
-
-        Returns:
-          [rad], shape (n,).
+          yaw: direction in which the box's centre moves [rad].
+          trailer_yaw: [rad].
         """
         delta = yaw - trailer_yaw
-        across = np.sin(delta) * (1.0 + self.kingpin / self.axles)
-        return np.asarray(trailer_yaw + np.arctan2(across, np.cos(delta)))
+        across = math.sin(delta) * (1.0 + self.kingpin / self.axles)
+        return trailer_yaw + math.atan2(across, math.cos(delta))
 
 
 class TrailerMemory:
     """The semitrailers' yaw from frame to frame; a function of the frames alone."""
 
     def __init__(self) -> None:
-        self._known: dict[str, list[float]] = {}
+        self._known: dict[str, tuple[float, float, float]] = {}
 
     def clear(self) -> None:
         """Forgets everybody."""
@@ -120,42 +102,39 @@ class TrailerMemory:
     def follow(
         self,
         names: Sequence[str],
-        articulation: Articulation,
-        x: FloatArray,
-        y: FloatArray,
-        yaw: FloatArray,
-        curvature: FloatArray,
-    ) -> FloatArray:
-        """Yaw of the semitrailers in a new frame.
+        trucks: Sequence[Articulation],
+        places: Sequence[tuple[float, float, float, float]],
+    ) -> list[float]:
+        """Yaw of the semitrailers in a new frame [rad].
 
         Who is new, or was put elsewhere, is taken to have been in the present bend for long.
 
         Args:
           names: of the n trucks; others are forgotten.
-          articulation: their distances.
-          x: of their boxes' centres [m], shape (n,).
-          y: as x.
-          yaw: direction in which the centres move [rad], shape (n,).
-          curvature: of their way [1/m], shape (n,).
-
-        Returns:
-          [rad], shape (n,).
+          trucks: their distances.
+          places: of their boxes' centres: x, y [m], yaw [rad] and curvature of the way [1/m].
         """
-        settled = articulation.settled(yaw, curvature)
-        last = np.array([self._known.get(name, NOWHERE) for name in names]).reshape(-1, 3)
-        dx, dy = x - last[:, 0], y - last[:, 1]
-        way, direction = np.hypot(dx, dy), np.arctan2(dy, dx)
-        ahead = np.cos(direction - yaw) >= BACKWARDS
-        led = (way <= AT_REST) | (way <= LONGEST_STEP) & ahead
-        direction = np.where(way > AT_REST, direction, yaw)
-        trailer = np.where(
-            led, articulation.pulled(last[:, 2], direction, np.where(led, way, 0.0)), settled
-        )
-        rows = np.column_stack((x, y, trailer)).tolist()
-        self._known = dict(zip(names, rows, strict=True))
-        return trailer
+        known, self._known = self._known, {}
+        found = []
+        for name, truck, (x, y, yaw, curvature) in zip(names, trucks, places, strict=True):
+            last = known.get(name)
+            trailer = None if last is None else _follow(truck, last, x, y, yaw)
+            if trailer is None:
+                trailer = truck.settled(yaw, curvature)
+            self._known[name] = (x, y, trailer)
+            found.append(trailer)
+        return found
 
 
-def _wrapped(angle: FloatArray) -> FloatArray:
-    """Angles within half a turn of zero [rad]."""
-    return np.asarray(np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi)
+def _follow(
+    truck: Articulation, last: tuple[float, float, float], x: float, y: float, yaw: float
+) -> float | None:
+    """The semitrailer's yaw when its centre came from the last place, None if it did not."""
+    dx, dy = x - last[0], y - last[1]
+    way = math.hypot(dx, dy)
+    if way < AT_REST:
+        return last[2]
+    direction = math.atan2(dy, dx)
+    if way > LONGEST_STEP or math.cos(direction - yaw) < BACKWARDS:
+        return None
+    return truck.pulled(last[2], direction, way)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from traffic_bridge.bodies import CONTACT_AFFINITY, CONTACT_TYPE
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 # Greatest relative acceleration of two vehicles, both braking or steering as hard as tires allow.
 ACCELERATION = 20.0  # [m/s2]
@@ -35,7 +33,7 @@ class ContactFinder:
         moving = model.body_weldid[model.geom_bodyid] != 0
         meets = (model.geom_contype & CONTACT_AFFINITY) | (model.geom_conaffinity & CONTACT_TYPE)
         self._truck = (self._number < 0) & moving & (meets != 0)
-        self.hull = np.flatnonzero(self._truck)
+        self.hull: list[int] = np.flatnonzero(self._truck).tolist()
 
     def pairs(self, data: mujoco.MjData) -> list[tuple[int, str]]:
         """(number of the vehicle's body, name of the truck's body) of every pair in contact."""
@@ -53,61 +51,75 @@ class ContactFinder:
             found.add((int(self._number[vehicle]), self._body_name[truck]))
         return sorted(found)
 
-    def truck_boxes(self, data: mujoco.MjData) -> tuple[FloatArray, FloatArray]:
-        """The truck's hull from above, and its motion, at the state last computed.
-
-        Returns:
-          Boxes as of `separation`, shape (m, 3, 2) [m]; velocities of their bodies in the plane and
-          greatest speed by rotation, shape (m, 3) [m/s].
-        """
-        model, hull = self._model, self.hull
-        axes = data.geom_xmat[hull].reshape(-1, 3, 3)[:, :2, :2].transpose(0, 2, 1)
-        half = axes * model.geom_size[hull, :2, None]
-        boxes = np.concatenate((data.geom_xpos[hull, None, :2], half), axis=1)
-        motion = np.empty((hull.size, 3))
+    def truck_outlines(self, data: mujoco.MjData) -> list[Outline]:
+        """The truck's hull from above, and its motion, at the state last computed."""
+        model, found = self._model, []
         velocity = np.empty(6)
-        for row, geom in enumerate(hull):
-            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_GEOM, int(geom), velocity, 0)
-            spin = abs(float(velocity[2])) * float(model.geom_rbound[geom])
-            motion[row] = velocity[3], velocity[4], spin
-        return boxes, motion
+        for geom in self.hull:
+            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, velocity, 0)
+            vx, vy = velocity[3:5].tolist()
+            xx, _, xz, yx, _, yz = data.geom_xmat[geom, :6].tolist()
+            (x, y, _), (length, width, height) = (
+                data.geom_xpos[geom].tolist(),
+                model.geom_size[geom].tolist(),
+            )
+            # A hull that leans covers more ground.
+            lean = height * math.hypot(xz, yz)
+            spin = abs(float(velocity[2])) * math.hypot(length, width)
+            yaw = math.atan2(yx, xx)
+            found.append(
+                Outline(
+                    x, y, math.cos(yaw), math.sin(yaw), length + lean, width + lean, vx, vy, spin
+                )
+            )
+        return found
 
 
-def separation(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Least distances of rectangles, by separating axes; at most the true ones, <= 0 on overlap.
+@dataclass(frozen=True, slots=True)
+class Outline:
+    """A rectangle that moves in the plane.
 
-    Args:
-      a: center and the two half-extent vectors (forward, left), shape (m, 3, 2) [m].
-      b: as a, shape (n, 3, 2) [m].
-
-    Returns:
-      Shape (m, n) [m].
+    Attributes:
+      x, y: of its center [m].
+      ahead_x, ahead_y: forward direction.
+      half_length, half_width: [m].
+      velocity_x, velocity_y: of its center [m/s].
+      spin: greatest speed of a corner by rotation [m/s].
     """
-    apart = b[None, :, 0] - a[:, None, 0]
-    gaps = []
-    for box, other in ((a[:, None], b[None, :]), (b[None, :], a[:, None])):
-        half = box[..., 1:, :]
-        size = np.linalg.norm(half, axis=-1)
-        axis = half / size[..., None]
-        distance = np.abs((axis * apart[..., None, :]).sum(-1))
-        reach = np.abs((axis[..., None, :] * other[..., None, 1:, :]).sum(-1)).sum(-1)
-        gaps.append((distance - size - reach).max(-1))
-    return np.maximum(gaps[0], gaps[1])
+
+    x: float
+    y: float
+    ahead_x: float
+    ahead_y: float
+    half_length: float
+    half_width: float
+    velocity_x: float = 0.0
+    velocity_y: float = 0.0
+    spin: float = 0.0
 
 
-def may_touch(
-    a: FloatArray, motion_a: FloatArray, b: FloatArray, motion_b: FloatArray, within: float
-) -> bool:
-    """Whether two rectangles may meet within a time, whichever way they turn meanwhile.
+def separation(a: Outline, b: Outline) -> float:
+    """Least distance of two rectangles, by separating axes [m].
 
-    Args:
-      a: see `separation`.
-      motion_a: velocity and greatest speed by rotation, shape (m, 3) [m/s].
-      b: as a.
-      motion_b: as motion_a, shape (n, 3) [m/s].
-      within: [s].
+    At most the true one, which differs where two corners face each other; <= 0 on overlap.
     """
-    closing = np.linalg.norm(motion_a[:, None, :2] - motion_b[None, :, :2], axis=-1)
-    closing += motion_a[:, None, 2] + motion_b[None, :, 2]
-    reach = closing * within + 0.5 * ACCELERATION * within**2 + SLACK
-    return bool((separation(a, b) <= reach).any())
+    dx, dy = b.x - a.x, b.y - a.y
+    cosine = abs(a.ahead_x * b.ahead_x + a.ahead_y * b.ahead_y)
+    sine = abs(a.ahead_x * b.ahead_y - a.ahead_y * b.ahead_x)
+    return max(
+        abs(dx * a.ahead_x + dy * a.ahead_y)
+        - (a.half_length + b.half_length * cosine + b.half_width * sine),
+        abs(dy * a.ahead_x - dx * a.ahead_y)
+        - (a.half_width + b.half_length * sine + b.half_width * cosine),
+        abs(dx * b.ahead_x + dy * b.ahead_y)
+        - (b.half_length + a.half_length * cosine + a.half_width * sine),
+        abs(dy * b.ahead_x - dx * b.ahead_y)
+        - (b.half_width + a.half_length * sine + a.half_width * cosine),
+    )
+
+
+def may_touch(a: Outline, b: Outline, within: float) -> bool:
+    """Whether two rectangles may meet within a time [s], whichever way they turn meanwhile."""
+    closing = math.hypot(a.velocity_x - b.velocity_x, a.velocity_y - b.velocity_y)
+    closing += a.spin + b.spin
+    return separation(a, b) <= closing * within + 0.5 * ACCELERATION * within**2 + SLACK

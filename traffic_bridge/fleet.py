@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from traffic_bridge.articulation import Articulation, TrailerMemory
+from traffic_bridge.contact import Outline
 from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.look_parts import Unit
 from traffic_bridge.motion import (
     CRAWL,
     NOWHERE,
     STATE,
+    ahead,
     moved,
-    on_plane,
     pace,
     quaternions,
     state_of,
+    turned,
 )
 from traffic_bridge.slots import Slot
 from traffic_bridge.vehicles import VehicleType
@@ -40,6 +43,8 @@ class Fleet:
 
     Attributes:
       slots: whose vehicles they are, one a unit; units: number of the unit in its vehicle.
+      position: of the units as last asked for, shape (n, 3) [m].
+      quaternion: of the units likewise, shape (n, 4), w first.
     """
 
     def __init__(
@@ -48,131 +53,127 @@ class Fleet:
         looks: Sequence[tuple[Unit, ...]],
         step_length: float,
     ) -> None:
-        self._types = types
         self._looks = looks
         self._step_length = step_length
+        self._trucks = {
+            number: Articulation.of_length(kind.length)
+            for number, kind in enumerate(types)
+            if len(looks[number]) == 2
+        }
+        self._extents = [
+            [_extent(unit, kind) for unit in units]
+            for kind, units in zip(types, looks, strict=True)
+        ]
         self._memory = TrailerMemory()
         self.clear()
 
     def clear(self) -> None:
         """Forgets everybody."""
         self._memory.clear()
-        self._last: dict[str, list[float]] = {}
-        self._pace = np.zeros(0)
+        self._names: list[str] = []
+        self._last = np.zeros((2, 0))
         self._state = np.zeros((len(STATE), 0))
+        self._trailer_yaw: list[float] = []
         self.set_slots([])
 
     def set_slots(self, taken: Sequence[Slot]) -> None:
         """Takes other slots than before."""
-        single = [slot for slot in taken if len(self._looks[slot.type]) == 1]
-        joint = [slot for slot in taken if len(self._looks[slot.type]) == 2]
+        single = [slot for slot in taken if slot.type not in self._trucks]
+        joint = [slot for slot in taken if slot.type in self._trucks]
+        known = dict(zip(self._names, self._last.T.tolist(), strict=True))
         self._vehicles = single + joint
-        self._single = len(single)
-        self._joint_names = [slot.vehicle or "" for slot in joint]
-        self._articulation = Articulation.of_lengths(
-            [self._types[slot.type].length for slot in joint]
+        self._names = [slot.vehicle or "" for slot in self._vehicles]
+        self._last = (
+            np.array([known.get(name, (NOWHERE, NOWHERE)) for name in self._names]).reshape(-1, 2).T
         )
+        self._single = len(single)
+        self._joint = [self._trucks[slot.type] for slot in joint]
+        self._kingpin = np.array([truck.kingpin for truck in self._joint])
         self.slots = single + joint + joint
         self.units = [0] * len(self._vehicles) + [1] * len(joint)
-        self._extent = np.array(
-            [
-                _extent(self._looks[slot.type][unit])
-                for slot, unit in zip(self.slots, self.units, strict=True)
-            ]
-        ).reshape(-1, 3)
+        self._of = [*range(len(self._vehicles)), *range(self._single, len(self._vehicles))]
+        self.position = np.zeros((len(self.slots), 3))
+        self.quaternion = np.zeros((len(self.slots), 4))
 
     def take(self, frame: VehicleFrame) -> None:
         """Reads where the vehicles of the slots are in a new frame."""
         rows = np.fromiter((slot.row for slot in self._vehicles), np.intp, len(self._vehicles))
-        self._state = state_of(frame, rows)
-        names = [slot.vehicle or "" for slot in self._vehicles]
-        last = np.array([self._last.get(name, NOWHERE) for name in names]).reshape(-1, 2)
-        self._pace = pace(self._state, last, self._step_length)
-        self._last = dict(zip(names, self._state[:2].T.tolist(), strict=True))
-        x, y, _, yaw, _, _, yaw_rate, speed, *_ = self._state[:, self._single :]
-        curvature = np.where(speed > CRAWL, yaw_rate / np.maximum(speed, CRAWL), 0.0)
-        self._trailer_yaw = self._memory.follow(
-            self._joint_names, self._articulation, x, y, yaw, curvature
-        )
+        self._state = state = state_of(frame, rows)
+        self._pace = pace(state, self._last, self._step_length)
+        self._last = state[:2]
+        if self._joint:
+            places = [
+                (x, y, yaw, rate / speed if speed > CRAWL else 0.0)
+                for x, y, yaw, rate, speed in state[[0, 1, 3, 6, 7], self._single :].T.tolist()
+            ]
+            self._trailer_yaw = self._memory.follow(
+                self._names[self._single :], self._joint, places
+            )
 
-    def poses(self, elapsed: float) -> tuple[FloatArray, FloatArray]:
-        """Where the units are some time after the frame [s].
-
-        Returns:
-          Positions (n, 3) [m] and quaternions (n, 4), w first.
-        """
-        x, y, z, yaw = moved(self._state, self._pace, elapsed, self._step_length)
-        pitch, roll = self._state[4], self._state[5]
-        position = np.column_stack((x, y, z))
-        if not self._joint_names:
-            return position, quaternions(yaw, pitch, roll)
+    def move(self, elapsed: float) -> None:
+        """Computes where the units are some time after the frame [s]."""
+        now = moved(self._state, self._pace, elapsed, self._step_length)
+        rotation = quaternions(now[3:])
+        if not self._joint:
+            self.position, self.quaternion = now[:3].T, rotation.T
+            return
         k = self._single
-        trailer = self._trailer_yaw
+        turns = np.array(
+            [
+                self._turns(j, elapsed, x, y, yaw)
+                for j, (x, y, yaw) in enumerate(now[[0, 1, 3], k:].T.tolist())
+            ]
+        )
+        base = rotation[:, k:]
+        tractor, trailer = turned(base, turns[:, 0]), turned(base, turns[:, 1])
+        hitch = now[:3, k:] + self._kingpin * ahead(trailer)
+        self.position = np.concatenate((now[:3, :k], hitch, hitch), axis=1).T
+        self.quaternion = np.concatenate((rotation[:, :k], tractor, trailer), axis=1).T
+
+    def _turns(
+        self, number: int, elapsed: float, x: float, y: float, yaw: float
+    ) -> tuple[float, float]:
+        """Angles of tractor and semitrailer against the box of an articulated truck [rad]."""
+        truck, trailer = self._joint[number], self._trailer_yaw[number]
         if elapsed != 0.0:
-            dx, dy = x[k:] - self._state[0, k:], y[k:] - self._state[1, k:]
-            way = np.hypot(dx, dy) * np.sign(elapsed)
-            chord = 0.5 * (yaw[k:] + self._state[3, k:])
-            trailer = self._articulation.pulled(trailer, chord, way)
-        tractor = self._articulation.tractor_yaw(yaw[k:], trailer)
-        return self._place(position, yaw, pitch, roll, tractor, trailer)
+            before = self._state[:, self._single + number]
+            way = math.hypot(x - float(before[0]), y - float(before[1]))
+            chord = 0.5 * (yaw + float(before[3]))
+            trailer = truck.pulled(trailer, chord, way if elapsed > 0.0 else -way)
+        return truck.tractor_yaw(yaw, trailer) - yaw, trailer - yaw
 
-    def _place(
-        self,
-        position: FloatArray,
-        yaw: FloatArray,
-        pitch: FloatArray,
-        roll: FloatArray,
-        tractor: FloatArray,
-        trailer: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Puts tractors and semitrailers at their kingpins, in the plane of the road there."""
-        k, ahead = self._single, self._articulation.kingpin
-        place, turns = on_plane(
-            position[k:],
-            quaternions(yaw[k:], pitch[k:], roll[k:]),
-            ahead,
-            np.stack((trailer - yaw[k:], tractor - yaw[k:])),
+    def outline(self, unit: int) -> Outline:
+        """A unit from above and how it moves, at the positions last computed."""
+        slot, row = self.slots[unit], self._of[unit]
+        front, rear, width, reach = self._extents[slot.type][self.units[unit]]
+        x, y, _ = self.position[unit].tolist()
+        w, i, j, k = self.quaternion[unit].tolist()
+        yaw = math.atan2(2.0 * (i * j + w * k), 1.0 - 2.0 * (j * j + k * k))
+        ahead_x, ahead_y, middle = math.cos(yaw), math.sin(yaw), 0.5 * (front + rear)
+        way, yaw_rate, speed = self._state[[3, 6, 7], row].tolist()
+        spin = abs(yaw_rate)
+        if row >= self._single:
+            # A unit turns about the box's centre with what the semitrailer's angle makes of speed.
+            number = row - self._single
+            bend = math.sin(way - self._trailer_yaw[number])
+            spin += speed * abs(bend) / self._joint[number].axles
+        return Outline(
+            x + middle * ahead_x,
+            y + middle * ahead_y,
+            ahead_x,
+            ahead_y,
+            0.5 * (front - rear),
+            0.5 * width,
+            speed * math.cos(way),
+            speed * math.sin(way),
+            spin * reach,
         )
-        return (
-            np.concatenate((position[:k], place, place)),
-            np.concatenate((quaternions(yaw[:k], pitch[:k], roll[:k]), turns[1], turns[0])),
-        )
-
-    def outlines(
-        self, position: FloatArray, quaternion: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Units from above, and how they move, for `contact.may_touch`.
-
-        Args:
-          position: of the units, see `poses`.
-          quaternion: likewise.
-
-        Returns:
-          Rectangles (n, 3, 2) [m]; velocity and greatest speed by rotation (n, 3) [m/s].
-        """
-        w, x, y, z = quaternion.T
-        along = np.column_stack((1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)))
-        along /= np.linalg.norm(along, axis=1)[:, None]
-        left = np.column_stack((-along[:, 1], along[:, 0]))
-        front, rear, width = self._extent.T
-        center = position[:, :2] + 0.5 * (front + rear)[:, None] * along
-        boxes = np.stack(
-            (center, 0.5 * (front - rear)[:, None] * along, 0.5 * width[:, None] * left), axis=1
-        )
-        k = self._single
-        order = np.r_[0 : len(self._vehicles), k : len(self._vehicles)]
-        _, _, _, yaw, _, _, yaw_rate, speed, *_ = self._state[:, order]
-        spin = np.abs(yaw_rate)
-        # A unit turns about the box's centre with what the kingpin's angle makes of the speed.
-        bend = np.abs(np.sin(self._state[3, k:] - self._trailer_yaw))
-        turn = self._state[7, k:] * bend / self._articulation.axles
-        spin[k:] += np.concatenate((turn, turn))
-        reach = front - rear
-        return boxes, np.column_stack((speed * np.cos(yaw), speed * np.sin(yaw), spin * reach))
 
 
-def _extent(unit: Unit) -> tuple[float, float, float]:
-    """Front, rear and width of a unit's hull from above [m]."""
+def _extent(unit: Unit, kind: VehicleType) -> tuple[float, float, float, float]:
+    """Front, rear and width of a unit's hull from above, and its reach about the box's centre."""
     front = max(center[0] + 0.5 * size[0] for center, size in unit.hull)
     rear = min(center[0] - 0.5 * size[0] for center, size in unit.hull)
-    return front, rear, max(size[1] for _, size in unit.hull)
+    width = max(size[1] for _, size in unit.hull)
+    # The farthest corner of a tractor that has turned square is nearer than the whole length.
+    return front, rear, width, kind.length if unit.name else math.hypot(front, 0.5 * width)

@@ -30,7 +30,7 @@ DEFAULT_POOL = {"car": 14, "van": 5, "truck": 4, "articulated": 4}
 LARGEST_POOL = 500
 PARKING_DEPTH = -500.0  # [m]: unused bodies wait here, out of every camera's reach
 PARKING_SPACING = 25.0  # [m]: stacked bodies would be slow in collision detection
-NEARBY = 40.0  # [m]: more than two half trucks and what a 0.1 s at any speed can add
+NEARBY = 45.0  # [m]: more than two trucks' lengths and what 0.1 s at any speed can add
 
 
 class Mirror:
@@ -86,7 +86,6 @@ class Mirror:
         ]
         self._mocap: list[tuple[int, ...]] = []
         self._index = np.zeros(0, dtype=np.intp)
-        self._position, self._quaternion = np.zeros((0, 3)), np.zeros((0, 4))
         self._finder: ContactFinder | None = None
 
     # Building ----------------------------------------------------------------------------------
@@ -122,6 +121,7 @@ class Mirror:
             self._mocap.append(tuple(int(model.body_mocapid[body]) for body in bodies))
         self._finder = ContactFinder(model, owner)
         self._slots.clear()
+        self._fleet.clear()
         self._show_others()
 
     # Showing -----------------------------------------------------------------------------------
@@ -161,9 +161,9 @@ class Mirror:
                 self._show_others()
             self._fleet.take(frame)
         if self._index.size:
-            self._position, self._quaternion = self._fleet.poses(elapsed)
-            data.mocap_pos[self._index] = self._position
-            data.mocap_quat[self._index] = self._quaternion
+            self._fleet.move(elapsed)
+            data.mocap_pos[self._index] = self._fleet.position
+            data.mocap_quat[self._index] = self._fleet.quaternion
         return len(self._slots.taken)
 
     @property
@@ -216,15 +216,16 @@ class Mirror:
           data: of the bound model, its positions and velocities computed (`mj_forward`).
           within: [s].
         """
-        if self._finder is None or not self._index.size or not self._finder.hull.size:
+        if self._finder is None or not self._index.size or not self._finder.hull:
             return False
-        truck, motion = self._finder.truck_boxes(data)
-        apart = self._position[:, None, :2] - truck[None, :, 0]
-        near = ((apart * apart).sum(-1) < NEARBY**2).any(-1)
-        if not near.any():
-            return False
-        boxes, others = self._fleet.outlines(self._position, self._quaternion)
-        return may_touch(truck, motion, boxes[near], others[near], within)
+        fleet, truck = self._fleet, self._finder.truck_outlines(data)
+        dx, dy = fleet.position[:, 0] - truck[0].x, fleet.position[:, 1] - truck[0].y
+        near = np.flatnonzero(dx * dx + dy * dy < NEARBY**2).tolist()
+        return any(
+            may_touch(part, outline, within)
+            for outline in map(fleet.outline, near)
+            for part in truck
+        )
 
 
 def _parking(slot: Slot, unit: int) -> tuple[float, float, float]:

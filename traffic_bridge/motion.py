@@ -16,7 +16,7 @@ STATE = COLUMNS[:10]
 CRAWL = 0.1  # [m/s] below which speed, lateral speed and yaw rate say nothing about a direction
 
 PACE_BAND = 0.1  # beyond 1 +- this, a pace is not believed
-NOWHERE = [1e12, 1e12]  # [m]
+NOWHERE = 1e12  # [m]
 
 
 def state_of(frame: VehicleFrame, rows: NDArray[np.intp]) -> FloatArray:
@@ -32,20 +32,20 @@ def pace(state: FloatArray, last: FloatArray, step_length: float) -> FloatArray:
 
     Args:
       state: of n vehicles, see `STATE`, shape (10, n).
-      last: where they were a step before, `NOWHERE` for who is new, shape (n, 2) [m].
+      last: x, y where they were a step before, `NOWHERE` for who is new, shape (2, n) [m].
       step_length: of the traffic [s].
 
     Returns:
       Shape (n,); 1 where that is far from the truth (a vehicle was put elsewhere).
     """
     due = step_length * np.maximum(np.hypot(state[7], state[9]), CRAWL)
-    found = np.hypot(state[0] - last[:, 0], state[1] - last[:, 1]) / due
+    found = np.hypot(state[0] - last[0], state[1] - last[1]) / due
     return np.where(np.abs(found - 1.0) < PACE_BAND, found, 1.0)
 
 
 def moved(
     state: FloatArray, pace: FloatArray | float, elapsed: float, step_length: float
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> FloatArray:
     """Where vehicles are some time after (or before) a frame.
 
     Acceleration and yaw rate stay as they are. SUMO's default scheme, semi-implicit Euler, moves a
@@ -60,11 +60,11 @@ def moved(
       step_length: of the traffic [s].
 
     Returns:
-      x, y, z [m] and yaw [rad], each of shape (n,).
+      x, y, z [m], yaw, pitch, roll [rad], shape (6, n).
     """
-    x, y, z, yaw, pitch, _, yaw_rate, speed, acceleration, lateral = state
     if elapsed == 0.0:
-        return x, y, z, yaw
+        return state[:6]
+    yaw, pitch, yaw_rate, speed, acceleration, lateral = state[[3, 4, 6, 7, 8, 9]]
     way = elapsed * pace * (speed + 0.5 * acceleration * (step_length + elapsed))
     if elapsed > 0.0:
         # Braking ends at standstill: nobody rolls backwards because of the last step.
@@ -77,47 +77,36 @@ def moved(
         slide = np.arctan2(lateral, np.maximum(speed, CRAWL))
         chord = chord + slide - np.arctan2(lateral, np.maximum(speed, TIGHT_TURN))
         way = np.where(speed > CRAWL, way / np.cos(slide), way)
+    found = state[:6].copy()
+    found[0] += way * np.cos(chord)
+    found[1] += way * np.sin(chord)
     # Pitch is positive nose down (ISO 8855); roads are measured in the plane.
-    return (
-        x + way * np.cos(chord),
-        y + way * np.sin(chord),
-        z - way * np.tan(pitch),
-        yaw + turn,
-    )
-
-
-def quaternions(yaw: FloatArray, pitch: FloatArray, roll: FloatArray) -> FloatArray:
-    """Quaternions (n, 4), w first, of intrinsic z-y-x rotations by angles of shape (n,) [rad]."""
-    half = 0.5 * np.stack((yaw, pitch, roll))
-    (cy, cp, cr), (sy, sp, sr) = np.cos(half), np.sin(half)
-    cpcr, spsr, cpsr, spcr = cp * cr, sp * sr, cp * sr, sp * cr
-    found = np.empty((yaw.size, 4))
-    found[:, 0] = cpcr * cy + spsr * sy
-    found[:, 1] = cpsr * cy - spcr * sy
-    found[:, 2] = spcr * cy + cpsr * sy
-    found[:, 3] = cpcr * sy - spsr * cy
+    found[2] -= way * np.tan(pitch)
+    found[3] += turn
     return found
 
 
-def on_plane(
-    position: FloatArray, quaternion: FloatArray, ahead: FloatArray, turn: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Points of the road's plane under vehicles, and rotations in it.
+def quaternions(angles: FloatArray) -> FloatArray:
+    """Quaternions (4, n), w first, of intrinsic rotations by yaw, pitch, roll (3, n) [rad]."""
+    half = 0.5 * angles
+    (cy, cp, cr), (sy, sp, sr) = np.cos(half), np.sin(half)
+    cpcr, spsr, cpsr, spcr = cp * cr, sp * sr, cp * sr, sp * cr
+    found = np.empty((4, cy.size))
+    found[0] = cpcr * cy + spsr * sy
+    found[1] = cpsr * cy - spcr * sy
+    found[2] = spcr * cy + cpsr * sy
+    found[3] = cpcr * sy - spsr * cy
+    return found
 
-    Args:
-      position: of n vehicles, shape (n, 3) [m].
-      quaternion: how they lie on the road, shape (n, 4).
-      ahead: distance of the point, in the direction of the first turn [m], shape (n,).
-      turn: angles against the vehicle, about the plane's normal [rad], shape (k, n).
 
-    Returns:
-      Points (n, 3) [m] and quaternions (k, n, 4).
-    """
-    w, x, y, z = quaternion.T
-    c, s = np.cos(0.5 * turn), np.sin(0.5 * turn)
-    turned = np.stack((w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s), axis=-1)
-    w, x, y, z = turned[0].T
-    direction = np.column_stack(
-        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y))
-    )
-    return position + ahead[:, None] * direction, turned
+def turned(quaternion: FloatArray, angle: FloatArray) -> FloatArray:
+    """Rotations (4, n) followed by one about their own upward axis by angles (n,) [rad]."""
+    w, x, y, z = quaternion
+    c, s = np.cos(0.5 * angle), np.sin(0.5 * angle)
+    return np.stack((w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s))
+
+
+def ahead(quaternion: FloatArray) -> FloatArray:
+    """Forward directions (3, n) of rotations (4, n)."""
+    w, x, y, z = quaternion
+    return np.stack((1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)))

@@ -77,8 +77,10 @@ def _axles(places: Sequence[float], width: float, *, steered: bool) -> tuple[Sha
     )
 
 
-def _underrun_bar(rear: float, width: float) -> Box:
-    return ((rear + 0.10, 0.0, 0.55), (0.14, width - 0.2, 0.16))
+def _underrun_bar(rear: float, width: float) -> list[Box]:
+    """The bar at the rear and what it hangs on."""
+    arms = [((rear + 0.12, side * 0.42, 0.85), (0.10, 0.08, 0.55)) for side in (1.0, -1.0)]
+    return [((rear + 0.10, 0.0, 0.55), (0.14, width - 0.2, 0.16)), *arms]
 
 
 def rigid_truck(kind: VehicleType) -> tuple[Unit, ...]:
@@ -91,7 +93,7 @@ def rigid_truck(kind: VehicleType) -> tuple[Unit, ...]:
     frame = boxes(
         [
             ((-0.2, 0.0, 0.92), (kind.length - 0.8, 0.90, 0.30)),
-            _underrun_bar(-half, width),
+            *_underrun_bar(-half, width),
             ((0.5 * (axles[0] + axles[1]), 0.0, 0.72), (1.1, width - 0.3, 0.55)),
         ]
     )
@@ -109,10 +111,9 @@ def rigid_truck(kind: VehicleType) -> tuple[Unit, ...]:
 
 def articulated(kind: VehicleType) -> tuple[Unit, ...]:
     """Tractor with two axles and semitrailer with three."""
-    places = Articulation.of_lengths([kind.length])
-    kingpin, axles = float(places.kingpin[0]), float(places.axles[0])
-    half = 0.5 * kind.length
-    return _tractor(kind, half - kingpin), _semitrailer(kind, -half - kingpin, -kingpin - axles)
+    half, place = 0.5 * kind.length, Articulation.of_length(kind.length)
+    axles = -place.kingpin - place.axles
+    return _tractor(kind, half - place.kingpin), _semitrailer(kind, -half - place.kingpin, axles)
 
 
 def _tractor(kind: VehicleType, front: float) -> Unit:
@@ -151,7 +152,7 @@ def _semitrailer(kind: VehicleType, rear: float, axles: float) -> Unit:
     frame = boxes(
         [
             ((0.5 * (front + rear), 0.0, 1.03), (front - rear - 0.6, 0.90, 0.18)),
-            _underrun_bar(rear, width),
+            *_underrun_bar(rear, width),
             # Landing legs, and the side guards between them and the axles.
             *[((-1.6, side * 0.75, 0.70), (0.16, 0.16, 0.70)) for side in (1.0, -1.0)],
             *[

@@ -167,7 +167,6 @@ class Simulation(Closing):
           TrafficError: SUMO failed.
         """
         schedule = [(observer, round(observer.period / TIMESTEP)) for observer in observers]
-        self._watching = self.mirror.may_touch(self.truck.data, CYCLE_PERIOD)
         for _ in range(CYCLE_STEPS // CONTROL_STEPS):
             ego = self._observe()
             self._drive_on(ego)
@@ -299,7 +298,8 @@ class Simulation(Closing):
     def _mirror(self, *, new: bool = False) -> None:
         """Moves the traffic's bodies to where they are now; `new` after a step of the traffic.
 
-        They exert no force, so that between two steps only pictures need them.
+        They exert no force, so that between two steps only pictures need them, and who may be
+        touched before the next one.
         """
         ego_xy = self.truck.data.body("tractor").xpos[:2]
         elapsed = self._steps % CYCLE_STEPS * TIMESTEP
@@ -309,6 +309,8 @@ class Simulation(Closing):
             (float(ego_xy[0]), float(ego_xy[1])),
             elapsed,
         )
+        if new:
+            self._watching = self.mirror.may_touch(self.truck.data, CYCLE_PERIOD)
 
     def _frame(self, ego: EgoState) -> Frame:
         route = self.route
@@ -354,7 +356,7 @@ class Simulation(Closing):
         return DivergedError(reason)
 
     def _judge_end(self, ego: EgoState) -> None:
-        if self.mirror.may_touch(self.truck.data, 0.0):
+        if self._watching:
             # The contacts of the last step are those of the vehicles' last places.
             mujoco.mj_fwdPosition(self.truck.model, self.truck.data)
             self._note_contact()

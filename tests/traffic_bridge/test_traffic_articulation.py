@@ -8,8 +8,8 @@ from iits_mj.messages import TrackedVehicle
 from traffic_bridge import Mirror, VehicleFrame
 from traffic_bridge.articulation import Articulation, TrailerMemory
 
-TRUCK = Articulation.of_lengths([16.5])
-KINGPIN, AXLES = float(TRUCK.kingpin[0]), float(TRUCK.axles[0])
+TRUCK = Articulation.of_length(16.5)
+KINGPIN, AXLES = TRUCK.kingpin, TRUCK.axles
 
 
 def angle(a, b):
@@ -20,20 +20,20 @@ def test_pulled_semitrailer_follows_the_tractrix():
     # The axles of a semitrailer pulled along x from being square to it lie on the classical curve
     # x = d (t - tanh t), y = d / cosh t, t being the way in units of d.
     for way in (0.5, 3.0, 12.0):
-        yaw = float(TRUCK.pulled(np.array([-0.5 * math.pi]), np.zeros(1), np.array([way]))[0])
+        yaw = TRUCK.pulled(-0.5 * math.pi, 0.0, way)
         t = way / AXLES
         axles = way - AXLES * math.cos(yaw), -AXLES * math.sin(yaw)
         assert axles == pytest.approx((AXLES * (t - math.tanh(t)), AXLES / math.cosh(t)))
 
 
 def test_pull_is_undone_by_its_reverse_and_does_not_depend_on_its_parts():
-    start, direction = np.array([0.4]), np.array([-0.3])
-    whole = TRUCK.pulled(start, direction, np.array([3.0]))
+    start, direction = 0.4, -0.3
+    whole = TRUCK.pulled(start, direction, 3.0)
     parts = start
     for _ in range(30):
-        parts = TRUCK.pulled(parts, direction, np.array([0.1]))
+        parts = TRUCK.pulled(parts, direction, 0.1)
     assert parts == pytest.approx(whole, abs=1e-12)
-    assert TRUCK.pulled(whole, direction, np.array([-3.0])) == pytest.approx(start, abs=1e-12)
+    assert TRUCK.pulled(whole, direction, -3.0) == pytest.approx(start, abs=1e-12)
 
 
 @pytest.mark.parametrize("radius", [12.0, -20.0, 100.0])
@@ -44,29 +44,27 @@ def test_a_bend_driven_for_long_puts_the_axles_on_the_concentric_circle(radius):
         yaw += 0.5 / radius
         x, y = radius * math.sin(yaw), radius * (1.0 - math.cos(yaw))
         # The memory begins straight: it is not told of the bend.
-        trailer = memory.follow(
-            ["t"], TRUCK, np.array([x]), np.array([y]), np.array([yaw]), np.zeros(1)
-        )
-    axles = np.array([x - AXLES * math.cos(trailer[0]), y - AXLES * math.sin(trailer[0])])
+        (trailer,) = memory.follow(["t"], [TRUCK], [(x, y, yaw, 0.0)])
+    axles = np.array([x - AXLES * math.cos(trailer), y - AXLES * math.sin(trailer)])
     expected = math.sqrt(radius**2 - AXLES**2)
     assert np.hypot(axles[0], axles[1] - radius) == pytest.approx(expected, rel=2e-3)
     # So is who appears in the bend.
-    settled = TRUCK.settled(np.array([yaw]), np.array([1.0 / radius]))
-    assert angle(settled[0], trailer[0]) == pytest.approx(0.0, abs=0.012 * 12.0 / abs(radius))
+    settled = TRUCK.settled(yaw, 1.0 / radius)
+    assert angle(settled, trailer) == pytest.approx(0.0, abs=0.012 * 12.0 / abs(radius))
 
 
 def test_the_tractor_points_where_the_kingpin_goes():
-    yaw, trailer, step = np.array([0.5]), np.array([0.1]), 1e-6
-    moved = TRUCK.pulled(trailer, yaw, np.array([step]))
+    yaw, trailer, step = 0.5, 0.1, 1e-6
+    moved = TRUCK.pulled(trailer, yaw, step)
 
     def kingpin(way, psi):
         return np.array([way * math.cos(0.5), way * math.sin(0.5)]) + KINGPIN * np.array(
             [math.cos(psi), math.sin(psi)]
         )
 
-    motion = kingpin(step, moved[0]) - kingpin(0.0, trailer[0])
+    motion = kingpin(step, moved) - kingpin(0.0, trailer)
     expected = math.atan2(motion[1], motion[0])
-    assert TRUCK.tractor_yaw(yaw, trailer)[0] == pytest.approx(expected, abs=1e-5)
+    assert TRUCK.tractor_yaw(yaw, trailer) == pytest.approx(expected, abs=1e-5)
 
 
 def scene(mirror):

@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import mujoco
@@ -10,7 +11,7 @@ from iits_mj.messages import TrackedVehicle, VehicleCommand
 from iits_mj.road import Route
 from iits_mj.simulation import gaps
 from traffic_bridge import Mirror
-from traffic_bridge.contact import may_touch, separation
+from traffic_bridge.contact import Outline, may_touch, separation
 
 
 def test_contact_names_the_pair_and_exerts_no_force(straight):
@@ -96,60 +97,59 @@ def test_a_collision_leaves_no_trace_in_the_trucks_motion(driven):
 # Looking between traffic steps ----------------------------------------------------------------
 
 
-def rectangles(rng, count):
-    center = rng.uniform(-12.0, 12.0, (count, 2))
-    yaw = rng.uniform(-math.pi, math.pi, count)
-    ahead = np.column_stack((np.cos(yaw), np.sin(yaw)))
-    left = np.column_stack((-ahead[:, 1], ahead[:, 0]))
-    size = rng.uniform(0.5, 8.0, (count, 2))
-    return np.stack((center, size[:, :1] * ahead, size[:, 1:] * left), axis=1)
+def rectangle(rng, *, spread=12.0, speed=0.0):
+    yaw = rng.uniform(-math.pi, math.pi)
+    length, width = rng.uniform(0.5, 8.0, 2)
+    x, y, vx, vy = *rng.uniform(-spread, spread, 2), *rng.uniform(-speed, speed + 1e-9, 2)
+    return Outline(x, y, math.cos(yaw), math.sin(yaw), length, width, vx, vy)
 
 
 def corners(box):
+    ahead = box.half_length * np.array([box.ahead_x, box.ahead_y])
+    left = box.half_width * np.array([-box.ahead_y, box.ahead_x])
     signs = ((1, -1), (1, 1), (-1, 1), (-1, -1))
-    return np.array([box[0] + a * box[1] + b * box[2] for a, b in signs])
+    return np.array([np.array([box.x, box.y]) + a * ahead + b * left for a, b in signs])
 
 
 def test_separation_is_a_lower_bound_of_the_distance_and_zero_only_on_overlap():
     rng = np.random.default_rng(4)
-    a, b = rectangles(rng, 20), rectangles(rng, 25)
-    found = separation(a, b)
-    tight = 0
-    for i in range(20):
-        for k in range(25):
-            true = gaps.box_distance(corners(a[i]), corners(b[k]))
-            assert found[i, k] <= true + 1e-9
-            assert (found[i, k] <= 0.0) == (true == 0.0)
-            tight += true > 0.0 and found[i, k] > 0.999 * true
-    assert tight > 30
+    tight = apart = 0
+    for _ in range(500):
+        a, b = rectangle(rng), rectangle(rng)
+        true, found = gaps.box_distance(corners(a), corners(b)), separation(a, b)
+        assert found <= true + 1e-9
+        assert (found <= 0.0) == (true == 0.0)
+        apart += true > 0.0
+        tight += true > 0.0 and found > 0.999 * true
+    assert 30 < tight < apart
 
 
 def test_whoever_touches_within_the_time_was_announced():
     rng = np.random.default_rng(9)
     within, announced, touching = 0.1, 0, 0
     for _ in range(300):
-        a, b = rectangles(rng, 1), rectangles(rng, 1)
-        b[0, 0] *= 2.0
-        speed = rng.uniform(-30.0, 30.0, (2, 2))
-        rate = rng.uniform(-0.5, 0.5, 2)
-        spin = [
-            abs(w) * float(np.hypot(*np.linalg.norm(box[0, 1:], axis=1)))
-            for w, box in zip(rate, (a, b), strict=True)
-        ]
-        motion = np.column_stack((speed, spin))
-        if separation(a, b)[0, 0] <= 0.0:
+        pair, rates = [], rng.uniform(-0.5, 0.5, 2).tolist()
+        for spread, rate in zip((12.0, 24.0), rates, strict=True):
+            box = rectangle(rng, spread=spread, speed=30.0)
+            spin = abs(rate) * math.hypot(box.half_length, box.half_width)
+            pair.append(dataclasses.replace(box, spin=spin))
+        if separation(*pair) <= 0.0:
             continue
-        said = may_touch(a, motion[:1], b, motion[1:], within)
-        met = False
-        for t in np.linspace(0.0, within, 21):
+        said, met = may_touch(*pair, within), False
+        for t in np.linspace(0.0, within, 21).tolist():
             moved = []
-            for box, v, w in zip((a, b), speed, rate, strict=True):
-                c, s = math.cos(w * t), math.sin(w * t)
-                turned = box.copy()
-                turned[0, 0] += v * t
-                turned[0, 1:] = box[0, 1:] @ np.array([[c, s], [-s, c]])
-                moved.append(turned)
-            met |= separation(*moved)[0, 0] <= 0.0
+            for box, rate in zip(pair, rates, strict=True):
+                yaw = math.atan2(box.ahead_y, box.ahead_x) + rate * t
+                moved.append(
+                    dataclasses.replace(
+                        box,
+                        x=box.x + t * box.velocity_x,
+                        y=box.y + t * box.velocity_y,
+                        ahead_x=math.cos(yaw),
+                        ahead_y=math.sin(yaw),
+                    )
+                )
+            met = met or separation(*moved) <= 0.0
         assert said or not met
         announced += said
         touching += met
