@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import replace
@@ -28,6 +27,7 @@ from traffic_bridge.lane_table import (
 )
 from traffic_bridge.map_network import MapNetwork
 from traffic_bridge.network import Network, lane_kinds
+from traffic_bridge.route_edges import RouteEdges, links_of
 from traffic_bridge.session import Session
 
 FloatArray = NDArray[np.float64]
@@ -63,14 +63,15 @@ class RouteLanes:
         self._boxes: tuple[list[str], FloatArray] | None = None
         self.poses = LanePoses(self.table)
         with session.guard("reading the network"):
-            self.edges = network.route_edges or self._edges_of_segments(1)
+            chain = RouteEdges(self._api, route)
+            self.edges = chain.along(1)
             self._build(self.edges, 1)
             self._ordered = _by_lane(t for edge in self.edges for t in self.of_edge(edge))
             self._whole = _by_lane(t for t in self.tables.values() if t.lane >= 0)
             self.oncoming_edges: tuple[str, ...] = ()
-            if oncoming and not network.route_edges:
+            if oncoming:
                 self._kinds = lane_kinds(network.path)
-                self.oncoming_edges = self._edges_of_segments(-1)
+                self.oncoming_edges = chain.along(-1)
                 self._build(self.oncoming_edges, -1)
             self._find_before()
 
@@ -193,50 +194,6 @@ class RouteLanes:
 
     # Inside ------------------------------------------------------------------------------------
 
-    def _edges_of_segments(self, sense: int) -> tuple[str, ...]:
-        known = [edge for edge in self._api.edge.getIDList() if not edge.startswith(":")]
-        segments = self._route.segments if sense > 0 else reversed(self._route.segments)
-        chain: list[str] = []
-        for segment in segments:
-            # A road inside a junction has become internal lanes between two edges.
-            if self._in_junction(segment.road_id):
-                continue
-            base = ("-" if segment.direction * sense > 0 else "") + segment.road_id
-            pieces = [e for e in known if e == base or re.fullmatch(_pieces(base), e)]
-            if not pieces and sense < 0:
-                return ()
-            if not pieces:
-                raise TrafficError(
-                    f"the SUMO net has no edge for road {segment.road_id!r} of the route; "
-                    "was it made from another map?"
-                )
-            chain += self._in_order(pieces)
-        return tuple(dict.fromkeys(chain))
-
-    def _in_junction(self, road_id: str) -> bool:
-        return self._route.road_map.roads[road_id].junction not in (None, "-1", "")
-
-    def _in_order(self, pieces: list[str]) -> list[str]:
-        """Edges that netconvert cut from one road, in driving order (a loop begins anywhere)."""
-        following = {}
-        for edge in pieces:
-            targets = {target for target, _ in self._links(edge)}
-            following[edge] = next((e for e in pieces if e in targets and e != edge), None)
-        reached = set(following.values())
-        first = next((e for e in pieces if e not in reached), min(pieces))
-        ordered = [first]
-        while (after := following[ordered[-1]]) is not None and after not in ordered:
-            ordered.append(after)
-        return ordered
-
-    def _links(self, edge: str) -> list[tuple[str, str]]:
-        """(edge, internal lane or "") that can be reached from an edge."""
-        found = []
-        for i in range(self._api.edge.getLaneNumber(edge)):
-            for link in self._api.lane.getLinks(f"{edge}_{i}"):
-                found.append((link[0].rpartition("_")[0], link[4]))
-        return found
-
     def _build(self, edges: tuple[str, ...], direction: int) -> None:
         near = 0.0 if direction > 0 else self._route.length
         for edge, after in zip(edges, (*edges[1:], None), strict=False):
@@ -246,7 +203,7 @@ class RouteLanes:
             )
             self.tables.update((table.id, table) for table in tables)
             near = float(tables[0].station[-1])
-            links = self._links(edge)
+            links = links_of(self._api, edge)
             if after is not None and after not in {target for target, _ in links}:
                 raise TrafficError(
                     f"the SUMO net has no connection from edge {edge!r} to {after!r}, "
@@ -343,8 +300,3 @@ def _even(route: Route, tables: list[LaneTable]) -> list[LaneTable]:
         pose = route_pose(route, station, offset, table.direction)
         even.append(replace(table, station=station, offset=offset, pose=pose))
     return even
-
-
-def _pieces(base: str) -> str:
-    """Pattern of the edges netconvert makes when it splits a road: `-1#1`, `-1.250.00`."""
-    return re.escape(base) + r"(#\d+|\.\d+(\.\d+)?)+"
