@@ -180,9 +180,13 @@ class SpeedLimits:
             inside: list[LimitPiece] = []
             touched = sorted({t.lane for r in self._rules.values() for t in self._tables(r)})
             for lane in touched:
-                pieces = self._pieces[lane] = self._cut(lane)
+                pieces = self._cut(lane)
+                gaps: list[LimitPiece] = []
                 for table in self._lanes.within(pieces[0].start, pieces[-1].end, lane):
-                    inside += self._limit_lane(table, pieces)
+                    partial, between = self._limit_lane(table, pieces)
+                    inside += partial + between
+                    gaps += between
+                self._pieces[lane] = sorted(pieces + gaps, key=lambda piece: piece.start)
         self._watched = []
         if inside:
             first = min(piece.start for piece in inside) - SIGHT
@@ -191,25 +195,30 @@ class SpeedLimits:
                 table for table in self._lanes.within(first, last) if table.lane in self._pieces
             ]
 
-    def _limit_lane(self, table: LaneTable, pieces: list[LimitPiece]) -> list[LimitPiece]:
-        """Sets the highest limit that holds on a SUMO lane; the pieces that end inside of it."""
+    def _limit_lane(
+        self, table: LaneTable, pieces: list[LimitPiece]
+    ) -> tuple[list[LimitPiece], list[LimitPiece]]:
+        """Sets the highest limit that holds anywhere on a SUMO lane.
+
+        Returns:
+          The pieces that begin or end inside the lane, and those between them, on which the map's
+          limit has to be held because SUMO's is higher now.
+        """
         own = self._of_map.setdefault(table.id, float(self._api.lane.getMaxSpeed(table.id)))
         low, high = float(table.station[0]), float(table.station[-1])
         over = [p for p in pieces if p.start < high and p.end > low]
         partial = [p for p in over if p.start > low + SEAM or p.end < high - SEAM]
-        ceiling = max(p.limit for p in over) if over else own
-        free = low
-        for piece in over:
-            if piece.start > free + SEAM:
-                ceiling = max(ceiling, own)
-            free = max(free, piece.end)
-        if free < high - SEAM:
-            ceiling = max(ceiling, own)
+        between, free = [], low
+        for start, end in [*((p.start, p.end) for p in over), (high, high)]:
+            if start > free + SEAM:
+                between.append(LimitPiece(free, start, own))
+            free = max(free, end)
+        ceiling = max(piece.limit for piece in over + between)
         # A turn inside a junction keeps the low speed that its bend asks for.
         if table.id.startswith(":"):
             ceiling = min(ceiling, own)
         self._api.lane.setMaxSpeed(table.id, ceiling)
-        return partial
+        return partial, between if ceiling > own else []
 
     def _cut(self, lane: int) -> list[LimitPiece]:
         """The stretches of a lane without overlap, in driving order."""

@@ -270,7 +270,9 @@ class Vehicles:
         motives = {n: v for n, v in values.items() if n in LC2013_ATTRIBUTES}
         if motives:
             self._class_motives.setdefault(target, {}).update(motives)
-        self._apply(self._session.api.vehicletype, target, values)
+        # Each vehicle is given its desired speed when it comes; SUMO's class keeps its highest.
+        rest = {name: value for name, value in values.items() if name != "desired_speed"}
+        self._apply(self._session.api.vehicletype, target, rest)
 
     def _restore_class(
         self,
@@ -293,6 +295,8 @@ class Vehicles:
             self._class_motives.pop(target)
 
     def _apply(self, domain: Any, target: str, values: dict[str, Any]) -> None:
+        if not values:
+            return
         with self._session.guard(f"changing {', '.join(values)} of {target}"):
             for name, value in values.items():
                 if name in _SUMO_NAMES:

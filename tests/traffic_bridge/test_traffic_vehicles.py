@@ -1,0 +1,232 @@
+import dataclasses
+import json
+
+import pytest
+
+from iits_mj.errors import InputError
+from iits_mj.road import Route
+from traffic_bridge import (
+    KINDS,
+    PureSim,
+    StoppedVehicle,
+    TrafficConfig,
+    VehicleType,
+    default_types,
+    read_types,
+)
+
+TYPES = {kind.name: kind for kind in default_types()}
+
+
+@pytest.fixture(scope="module")
+def road():
+    return Route.straight(length=1500.0)
+
+
+def test_a_type_of_ones_own_drives_by_its_name_and_is_seen_by_its_look(road):
+    tanker = dataclasses.replace(TYPES["articulated"], name="tanker", length=14.0, politeness=1.0)
+    config = TrafficConfig(density=0.1, types=(TYPES["car"], tanker), mix={"car": 1, "tanker": 1})
+    with PureSim(road, config, seed=1) as traffic:
+        vehicles = traffic.reset()
+        tankers = [v for v in vehicles if v.id.startswith("tanker")]
+        assert tankers
+        assert {(v.kind, v.length) for v in tankers} == {("articulated", 14.0)}
+        assert traffic.vehicles.type_of(tankers[0].id).politeness == 1.0
+    assert TrafficConfig.from_dict(json.loads(json.dumps(config.as_dict()))) == config
+
+
+def test_probabilities_by_type_are_the_density_and_the_mix(road):
+    config = TrafficConfig(density={"car": 0.04, "truck": 0.01})
+    assert config.probability == pytest.approx(0.05)
+    assert config.mix == (("car", 0.04), ("truck", 0.01))
+    with PureSim(road, dataclasses.replace(config, density=0.2), seed=1) as traffic:
+        vehicles = traffic.reset()
+    trucks = sum(v.kind == "truck" for v in vehicles)
+    assert {v.kind for v in vehicles} == {"car", "truck"}
+    assert 0 < trucks < 0.5 * len(vehicles)
+
+
+def test_every_vehicle_has_one_of_its_types_colors_always_the_same():
+    car = TYPES["car"]
+    names = [f"car.{k:05d}" for k in range(200)]
+    found = [car.color_of(name) for name in names]
+    assert set(found) == set(car.colors)
+    assert found == [car.color_of(name) for name in names]
+
+
+def test_what_is_changed_for_one_vehicle_is_read_back_from_sumo(road):
+    with PureSim(road, TrafficConfig(density=0.1), seed=1) as traffic:
+        name, other = [v.id for v in traffic.reset() if v.kind == "car"][:2]
+        former = traffic.vehicles.in_force(other)
+        values = {
+            "time_headway": 2.2,
+            "minimum_gap": 3.3,
+            "acceleration": 0.8,
+            "deceleration": 1.9,
+            "emergency_deceleration": 7.0,
+            "desired_speed": 9.0,
+            "politeness": 0.6,
+            "change_threshold": 0.4,
+            "keep_right_bias": 0.1,
+            "safe_braking": 2.5,
+            "lc_strategic": 2.0,
+            "lc_cooperative": 0.5,
+            "lc_speed_gain": 3.0,
+            "lc_keep_right": 0.0,
+            "lc_assertive": 1.5,
+            "color": (0.1, 0.2, 0.3),
+        }
+        undo = traffic.vehicles.change(name, **values)
+        found = traffic.vehicles.in_force(name)
+        assert found.pop("color") == values.pop("color")
+        assert found == pytest.approx(values)
+        assert traffic.vehicles.in_force(other) == former
+        before = TrafficConfig().type_of("car")
+        undo()
+        assert traffic.vehicles.type_of(name) == before
+
+
+def test_a_changed_class_holds_for_vehicles_that_come_later(road):
+    with PureSim(road, TrafficConfig(density=0.1), seed=1) as traffic:
+        there = {v.id for v in traffic.reset()}
+        undo = traffic.vehicles.change(
+            "car", desired_speed=8.0, time_headway=2.0, lc_speed_gain=0.2, color=(1.0, 0.0, 0.0)
+        )
+        for _ in range(150):
+            vehicles = traffic.step()
+        new = [v.id for v in vehicles if v.kind == "car" and v.id not in there]
+        assert new
+        for name in new:
+            found = traffic.vehicles.in_force(name)
+            assert found["desired_speed"] == 8.0
+            assert found["time_headway"] == 2.0
+            assert found["lc_speed_gain"] == pytest.approx(0.2)
+            assert found["color"] == (1.0, 0.0, 0.0)
+        undo()
+        for _ in range(150):
+            vehicles = traffic.step()
+        for v in vehicles:
+            if v.kind == "car":
+                found = traffic.vehicles.in_force(v.id)
+                assert found["time_headway"] == 1.5
+                assert found["lc_speed_gain"] == 1.0
+                assert found["color"] in TYPES["car"].colors
+                assert found["desired_speed"] > 8.0
+
+
+def test_a_class_can_be_changed_while_some_of_it_found_no_room_to_depart(road):
+    # A queue over the entrance: SUMO gives up who cannot depart for some seconds.
+    config = TrafficConfig(
+        density=0.5, events=tuple(StoppedVehicle(station=60.0, lane=k) for k in range(3))
+    )
+    with PureSim(road, config, seed=1) as traffic:
+        traffic.reset()
+        for _ in range(400):
+            traffic.step()
+        traffic.vehicles.change("car", time_headway=1.0)
+        vehicles = traffic.step()
+        assert all(
+            traffic.vehicles.in_force(v.id)["time_headway"] == 1.0
+            for v in vehicles
+            if v.kind == "car" and not v.id.startswith("stopped")
+        )
+
+
+@pytest.mark.parametrize(
+    ("target", "values", "text"),
+    [
+        ("car", {"mood": 1.0}, "parameter 'mood': allowed are time_headway"),
+        ("car", {"time_headway": 0.0}, "car.time_headway = 0.0: must be positive"),
+        ("car", {"politeness": float("nan")}, "must be finite"),
+        ("car", {"politeness": True}, "must be finite"),
+        ("car", {"color": (2.0, 0.0, 0.0)}, "each from 0 to 1"),
+        ("car", {}, "no parameter of car"),
+        ("ghost.1", {"politeness": 1.0}, "no vehicle 'ghost.1'"),
+    ],
+)
+def test_unusable_changes_are_refused(target, values, text, road):
+    with PureSim(road, TrafficConfig(density=0.05), seed=1) as traffic:
+        traffic.reset()
+        with pytest.raises(InputError, match=text):
+            traffic.vehicles.change(target, **values)
+        traffic.step()
+
+
+def test_types_of_a_file_are_laid_over_the_packages(tmp_path):
+    path = tmp_path / "types.toml"
+    path.write_text(
+        """
+        [car]
+        time_headway = 1.1
+
+        [taxi]
+        like = "car"
+        colors = [[0.9, 0.7, 0.1]]
+
+        [tanker]
+        look = "articulated"
+        length = 14.0
+        """,
+        encoding="utf-8",
+    )
+    types = {kind.name: kind for kind in read_types(path)}
+    assert tuple(types) == (*KINDS, "taxi", "tanker")
+    assert types["car"] == dataclasses.replace(TYPES["car"], time_headway=1.1)
+    assert types["taxi"] == dataclasses.replace(
+        types["car"], name="taxi", colors=((0.9, 0.7, 0.1),)
+    )
+    assert types["tanker"] == dataclasses.replace(TYPES["articulated"], name="tanker", length=14.0)
+    assert types["van"] == TYPES["van"]
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("[car]\nmood = 1", "car.mood is unknown; the fields are"),
+        ("[car]\ntime_headway = -1", "time_headway = -1: must be zero or positive"),
+        ("[car]\ntime_headway = nan", "time_headway = nan"),
+        ("[car]\ncolors = [[1, 2]]", "must be red, green, blue"),
+        ("[taxi]\nlength = 4.0", "there is no type 'taxi' to begin with"),
+        ("car = 3", "expected a table"),
+        ("[car", "not TOML"),
+        ("[ego]\nlike = 'car'", "vehicle type 'ego'"),
+    ],
+)
+def test_unusable_files_of_types_are_refused_by_name(tmp_path, text, reason):
+    path = tmp_path / "types.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=reason) as caught:
+        read_types(path)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        ({"name": "x y"}, "vehicle type 'x y': a name has"),
+        ({"name": "tram", "look": ""}, "look 'tram': allowed are car"),
+        ({"length": float("inf")}, "car.length = inf"),
+        ({"lc_assertive": 0.0}, "lc_assertive = 0.0: must be positive"),
+        ({"colors": ()}, "at least one color"),
+    ],
+)
+def test_unusable_types_are_refused(values, text):
+    with pytest.raises(InputError, match=text):
+        dataclasses.replace(TYPES["car"], **values)
+
+
+def test_two_types_of_one_name_are_refused():
+    with pytest.raises(InputError, match="each with a name of its own"):
+        TrafficConfig(types=(TYPES["car"], TYPES["car"]), mix={"car": 1.0})
+
+
+def test_sumo_is_told_only_of_lane_change_figures_that_differ_from_its_own():
+    assert "lcSpeedGain" not in TYPES["car"].to_sumo_xml(15.0)
+    eager = dataclasses.replace(TYPES["car"], lc_speed_gain=2.0)
+    assert 'lcSpeedGain="2.0"' in eager.to_sumo_xml(15.0)
+
+
+def test_a_vehicle_type_is_frozen():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        TYPES["car"].length = 3.0
+    assert isinstance(TYPES["car"], VehicleType)
