@@ -72,6 +72,8 @@ def assemble(
     for column in ("time", "station", "offset", "speed", "length", "width"):
         rows.must(np.isfinite(getattr(rows, column)), column, "is not a finite number")
     rows.must(rows.speed >= 0.0, "speed", "is negative")
+    rows.must(rows.length > 0.0, "length", "is not positive")
+    rows.must(rows.width > 0.0, "width", "is not positive")
     rows.must((rows.lane >= 0) & (rows.lane < lane_count), "lane", f"is outside {lane_count} lanes")
     names, vehicle = np.unique(rows.name, return_inverse=True)
     order, extra = _sorted(rows, vehicle.astype(np.int64))

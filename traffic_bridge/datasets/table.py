@@ -151,8 +151,12 @@ class Table:
 
     def _refuse_text(self, name: str, values: list[Any]) -> None:
         for row, value in enumerate(values):
+            if value is None or not str(value).strip():
+                raise InputError(
+                    f"data set {self.path}, {self.where(row)}, column {name!r}: is missing"
+                )
             try:
-                float(value or "nan")
+                float(value)
             except ValueError:
                 raise InputError(
                     f"data set {self.path}, {self.where(row)}, column {name!r}: "
