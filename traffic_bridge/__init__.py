@@ -12,8 +12,8 @@ libsumo is imported when a simulation starts, not before.
 from traffic_bridge.config import DENSITIES, LANE_CHANGE_MODELS, TrafficConfig
 from traffic_bridge.datasets import Trajectories, lay, read_trajectories
 from traffic_bridge.departures import Departure
-from traffic_bridge.event_files import read_events
 from traffic_bridge.digest import PoseDigest
+from traffic_bridge.event_files import read_events
 from traffic_bridge.events import (
     Event,
     LaneClosure,
@@ -26,6 +26,9 @@ from traffic_bridge.events import (
 )
 from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.lights import LightAhead, LightPhase
+from traffic_bridge.map_lookup import MapPoint, Place
+from traffic_bridge.map_network import MapLane, MapNetwork, MapRoad
+from traffic_bridge.map_paths import MapPath
 from traffic_bridge.mirror import Mirror
 from traffic_bridge.mixed import MixedSim
 from traffic_bridge.modes import InterSim, PureSim, Traffic
@@ -49,9 +52,15 @@ __all__ = [
     "LightPhase",
     "LightProgramRun",
     "LightState",
+    "MapLane",
+    "MapNetwork",
+    "MapPath",
+    "MapPoint",
+    "MapRoad",
     "Mirror",
     "MixedSim",
     "Network",
+    "Place",
     "PoseDigest",
     "PureSim",
     "ReSim",

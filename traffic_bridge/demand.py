@@ -7,9 +7,10 @@ import math
 import numpy as np
 
 from traffic_bridge.config import TrafficConfig
+from traffic_bridge.lane_ways import LaneWays
 from traffic_bridge.lanes import LaneTable, RouteLanes
 from traffic_bridge.map_demand import MapDemand
-from traffic_bridge.net_file import NetLane
+from traffic_bridge.net_file import NetFile, NetLane
 from traffic_bridge.network import Network
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles import Vehicles
@@ -18,7 +19,7 @@ from traffic_bridge.vehicles import Vehicles
 EGO_GAP = 30.0
 EGO_HEADWAY = 3.0
 NEXT_LANE_GAP = 15.0
-LANE_END = 200.0  # [m] before the end of a lane that closes: nobody begins there
+LANE_END = 300.0  # [m] before the end of a lane that closes: nobody begins there
 # SUMO's lane-change mode under MOBIL: SUMO itself only leaves lanes that end (bit 0), and carries
 # out our requests where that is not an immediate collision (bit 8).
 MOBIL_MODE = 0b01_0000_0001
@@ -36,7 +37,7 @@ class Demand:
       vehicles: where new vehicles are noted.
       config: density, mix and speeds.
       rng: the source of randomness.
-      network: of the map; where it is given and the scope is "map", traffic drives on all of it.
+      network: of the map.
     """
 
     def __init__(
@@ -46,7 +47,7 @@ class Demand:
         vehicles: Vehicles,
         config: TrafficConfig,
         rng: np.random.Generator,
-        network: Network | None = None,
+        network: Network,
     ) -> None:
         self._session = session
         self._api = session.api
@@ -62,8 +63,10 @@ class Demand:
         self._entrances = [lanes.of_edge(lanes.edges[0])]
         self._define_routes("along", lanes.edges)
         self._map: MapDemand | None = None
-        if config.scope == "map" and network is not None:
-            self._map = MapDemand(network, lanes.edges)
+        net = NetFile.read(network.path)
+        self._ways = LaneWays(net)
+        if config.scope == "map":
+            self._map = MapDemand(net, self._ways, lanes.edges)
             # Its own generator: the flow along the route is the same in every scope.
             (self._map_rng,) = rng.spawn(1)
             self._trips: dict[tuple[str, ...], str] = {}
@@ -112,7 +115,8 @@ class Demand:
         # Poisson arrivals of rate p at speed v stand at exponential distances of mean v / p.
         mean_gap = config.speed_limit * 0.92 / config.probability
         position = float(self._rng.exponential(mean_gap))
-        end = table.length - (0.0 if self._lanes.goes_on(table) else LANE_END)
+        edges = self._lanes.edges if direction > 0 else self._lanes.oncoming_edges
+        end = min(table.length, self._ways.room(table.id, edges[index:]) - LANE_END)
         while position < end:
             kind, desired = self._draw(table.lane, self._rng)
             station, _ = table.at(position)
@@ -201,13 +205,13 @@ class Demand:
         table = self._lanes.table(lane.id)
         speed = min(config.speed_limit, lane.speed)
         mean_gap = speed * 0.92 / config.probability
-        end = lane.length - (LANE_END if trips.ends(lane) else 0.0)
         position = float(rng.exponential(mean_gap))
-        while position < end:
+        while position < lane.length:
             kind, desired = self._draw(lane.index, rng)
             trip = trips.trip(lane, rng)
             vehicle = config.type_of(kind)
-            if position > vehicle.length + 1.0 and low <= table.at(position)[0] <= high:
+            free = position > vehicle.length + 1.0 and low <= table.at(position)[0] <= high
+            if free and position < self._ways.room(lane.id, trip) - LANE_END:
                 self._add_trip(kind, desired, trip, lane, f"{position:.3f}")
             least = vehicle.length + vehicle.minimum_gap + 1.5 * speed
             position += max(least, float(rng.exponential(mean_gap)))

@@ -11,22 +11,20 @@ short joint of its own, a cubic from end to end.
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from iits_mj.errors import InputError, TrafficError
-from traffic_bridge.net_file import NetConnection, NetEdge, NetFile, NetLane
-from traffic_bridge.road_frames import RoadFrame, RoadFrames, SurfacePoint, wrap
+from traffic_bridge.lane_joints import joint, moved
+from traffic_bridge.lane_stretch import Inside, Stretch
+from traffic_bridge.net_file import NetEdge, NetFile, NetLane
+from traffic_bridge.road_frames import RoadFrame, RoadFrames, SurfacePoint
 
 FloatArray = NDArray[np.float64]
 
 STEP = 2.0  # [m] between the places at which the length of a lane's centre is summed
-SHORT = 0.5  # [m]: a joint this short has no direction of its own
-NEAR = 5.0  # [m] beyond a lane's end at which a place of its road still counts to it
 
 
 class LaneSurface(NamedTuple):
@@ -49,40 +47,12 @@ class LaneSurface(NamedTuple):
     bank: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class Stretch:
-    """The part of a road that a SUMO lane covers: stations `s` at fractions `part` of its length.
-
-    Fractions grow evenly with the length of the lane's centre (of the mean of an edge's lanes, so
-    that neighbors who stand at one position stand abreast). `lanes` are the lane's OpenDRIVE ids by
-    lane section.
-    """
-
-    frame: RoadFrame
-    lanes: dict[int, int]
-    part: FloatArray
-    s: FloatArray
-
-    def s_at(self, part: ArrayLike) -> FloatArray:
-        """Stations of the road at fractions of the lane."""
-        return np.interp(part, self.part, self.s)
-
-    def part_at(self, s: float) -> float:
-        """Fraction of the lane at a station, 0 to 1."""
-        order = slice(None) if self.s[-1] > self.s[0] else slice(None, None, -1)
-        return float(np.interp(s, self.s[order], self.part[order]))
-
-
-class _Inside(NamedTuple):
-    """A lane inside a junction: the way it belongs to, from fraction `start` to `end` of it."""
-
-    connection: NetConnection
-    start: float
-    end: float
-
-
 class LaneSurfaces:
     """Surfaces of every lane of a net.
+
+    Attributes:
+      lanes: by SUMO's id.
+      inside: lanes inside junctions, and the way that each is part of.
 
     Args:
       net: the file.
@@ -100,12 +70,10 @@ class LaneSurfaces:
         }
         self._edges: dict[str, NetEdge] = {edge.id: edge for edge in net.edges}
         self._stretches: dict[str, Stretch | None] = {}
-        self._inside = self._find_inside()
+        self.inside = self._find_inside()
         for lane in self.lanes.values():
             if lane.origin is not None:
                 self._check(lane, *lane.origin)
-        self._index: dict[tuple[str, int], tuple[list[float], list[tuple[float, str]]]] | None
-        self._index = None
 
     def surface(self, lane: str, spacing: float = 1.0) -> LaneSurface:
         """Samples of a lane, about `spacing` metres apart and at both ends; at least two.
@@ -146,7 +114,7 @@ class LaneSurfaces:
         """
         lane = self.lane(name)
         part = np.clip(np.atleast_1d(np.asarray(position, dtype=float)) / lane.length, 0.0, 1.0)
-        if name in self._inside:
+        if name in self.inside:
             return self._at_inside(lane, part, np.asarray(offset, dtype=float))
         stretch = self.stretch(name)
         if stretch is None:
@@ -165,27 +133,6 @@ class LaneSurfaces:
                     self._stretches[each.id] = found
         return self._stretches[name]
 
-    def lane_of(self, road: str, lane: int, s: float) -> tuple[str, float]:
-        """SUMO lane and position of a place of the road; ("", nan) where SUMO has no lane."""
-        if self._index is None:
-            self._index = self._build_index()
-        starts, rows = self._index.get((road, lane), ([], []))
-        k = bisect_right(starts, s)
-        best, distance = "", NEAR
-        for i in range(max(k - 2, 0), min(k + 1, len(rows))):
-            away = max(starts[i] - s, s - rows[i][0], 0.0)
-            if away < distance:
-                best, distance = rows[i][1], away
-        if not best:
-            return "", math.nan
-        found = self.stretch(best)
-        if found is None:
-            end, start = self._joint_stations(best)
-            part = (s - start) / (end - start) if end != start else 0.0
-        else:
-            part = found.part_at(s)
-        return best, min(max(part, 0.0), 1.0) * self.lanes[best].length
-
     # Inside ------------------------------------------------------------------------------------
 
     def _check(self, lane: NetLane, road: str, number: int) -> None:
@@ -198,7 +145,7 @@ class LaneSurfaces:
                 "was the net made from another map?"
             )
 
-    def _find_inside(self) -> dict[str, _Inside]:
+    def _find_inside(self) -> dict[str, Inside]:
         """Ways through junctions, by the lanes they use: one way may be two lanes long."""
         onward = {}
         for connection in self._net.connections:
@@ -214,7 +161,7 @@ class LaneSurfaces:
                 lane = onward.get(lane, "")
             lengths = np.cumsum([0.0, *(self.lanes[name].length for name in way)])
             for name, start, end in zip(way, lengths, lengths[1:], strict=False):
-                found[name] = _Inside(
+                found[name] = Inside(
                     connection, float(start / lengths[-1]), float(end / lengths[-1])
                 )
         return found
@@ -273,19 +220,19 @@ class LaneSurfaces:
         return lane.shape - np.asarray(self._net.offset)
 
     def _at_inside(self, lane: NetLane, part: FloatArray, offset: FloatArray) -> SurfacePoint:
-        connection, low, high = self._inside[lane.id]
+        connection, low, high = self.inside[lane.id]
         start = self.at(connection.start, self.lanes[connection.start].length)
         end = self.at(connection.end, 0.0)
         u = low + part * (high - low)
         stretch = self.stretch(lane.id)
         if stretch is None:
-            point = _joint(start, end, u)
+            point = joint(start, end, u)
         else:
-            way = [name for name, other in self._inside.items() if other.connection is connection]
+            way = [name for name, other in self.inside.items() if other.connection is connection]
             point = stretch.frame.evaluate(stretch.lanes, stretch.s_at(part))
             begun = self._raw_end(way[0], 0.0)
             ended = self._raw_end(way[-1], 1.0)
-            point = _moved(point, u, start, begun, end, ended)
+            point = moved(point, u, start, begun, end, ended)
         if not np.any(offset):
             return point
         sine, cosine = np.sin(point.heading), np.cos(point.heading)
@@ -301,91 +248,7 @@ class LaneSurfaces:
             return None
         return stretch.frame.evaluate(stretch.lanes, stretch.s_at([part]))
 
-    def _joint_stations(self, name: str) -> tuple[float, float]:
-        """Stations at the end and at the start of a joint within one road."""
-        connection = self._inside[name].connection
-        before, after = self.stretch(connection.start), self.stretch(connection.end)
-        if before is None or after is None or before.frame is not after.frame:
-            return math.nan, math.nan
-        return float(after.s[0]), float(before.s[-1])
-
-    def _build_index(self) -> dict[tuple[str, int], tuple[list[float], list[tuple[float, str]]]]:
-        rows: dict[tuple[str, int], list[tuple[float, float, str]]] = {}
-        for lane in self.lanes.values():
-            stretch = self.stretch(lane.id)
-            if stretch is not None:
-                low, high = sorted((float(stretch.s[0]), float(stretch.s[-1])))
-                for section, number in stretch.lanes.items():
-                    start, end = stretch.frame.span(section)
-                    start = low if section == min(stretch.lanes) else start
-                    end = high if section == max(stretch.lanes) else end
-                    key = (stretch.frame.road.id, number)
-                    rows.setdefault(key, []).append((start, end, lane.id))
-            elif lane.id in self._inside:
-                before = self.stretch(self._inside[lane.id].connection.start)
-                end, start = self._joint_stations(lane.id)
-                if before is None or not math.isfinite(start):
-                    continue
-                onward = before.s[-1] > before.s[0]
-                # Where a road closes to a loop the joint covers nothing of it.
-                if (end - start if onward else start - end) > 1e-6:
-                    last = max(before.lanes) if onward else min(before.lanes)
-                    key = (before.frame.road.id, before.lanes[last])
-                    rows.setdefault(key, []).append((min(start, end), max(start, end), lane.id))
-        index = {}
-        for key, found in rows.items():
-            found.sort()
-            index[key] = ([low for low, _, _ in found], [(high, name) for _, high, name in found])
-        return index
-
 
 def _lengths(shape: FloatArray) -> FloatArray:
     """Distance of every point of a polyline from its first, shape (n,)."""
     return np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))))
-
-
-def _joint(start: SurfacePoint, end: SurfacePoint, u: FloatArray) -> SurfacePoint:
-    """A cubic Hermite curve from end to end, at fractions u of it."""
-    gap = math.hypot(float(end.x[0] - start.x[0]), float(end.y[0] - start.y[0]))
-    turn = np.array([wrap(float(end.heading[0] - start.heading[0]))])
-    bank = start.bank + u * (end.bank - start.bank)
-    if gap < SHORT:
-        x, y, z, grade = (
-            a + u * (b - a)
-            for a, b in (
-                (start.x, end.x), (start.y, end.y), (start.z, end.z), (start.grade, end.grade)
-            )
-        )  # fmt: skip
-        return SurfacePoint(x, y, z, start.heading + u * turn, grade, bank)
-    values, slopes = [], []
-    for a, b, da, db in (
-        (start.x, end.x, np.cos(start.heading), np.cos(end.heading)),
-        (start.y, end.y, np.sin(start.heading), np.sin(end.heading)),
-        (start.z, end.z, start.grade, end.grade),
-    ):
-        c = 3.0 * (b - a) - gap * (2.0 * da + db)
-        d = gap * (da + db) - 2.0 * (b - a)
-        values.append(a + u * (gap * da + u * (c + u * d)))
-        slopes.append(gap * da + u * (2.0 * c + 3.0 * u * d))
-    way = np.maximum(np.hypot(slopes[0], slopes[1]), 1e-9)
-    heading = np.arctan2(slopes[1], slopes[0])
-    return SurfacePoint(values[0], values[1], values[2], heading, slopes[2] / way, bank)
-
-
-def _moved(
-    point: SurfacePoint,
-    u: FloatArray,
-    start: SurfacePoint,
-    begun: SurfacePoint | None,
-    end: SurfacePoint,
-    ended: SurfacePoint | None,
-) -> SurfacePoint:
-    """A way moved to begin at `start` and end at `end`; what is missing fades along it."""
-    columns = []
-    for k, column in enumerate(point):
-        steps = []
-        for wanted, given in ((start, begun), (end, ended)):
-            step = 0.0 if given is None else float(wanted[k][0] - given[k][0])
-            steps.append(wrap(step) if point._fields[k] == "heading" else step)
-        columns.append(column + (1.0 - u) * steps[0] + u * steps[1])
-    return SurfacePoint(*columns)

@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
+from traffic_bridge.lane_ways import LaneWays
 from traffic_bridge.map_paths import MapPaths
 from traffic_bridge.net_file import NetFile, NetLane
-from traffic_bridge.network import Network
 
 
 class MapDemand:
@@ -19,18 +19,15 @@ class MapDemand:
     Its exit is drawn evenly among those that can be reached from there.
 
     Args:
-      network: of the map.
+      net: of the map; ways: its lanes' ways.
       route_edges: edges of the ego's route, whose flow comes from elsewhere.
     """
 
-    def __init__(self, network: Network, route_edges: tuple[str, ...]) -> None:
-        self._net = NetFile.read(network.path)
-        self._paths = MapPaths(self._net)
+    def __init__(self, net: NetFile, ways: LaneWays, route_edges: tuple[str, ...]) -> None:
+        self._paths = MapPaths(net)
+        self._lane_ways = ways
         self._route_edges = frozenset(route_edges)
-        self._edges = {edge.id: edge for edge in self._net.edges}
-        self._leads_to: dict[str, set[str]] = {}
-        for link in self._net.connections:
-            self._leads_to.setdefault(link.start, set()).add(link.end.rpartition("_")[0])
+        self._edges = {edge.id: edge for edge in net.edges}
         self._ways: dict[str, tuple[tuple[str, ...], ...]] = {}
 
     @cached_property
@@ -55,16 +52,9 @@ class MapDemand:
         ways = self._from(lane)
         return ways[int(rng.random() * len(ways))]
 
-    def ends(self, lane: NetLane) -> bool:
-        """Whether a lane ends before its edge leads on: nobody should begin near its end."""
-        return not self._onward(lane) and lane.edge not in self._paths.exits
-
     def _lanes(self, edge: str) -> tuple[NetLane, ...]:
         lanes = self._edges[edge].lanes
         return tuple(lane for lane in lanes if lane.is_driving and self._from(lane))
-
-    def _onward(self, lane: NetLane) -> list[str]:
-        return sorted(self._leads_to.get(lane.id, ()))
 
     def _from(self, lane: NetLane) -> tuple[tuple[str, ...], ...]:
         """The ways from a lane to each exit, in the order of the exits' names."""
@@ -76,7 +66,7 @@ class MapDemand:
         if lane.edge in self._paths.exits:
             yield (lane.edge,)
             return
-        onward = [name for name in self._onward(lane) if name in self._paths.ids]
+        onward = sorted({name.rpartition("_")[0] for name in self._lane_ways.leads_to(lane.id)})
         for leave in self._paths.exits_from(lane.edge):
             ways = [
                 self._paths.path(after, leave)

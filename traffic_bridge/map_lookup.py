@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from iits_mj.errors import InputError
 from iits_mj.road.elements import DRIVING_TYPES
+from traffic_bridge.lane_index import LaneIndex
 from traffic_bridge.lane_surface import LaneSurfaces
 from traffic_bridge.road_frames import RoadFrame, RoadFrames, wrap
 
@@ -59,6 +60,7 @@ class MapLookup:
     def __init__(self, frames: RoadFrames, surfaces: LaneSurfaces) -> None:
         self._frames = frames
         self._surfaces = surfaces
+        self._lane_index = LaneIndex(surfaces)
 
     def locate(
         self, x: float, y: float, heading: float | None = None, z: float | None = None
@@ -117,22 +119,27 @@ class MapLookup:
                 f"position {position!r} m on lane {sumo_lane!r}: allowed is 0 to {lane.length:g}"
             )
         stretch = self._surfaces.stretch(sumo_lane)
-        if stretch is None:
-            # A joint of SUMO's own has no lane of the map: the place under it is looked up.
+        s = math.nan if stretch is None else float(stretch.s_at(position / lane.length))
+        if stretch is None or not 0.0 <= s <= stretch.frame.length:
+            # SUMO's own joint, or a junction that reaches into the roads before and after it.
             point = self._surfaces.at(sumo_lane, position, offset)
             x, y, z, heading = (float(value[0]) for value in point[:4])
             found = self.locate(x, y, heading, z)
             if found is None:
                 raise InputError(f"lane {sumo_lane!r} at {position:g} m lies beside every road")
-            return Place(found.road, found.lane, found.station, found.offset, found.junction,
-                         lane.edge, sumo_lane, position)  # fmt: skip
+            return replace(found, edge=lane.edge, sumo_lane=sumo_lane, position=position)
         frame = stretch.frame
-        s = min(max(float(stretch.s_at(position / lane.length)), 0.0), frame.length)
         section = min(max(frame.section(s), min(stretch.lanes)), max(stretch.lanes))
         return Place(
-            frame.road.id, stretch.lanes[section], s, offset, frame.road.junction or "",
-            lane.edge, sumo_lane, position,
-        )  # fmt: skip
+            road=frame.road.id,
+            lane=stretch.lanes[section],
+            station=s,
+            offset=offset,
+            junction=frame.road.junction or "",
+            edge=lane.edge,
+            sumo_lane=sumo_lane,
+            position=position,
+        )
 
     def point(self, place: Place) -> MapPoint:
         """The point of the road's surface at a place; the inverse of `locate`.
@@ -167,11 +174,12 @@ class MapLookup:
 
     def _complete(self, place: Place) -> Place:
         """The place with SUMO's names."""
-        name, position = self._surfaces.lane_of(place.road, place.lane, place.station)
+        name, position = self._lane_index.lane_of(place.road, place.lane, place.station)
         road = self._frames[place.road].road
         edge = self._surfaces.lanes[name].edge if name else ""
-        return Place(place.road, place.lane, place.station, place.offset, road.junction or "",
-                     edge, name, position)  # fmt: skip
+        return replace(
+            place, junction=road.junction or "", edge=edge, sumo_lane=name, position=position
+        )
 
     def _check(self, road: str, lane: int, station: float, offset: float) -> float:
         roads = self._frames.road_map.roads

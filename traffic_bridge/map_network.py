@@ -9,7 +9,7 @@ from iits_mj.errors import InputError
 from iits_mj.road import RoadMap
 from traffic_bridge.lane_surface import LaneSurface, LaneSurfaces
 from traffic_bridge.map_lookup import MapLookup, MapPoint, Place
-from traffic_bridge.map_paths import MapPaths, Path
+from traffic_bridge.map_paths import MapPath, MapPaths
 from traffic_bridge.net_file import NetConnection, NetFile, NetJunction, NetLight
 from traffic_bridge.network import Network, build_network
 from traffic_bridge.road_frames import RoadFrames
@@ -181,11 +181,11 @@ class MapNetwork:
         """Edges that lead nowhere: where traffic leaves the map."""
         return self.paths.exits
 
-    def routes(self) -> tuple[Path, ...]:
+    def routes(self) -> tuple[MapPath, ...]:
         """The quickest path from every entrance to every exit that can be reached from it."""
         return self.paths.routes()
 
-    def path(self, start: str | Place, end: str | Place) -> Path:
+    def path(self, start: str | Place, end: str | Place) -> MapPath:
         """The quickest path between two edges (or the edges of two places).
 
         Raises:

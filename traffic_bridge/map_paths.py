@@ -16,7 +16,7 @@ LEAST_SPEED = 0.1  # [m/s]: a limit of nearly nothing is a long time, not a divi
 
 
 @dataclass(frozen=True)
-class Path:
+class MapPath:
     """A way through the map.
 
     Attributes:
@@ -92,7 +92,7 @@ class MapPaths:
         reached = self.reachable(edge)
         return tuple(name for name in self.exits if name in reached)
 
-    def path(self, start: str, end: str) -> Path:
+    def path(self, start: str, end: str) -> MapPath:
         """The path of the least travel time at the speed limits.
 
         Raises:
@@ -112,9 +112,9 @@ class MapPaths:
         ways = [self._links[pair] for pair in itertools.pairwise(edges)]
         length = sum(self._edges[name].length for name in edges) + sum(way[0] for way in ways)
         time = sum(self._time(name) for name in edges) + sum(way[1] for way in ways)
-        return Path(edges, length, time)
+        return MapPath(edges, length, time)
 
-    def routes(self) -> tuple[Path, ...]:
+    def routes(self) -> tuple[MapPath, ...]:
         """The quickest path from every entrance to every exit that can be reached from it."""
         return tuple(
             self.path(entrance, leave)

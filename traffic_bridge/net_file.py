@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -28,6 +29,7 @@ class NetLane:
       kind: OpenDRIVE's lane type; "" where the net does not say.
       origin: (road id, lane id) in OpenDRIVE, or None for SUMO's own short joints.
       internal: whether it lies inside a SUMO junction.
+      open: to passenger cars.
       shape: of its centre, in SUMO's coordinates [m], shape (n, 2).
     """
 
@@ -40,12 +42,13 @@ class NetLane:
     kind: str
     origin: tuple[str, int] | None
     internal: bool
+    open: bool
     shape: FloatArray
 
     @property
     def is_driving(self) -> bool:
         """Whether cars and trucks drive here."""
-        return self.kind in DRIVING_TYPES or not self.kind
+        return self.open and (self.kind in DRIVING_TYPES or not self.kind)
 
 
 @dataclass(frozen=True)
@@ -129,30 +132,37 @@ class NetFile:
           TrafficError: it is missing, not a SUMO net, or was written without original names.
         """
         try:
-            root = ElementTree.parse(path).getroot()
-            location = root.find("location")
-            if root.tag != "net" or location is None:
-                raise ValueError("it has no <net> with a <location>")
-            x, y = (float(value) for value in location.get("netOffset", "").split(","))
-            found = cls(
-                path=path,
-                offset=(x, y),
-                edges=tuple(_edge(e) for e in root.findall("edge") if e.find("lane") is not None),
-                connections=tuple(_connection(e) for e in root.findall("connection")),
-                junctions=tuple(
-                    _junction(e) for e in root.findall("junction") if e.get("type") != "internal"
-                ),
-                lights=tuple(_light(e) for e in root.findall("tlLogic")),
-            )
+            status = path.stat()
+            return _read(path, status.st_mtime_ns, status.st_size)
         except (OSError, ElementTree.ParseError, ValueError, KeyError) as error:
             raise TrafficError(f"{path}: not a SUMO network: {error}") from error
-        for edge in found.edges:
-            if not edge.internal and any(lane.origin is None for lane in edge.lanes):
-                raise TrafficError(
-                    f"{path}: edge {edge.id!r} does not say which OpenDRIVE lanes it is made of; "
-                    "make the net with netconvert's --output.original-names"
-                )
-        return found
+
+
+@lru_cache(maxsize=8)
+def _read(path: Path, _changed: int, _size: int) -> NetFile:
+    """The net of a file; kept while the file is the same."""
+    root = ElementTree.parse(path).getroot()
+    location = root.find("location")
+    if root.tag != "net" or location is None:
+        raise ValueError("it has no <net> with a <location>")
+    x, y = (float(value) for value in location.get("netOffset", "").split(","))
+    found = NetFile(
+        path=path,
+        offset=(x, y),
+        edges=tuple(_edge(item) for item in root.findall("edge") if item.find("lane") is not None),
+        connections=tuple(_connection(item) for item in root.findall("connection")),
+        junctions=tuple(
+            _junction(item) for item in root.findall("junction") if item.get("type") != "internal"
+        ),
+        lights=tuple(_light(item) for item in root.findall("tlLogic")),
+    )
+    for edge in found.edges:
+        if not edge.internal and any(lane.origin is None for lane in edge.lanes):
+            raise TrafficError(
+                f"{path}: edge {edge.id!r} does not say which OpenDRIVE lanes it is made of; "
+                "make the net with netconvert's --output.original-names"
+            )
+    return found
 
 
 def _edge(item: Element) -> NetEdge:
@@ -181,8 +191,16 @@ def _lane(item: Element, edge: str) -> NetLane:
         kind=item.get("type", ""),
         origin=origin,
         internal=edge.startswith(":"),
+        open=_is_open(item.get("allow"), item.get("disallow", "")),
         shape=np.array([[float(point[0]), float(point[1])] for point in points]),
     )
+
+
+def _is_open(allowed: str | None, forbidden: str) -> bool:
+    """Whether cars may drive, by SUMO's lists of vehicle classes."""
+    if allowed is not None:
+        return "passenger" in allowed.split() or allowed == "all"
+    return not {"passenger", "all"} & set(forbidden.split())
 
 
 def _connection(item: Element) -> NetConnection:

@@ -13,6 +13,7 @@ from pathlib import Path
 from iits_mj.errors import MapError, TrafficError
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.road_map import MAPS
+from iits_mj.road.route import USABLE_LANE_WIDTH
 from traffic_bridge.map_repair import opendrive_for_netconvert
 from traffic_bridge.netconvert import find_netconvert, netconvert_version, run_netconvert
 
@@ -32,6 +33,7 @@ OPENDRIVE_OPTIONS = (
     "--precision",
     "3",
 )
+REVISION = "2"  # of what we do to nets after netconvert: raised when that changes
 _SEAL = "<!-- sha256 "
 
 
@@ -92,7 +94,8 @@ def lane_kinds(net: Path) -> dict[str, str]:
 
 
 def _cached_file(content: bytes) -> Path:
-    key = b"\0".join((content, " ".join(OPENDRIVE_OPTIONS).encode(), netconvert_version().encode()))
+    made_by = " ".join((*OPENDRIVE_OPTIONS, netconvert_version(), REVISION))
+    key = content + made_by.encode()
     folder = cache_dir() / "nets"
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -133,9 +136,19 @@ def _make(content: bytes, target: Path, name: str) -> None:
             raise MapError(f"{name}: netconvert found no road in the map that cars may use")
         # The leading comment holds date and paths: a net made again must be the same.
         text = re.sub(r"<!--.*?-->\s*", "", text, count=1, flags=re.DOTALL)
+        text = re.sub(r"<lane [^>]*>", _close_if_narrow, text)
         digest = hashlib.sha256(text.encode()).hexdigest()
         made.write_text(f"{text}{_SEAL}{digest} -->\n", encoding="utf-8", newline="\n")
         made.replace(target)
+
+
+def _close_if_narrow(lane: re.Match[str]) -> str:
+    """A lane that is still opening or closing is nobody's: there is no room beside the next."""
+    width = re.search(r'\bwidth="([^"]*)"', lane[0])
+    if width is None or float(width[1]) >= USABLE_LANE_WIDTH:
+        return lane[0]
+    bare = re.sub(r' (dis)?allow="[^"]*"', "", lane[0])
+    return bare.replace("<lane ", '<lane disallow="all" ', 1)
 
 
 def _net_offset(net: Path) -> tuple[float, float]:
