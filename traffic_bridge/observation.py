@@ -88,8 +88,18 @@ class Observation:
         self._last_lane.pop(name, None)
         self._history.pop(name, None)
 
-    def read(self, ego: EgoState | None) -> VehicleFrame:
-        """The vehicles now, near the ego; all of them without one."""
+    @property
+    def held(self) -> dict[str, float]:
+        """Speed limits of vehicles that swing out, see `LateralSmoother` [m/s]."""
+        return self._smoother.held
+
+    def read(self, ego: EgoState | None, obstacles: FloatArray | None = None) -> VehicleFrame:
+        """The vehicles now, near the ego; all of them without one.
+
+        Args:
+          ego: the truck.
+          obstacles: boxes that the vehicles have to mind beside each other, see `LateralSmoother`.
+        """
         on = self._on_lanes(ego)
         names = sorted(on.keys() & self._vehicles.names())
         if not names:
@@ -120,6 +130,7 @@ class Observation:
             self._size,
             (station, offset, direction),
             self._step,
+            obstacles,
         )
         if shift is not None:
             residual, lateral, bend = shift

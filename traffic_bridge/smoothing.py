@@ -5,7 +5,8 @@ and where it is shown (the residual) starts as minus the jump and goes to zero w
 acceleration at both ends, as drivers do in 3-4 s (Toledo and Zohar, "Modeling duration of lane
 changes", Transportation Research Record 1999, 2007, find a mean of 4.6 s, 1 to 13 s).
 The motion is hastened where the vehicle would otherwise touch another one that SUMO, which has it
-in the new lane already, lets it pass.
+in the new lane already, lets it pass; where haste is not enough, as for who swings out from behind
+a standing truck, the vehicle is held back until it is clear of the other.
 """
 
 from __future__ import annotations
@@ -24,6 +25,9 @@ SLOW = 5.0  # [m/s] below which a lane change takes longer, in proportion: nobod
 URGENT_PACE = 0.5
 SHORTEST = 1.0  # [s]
 SIDE_MARGIN = 0.3  # [m]
+HELD_GAP = 0.7  # [m] kept to who stands before a vehicle that swings out
+HELD_SPEED = 1.5  # [m/s]: who is slower than it may be by more than this is not held
+CREEP = 0.3  # [m/s]: nobody who swings out is held for ever
 CLEARED_BY = 0.62  # fraction of the change after which the old lane is free (quintic: 3/4 done)
 
 
@@ -78,10 +82,15 @@ class LateralSmoother:
 
     Args:
       duration: of a lane change at speed [s]; 0 turns the smoothing off.
+
+    Attributes:
+      held: speed that a vehicle must not exceed until the one before it in its old lane is passed
+        without touching [m/s], by name.
     """
 
     def __init__(self, duration: float) -> None:
         self.duration = duration
+        self.held: dict[str, float] = {}
         self._names: list[str] = []
         self._place: dict[str, int] = {}
         self._last: Rows = ()
@@ -94,6 +103,7 @@ class LateralSmoother:
         self._names, self._place, self._last = [], {}, ()
         self._changes.clear()
         self._urgent.clear()
+        self.held.clear()
 
     def update(
         self,
@@ -104,6 +114,7 @@ class LateralSmoother:
         size: FloatArray,
         road: Rows,
         dt: float,
+        obstacles: FloatArray | None = None,
     ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
         """How far beside their lane's centre the vehicles are shown after a step.
 
@@ -117,6 +128,8 @@ class LateralSmoother:
           road: station, offset of the lanes' centres on the route [m] and the direction on it (+1
             along, -1 against, 0 on another road), each of shape (n,).
           dt: since the last update [s].
+          obstacles: boxes that are none of the vehicles (the truck): station and offset of the
+            centre, speed, length and width, shape (5, m) [m], [m/s].
 
         Returns:
           Offset from the lane's centre, lateral speed and lateral acceleration, each of shape (n,),
@@ -129,6 +142,7 @@ class LateralSmoother:
         self._last, self._lane = pose, lane
         if self._names != names:
             self._names, self._place = names, {name: i for i, name in enumerate(names)}
+        self.held.clear()
         if not self._changes:
             return None
         place = self._place
@@ -145,11 +159,12 @@ class LateralSmoother:
                 continue
             residual, rate, bend = change.state()
             shown[:, i] = residual, rate * pace, bend * pace * pace
+        boxes = _boxes(road, shown[0], speed, size, obstacles)
         self._urgent = {
             name
             for name, change in self._changes.items()
             if road[2][place[name]] != 0.0
-            and self._hasten(place[name], change, road, shown[0], speed, size)
+            and self._hasten(place[name], change, float(road[1][place[name]]), boxes)
         }
         return shown[0], shown[1], shown[2]
 
@@ -184,32 +199,27 @@ class LateralSmoother:
             quintic(residual - jump, rate, bend, self.duration), self.duration
         )
 
-    def _hasten(
-        self,
-        i: int,
-        change: _Change,
-        road: Rows,
-        residual: FloatArray,
-        speed: FloatArray,
-        size: FloatArray,
-    ) -> bool:
+    def _hasten(self, i: int, change: _Change, aim: float, boxes: FloatArray) -> bool:
         """Shortens a change so that the old lane is left before the gap there is used up.
+
+        Args:
+          i: number of the vehicle.
+          change: its change.
+          aim: offset to which it goes [m].
+          boxes: see `_boxes`.
 
         Returns:
           Whether that gap is nearly used up.
         """
-        station, offset, direction = road
-        shown = offset + direction * residual
-        side = 0.5 * (size[1] + size[1, i]) + SIDE_MARGIN
-        beside_now = np.abs(shown - shown[i]) < side
-        free_later = np.abs(shown - offset[i]) >= side
-        conflict = beside_now & free_later & (direction != 0.0)
+        station, offset, along, length, width = boxes
+        side = 0.5 * (width + width[i]) + SIDE_MARGIN
+        conflict = (np.abs(offset - offset[i]) < side) & (np.abs(offset - aim) >= side)
+        conflict &= np.isfinite(station)
         conflict[i] = False
         if not conflict.any():
             return False
         apart = station[conflict] - station[i]
-        gap = np.abs(apart) - 0.5 * (size[0, conflict] + size[0, i])
-        along = direction * speed
+        gap = np.abs(apart) - 0.5 * (length[conflict] + length[i])
         closing = -np.sign(apart) * (along[conflict] - along[i])
         # One metre and half a metre a second are held back for accelerations in the meantime.
         time = np.maximum(gap - 1.0, 0.0) / np.maximum(closing + 0.5, 0.5)
@@ -218,4 +228,42 @@ class LateralSmoother:
         if wanted < remaining - 0.1:
             change.coefficients = quintic(*change.state(), wanted)
             change.duration, change.age = wanted, 0.0
-        return wanted <= SHORTEST
+        self._hold(i, change, apart, gap, along[conflict], along[i])
+        return wanted <= SHORTEST or self._names[i] in self.held
+
+    def _hold(
+        self,
+        i: int,
+        change: _Change,
+        apart: FloatArray,
+        gap: FloatArray,
+        others: FloatArray,
+        speed: float,
+    ) -> None:
+        """Notes the speed at which a vehicle is clear of those before it when it reaches them."""
+        way = 1.0 if speed >= 0.0 else -1.0
+        ahead = apart * way > 0.0
+        if not ahead.any():
+            return
+        time = CLEARED_BY * max(change.duration - change.age, 0.1) / URGENT_PACE
+        room = np.maximum(gap[ahead] - HELD_GAP, 0.0) / time
+        limit = max(float(np.min(np.maximum(others[ahead] * way, 0.0) + room)), CREEP)
+        if limit < abs(speed) + HELD_SPEED:
+            self.held[self._names[i]] = limit
+
+
+def _boxes(
+    road: Rows,
+    residual: FloatArray,
+    speed: FloatArray,
+    size: FloatArray,
+    obstacles: FloatArray | None,
+) -> FloatArray:
+    """Who may be touched: station, offset, speed along the route, length and width, shape (5, k).
+
+    Vehicles on other roads have an infinite station.
+    """
+    station, offset, direction = road
+    on = np.where(direction != 0.0, station, np.inf)
+    own = np.stack((on, offset + direction * residual, direction * speed, size[0], size[1]))
+    return own if obstacles is None else np.concatenate((own, obstacles), axis=1)

@@ -66,6 +66,7 @@ class World:
             self._demand = Demand(self.session, lanes, self.vehicles, config, rng, network)
         self._ego = EgoInTraffic(self.session, lanes, route, config.footprint, config.step_length)
         self._with_ego = with_ego
+        self._held: set[str] = set()
         self._api = self.session.api
         self._observation = Observation(
             self.session,
@@ -105,7 +106,7 @@ class World:
         with self.session.guard("populating the road"):
             self._demand.discard_pending()
             self._drop_arrived()
-            return self._observation.read(ego)
+            return self._observe(ego)
 
     def advance(self, ego: EgoState | None) -> VehicleFrame:
         """One step; the ego is where it is at the step's end. Returns the vehicles, by name."""
@@ -123,7 +124,22 @@ class World:
         self._steps += 1
         with self.session.guard("reading the vehicles"):
             self._drop_arrived()
-            return self._observation.read(ego)
+            return self._observe(ego)
+
+    def _observe(self, ego: EgoState | None) -> VehicleFrame:
+        boxes = self._ego.boxes(ego) if self._with_ego and ego is not None else None
+        frame = self._observation.read(ego, boxes)
+        held = self._observation.held
+        if held or self._held:
+            # Who swings out is held back until clear; SUMO's own car-following stays in force.
+            set_speed = self._api.vehicle.setSpeed
+            for name in sorted(self._held - held.keys()):
+                if name in self.vehicles:
+                    set_speed(name, -1.0)
+            for name, limit in sorted(held.items()):
+                set_speed(name, limit)
+            self._held = set(held)
+        return frame
 
     def close(self) -> None:
         """Ends SUMO."""
