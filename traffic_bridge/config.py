@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -72,20 +72,18 @@ class TrafficConfig:
         """Checks every value; mappings given as `mix` or `density` become plain values."""
         if isinstance(self.density, Mapping):
             object.__setattr__(self, "mix", tuple(self.density.items()))
-            shares = [weight for _, weight in self.mix]
-            if not all(isinstance(share, (int, float)) for share in shares):
-                raise InputError(f"density {self.density!r}: allowed are probabilities by type")
-            object.__setattr__(self, "density", float(sum(shares)))
+            for name, share in self.mix:
+                _in_range(f"density of {name}", share, 0.0, 0.5)
+            object.__setattr__(self, "density", float(sum(share for _, share in self.mix)))
         if isinstance(self.mix, Mapping):
             object.__setattr__(self, "mix", tuple(self.mix.items()))
-        if isinstance(self.density, str):
-            if self.density not in DENSITIES:
-                raise InputError(
-                    f"density {self.density!r}: allowed are {', '.join(DENSITIES)}, "
-                    "or a probability from 0 to 0.5 per second and lane"
-                )
-        else:
+        if not isinstance(self.density, str):
             _in_range("density", self.density, 0.0, 0.5)
+        elif self.density not in DENSITIES:
+            raise InputError(
+                f"density {self.density!r}: allowed are {', '.join(DENSITIES)}, "
+                "or a probability from 0 to 0.5 per second and lane"
+            )
         if self.lane_change not in LANE_CHANGE_MODELS:
             raise InputError(
                 f"lane_change {self.lane_change!r}: allowed are {', '.join(LANE_CHANGE_MODELS)}"
@@ -99,34 +97,30 @@ class TrafficConfig:
         _in_range("clear_distance", self.clear_distance, 20.0, 5_000.0)
         _in_range("fill_ahead", self.fill_ahead, 0.0, 200_000.0)
         _in_range("fill_behind", self.fill_behind, 0.0, 200_000.0)
-        names = [vehicle_type.name for vehicle_type in self.types]
-        if not names or len(set(names)) != len(names):
-            raise InputError(f"types {names!r}: at least one, each with a name of its own")
+        for what, kind in (("types", VehicleType), ("events", Event), ("departures", Departure)):
+            object.__setattr__(self, what, _all_of(what, getattr(self, what), kind))
+        self._check_names({vehicle_type.name for vehicle_type in self.types})
+
+    def _check_names(self, names: set[str]) -> None:
+        """Checks that types have different names, and that mix and scripts name types there are."""
+        known = ", ".join(kind.name for kind in self.types)
+        if not self.types or len(names) != len(self.types):
+            raise InputError(f"types {known!r}: at least one, each with a name of its own")
         if not self.mix or any(name not in names for name, _ in self.mix):
-            raise InputError(f"mix {self.mix!r}: the kinds are {', '.join(sorted(names))}")
-        if any(not (math.isfinite(w) and w >= 0.0) for _, w in self.mix) or not any(
-            w > 0.0 for _, w in self.mix
-        ):
+            raise InputError(f"mix {self.mix!r}: the kinds are {known}")
+        weights = [weight for _, weight in self.mix]
+        if any(not (math.isfinite(w) and w >= 0.0) for w in weights) or not any(weights):
             raise InputError(
                 f"mix {self.mix!r}: weights are zero or positive, one at least positive"
             )
-        self._check_scripts(names)
-
-    def _check_scripts(self, names: list[str]) -> None:
-        """Checks that events and departures are what they should be, of types there are."""
-        for what, kind in (("events", Event), ("departures", Departure)):
-            entries = tuple(getattr(self, what))
-            object.__setattr__(self, what, entries)
-            for entry in entries:
-                if not isinstance(entry, kind):
-                    raise InputError(f"{what}: {entry!r} is not a {kind.__name__}")
         for entry in (*self.events, *self.departures):
-            named = isinstance(entry, (StoppedVehicle, SlowConvoy, Departure))
-            if named and entry.type not in names:  # type: ignore[union-attr]
-                raise InputError(f"{entry!r}: the types are {', '.join(names)}")
-            of_class = isinstance(entry, VehicleChange) and "." not in entry.target
-            if of_class and entry.target not in names:  # type: ignore[union-attr]
-                raise InputError(f"{entry!r}: the types are {', '.join(names)}")
+            wanted = None
+            if isinstance(entry, (StoppedVehicle, SlowConvoy, Departure)):
+                wanted = entry.type
+            elif isinstance(entry, VehicleChange) and "." not in entry.target:
+                wanted = entry.target
+            if wanted is not None and wanted not in names:
+                raise InputError(f"{entry!r}: the types are {known}")
 
     @property
     def probability(self) -> float:
@@ -177,6 +171,21 @@ class TrafficConfig:
             raise InputError(f"stored traffic configuration is not usable: {error}") from error
 
 
-def _in_range(name: str, value: float, low: float, high: float) -> None:
-    if not (isinstance(value, (int, float)) and math.isfinite(value) and low <= value <= high):
+def _in_range(name: str, value: object, low: float, high: float) -> None:
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not number or not low <= value <= high:  # type: ignore[operator]
         raise InputError(f"{name} {value!r}: allowed is {low:g} to {high:g}")
+
+
+def _all_of(what: str, entries: Any, kind: type) -> tuple[Any, ...]:
+    """The entries as a tuple, each of a class.
+
+    Raises:
+      InputError: one is of another class, or they are no sequence.
+    """
+    if isinstance(entries, (str, kind)) or not isinstance(entries, Iterable):
+        raise InputError(f"{what} {entries!r}: must be a sequence of {kind.__name__}")
+    for entry in (made := tuple(entries)):
+        if not isinstance(entry, kind):
+            raise InputError(f"{what}: {entry!r} is no {kind.__name__}")
+    return made
