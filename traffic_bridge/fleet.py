@@ -8,21 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from traffic_bridge.articulation import Articulation, TrailerMemory
+from traffic_bridge.articulation import Articulation, Pose, TrailerMemory, units
 from traffic_bridge.contact import Outline
 from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.look_parts import Unit
-from traffic_bridge.motion import (
-    CRAWL,
-    NOWHERE,
-    STATE,
-    ahead,
-    moved,
-    pace,
-    quaternions,
-    state_of,
-    turned,
-)
+from traffic_bridge.motion import CRAWL, NOWHERE, STATE, moved, pace, quaternions, state_of
 from traffic_bridge.slots import Slot
 from traffic_bridge.vehicles import VehicleType
 
@@ -45,6 +35,7 @@ class Fleet:
       slots: whose vehicles they are, one a unit; units: number of the unit in its vehicle.
       position: of the units as last asked for, shape (n, 3) [m].
       quaternion: of the units likewise, shape (n, 4), w first.
+      radius: about the unit's position that holds its hull, shape (n,) [m].
     """
 
     def __init__(
@@ -77,34 +68,34 @@ class Fleet:
         self.set_slots([])
 
     def set_slots(self, taken: Sequence[Slot]) -> None:
-        """Takes other slots than before."""
-        single = [slot for slot in taken if slot.type not in self._trucks]
-        joint = [slot for slot in taken if slot.type in self._trucks]
+        """Takes other slots than before; those of two units are the last."""
         known = dict(zip(self._names, self._last.T.tolist(), strict=True))
-        self._vehicles = single + joint
-        self._names = [slot.vehicle or "" for slot in self._vehicles]
-        self._last = (
-            np.array([known.get(name, (NOWHERE, NOWHERE)) for name in self._names]).reshape(-1, 2).T
+        self._names = [slot.vehicle or "" for slot in taken]
+        nowhere = (NOWHERE, NOWHERE)
+        self._last = np.array([known.get(name, nowhere) for name in self._names]).reshape(-1, 2).T
+        self._joint = [self._trucks[slot.type] for slot in taken if slot.type in self._trucks]
+        self._single, count = len(taken) - len(self._joint), len(taken)
+        self.slots = [*taken, *taken[self._single :]]
+        self.units = [0] * count + [1] * len(self._joint)
+        self._of = [*range(count), *range(self._single, count)]
+        self.radius = np.array(
+            [
+                self._extents[slot.type][unit][3]
+                for slot, unit in zip(self.slots, self.units, strict=True)
+            ]
         )
-        self._single = len(single)
-        self._joint = [self._trucks[slot.type] for slot in joint]
-        self._kingpin = np.array([truck.kingpin for truck in self._joint])
-        self.slots = single + joint + joint
-        self.units = [0] * len(self._vehicles) + [1] * len(joint)
-        self._of = [*range(len(self._vehicles)), *range(self._single, len(self._vehicles))]
         self.position = np.zeros((len(self.slots), 3))
         self.quaternion = np.zeros((len(self.slots), 4))
 
-    def take(self, frame: VehicleFrame) -> None:
-        """Reads where the vehicles of the slots are in a new frame."""
-        rows = np.fromiter((slot.row for slot in self._vehicles), np.intp, len(self._vehicles))
+    def take(self, frame: VehicleFrame, rows: IntArray) -> None:
+        """Reads where the vehicles are: their rows in a new frame, in the order of the slots."""
         self._state = state = state_of(frame, rows)
         self._pace = pace(state, self._last, self._step_length)
         self._last = state[:2]
         if self._joint:
             places = [
                 (x, y, yaw, rate / speed if speed > CRAWL else 0.0)
-                for x, y, yaw, rate, speed in state[[0, 1, 3, 6, 7], self._single :].T.tolist()
+                for x, y, _, yaw, _, _, rate, speed, *_ in state[:, self._single :].T.tolist()
             ]
             self._trailer_yaw = self._memory.follow(
                 self._names[self._single :], self._joint, places
@@ -113,34 +104,29 @@ class Fleet:
     def move(self, elapsed: float) -> None:
         """Computes where the units are some time after the frame [s]."""
         now = moved(self._state, self._pace, elapsed, self._step_length)
-        rotation = quaternions(now[3:])
+        k, count = self._single, now.shape[1]
+        self.position[:k] = now[:3, :k].T
+        self.quaternion[:k] = quaternions(now[3:, :k]).T
         if not self._joint:
-            self.position, self.quaternion = now[:3].T, rotation.T
             return
-        k = self._single
-        turns = np.array(
-            [
-                self._turns(j, elapsed, x, y, yaw)
-                for j, (x, y, yaw) in enumerate(now[[0, 1, 3], k:].T.tolist())
-            ]
-        )
-        base = rotation[:, k:]
-        tractor, trailer = turned(base, turns[:, 0]), turned(base, turns[:, 1])
-        hitch = now[:3, k:] + self._kingpin * ahead(trailer)
-        self.position = np.concatenate((now[:3, :k], hitch, hitch), axis=1).T
-        self.quaternion = np.concatenate((rotation[:, :k], tractor, trailer), axis=1).T
+        places = [
+            units(truck, self._trailer(number, elapsed, pose), pose)
+            for number, (truck, pose) in enumerate(
+                zip(self._joint, now[:, k:].T.tolist(), strict=True)
+            )
+        ]
+        self.position[k:count] = self.position[count:] = [kingpin for kingpin, _, _ in places]
+        self.quaternion[k:count] = [tractor for _, tractor, _ in places]
+        self.quaternion[count:] = [trailer for _, _, trailer in places]
 
-    def _turns(
-        self, number: int, elapsed: float, x: float, y: float, yaw: float
-    ) -> tuple[float, float]:
-        """Angles of tractor and semitrailer against the box of an articulated truck [rad]."""
-        truck, trailer = self._joint[number], self._trailer_yaw[number]
-        if elapsed != 0.0:
-            before = self._state[:, self._single + number]
-            way = math.hypot(x - float(before[0]), y - float(before[1]))
-            chord = 0.5 * (yaw + float(before[3]))
-            trailer = truck.pulled(trailer, chord, way if elapsed > 0.0 else -way)
-        return truck.tractor_yaw(yaw, trailer) - yaw, trailer - yaw
+    def _trailer(self, number: int, elapsed: float, pose: Pose) -> float:
+        """Yaw of a semitrailer whose box has moved since the frame [rad]."""
+        trailer = self._trailer_yaw[number]
+        if elapsed == 0.0:
+            return trailer
+        x0, y0, _, yaw0 = self._state[:4, self._single + number].tolist()
+        way = math.copysign(math.hypot(pose[0] - x0, pose[1] - y0), elapsed)
+        return self._joint[number].pulled(trailer, 0.5 * (yaw0 + pose[3]), way)
 
     def outline(self, unit: int) -> Outline:
         """A unit from above and how it moves, at the positions last computed."""

@@ -30,7 +30,10 @@ DEFAULT_POOL = {"car": 14, "van": 5, "truck": 4, "articulated": 4}
 LARGEST_POOL = 500
 PARKING_DEPTH = -500.0  # [m]: unused bodies wait here, out of every camera's reach
 PARKING_SPACING = 25.0  # [m]: stacked bodies would be slow in collision detection
-NEARBY = 45.0  # [m]: more than two trucks' lengths and what 0.1 s at any speed can add
+# Whoever is farther from the truck than what two vehicles can do at this relative speed, and
+# `NEARBY` more, is not looked at closely.
+SPEED_MAX = 100.0  # [m/s]
+NEARBY = 1.0  # [m]
 
 
 class Mirror:
@@ -65,7 +68,8 @@ class Mirror:
         step_length: float = 0.1,
         visuals: bool = True,
     ) -> None:
-        types = tuple(types or default_types())
+        # Those of two units are the last, as the fleet wants them.
+        types = sorted(types or default_types(), key=lambda kind: kind.look == "articulated")
         counts = _counts(DEFAULT_POOL if pool is None else pool, types, shared=pool is None)
         for name, value in (("view_range", view_range), ("step_length", step_length)):
             if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0.0):
@@ -159,7 +163,7 @@ class Mirror:
                     self._park(data, slot)
             if changed:
                 self._show_others()
-            self._fleet.take(frame)
+            self._fleet.take(frame, self._slots.rows)
         if self._index.size:
             self._fleet.move(elapsed)
             data.mocap_pos[self._index] = self._fleet.position
@@ -219,8 +223,11 @@ class Mirror:
         if self._finder is None or not self._index.size or not self._finder.hull:
             return False
         fleet, truck = self._fleet, self._finder.truck_outlines(data)
-        dx, dy = fleet.position[:, 0] - truck[0].x, fleet.position[:, 1] - truck[0].y
-        near = np.flatnonzero(dx * dx + dy * dy < NEARBY**2).tolist()
+        center = np.array([(part.x, part.y) for part in truck])
+        apart = np.linalg.norm(fleet.position[:, None, :2] - center, axis=-1)
+        reach = np.array([math.hypot(part.half_length, part.half_width) for part in truck])
+        reach += SPEED_MAX * within + NEARBY
+        near = np.flatnonzero((apart - reach).min(axis=1) < fleet.radius).tolist()
         return any(
             may_touch(part, outline, within)
             for outline in map(fleet.outline, near)

@@ -89,24 +89,15 @@ def moved(
 def quaternions(angles: FloatArray) -> FloatArray:
     """Quaternions (4, n), w first, of intrinsic rotations by yaw, pitch, roll (3, n) [rad]."""
     half = 0.5 * angles
-    (cy, cp, cr), (sy, sp, sr) = np.cos(half), np.sin(half)
-    cpcr, spsr, cpsr, spcr = cp * cr, sp * sr, cp * sr, sp * cr
-    found = np.empty((4, cy.size))
-    found[0] = cpcr * cy + spsr * sy
-    found[1] = cpsr * cy - spcr * sy
-    found[2] = spcr * cy + cpsr * sy
-    found[3] = cpcr * sy - spsr * cy
+    trig = np.empty((2, *half.shape))
+    np.cos(half, out=trig[0])
+    np.sin(half, out=trig[1])
+    # cos and sin of pitch times those of roll: cc, cs, sc, ss.
+    products = (trig[:, None, 1] * trig[None, :, 2]).reshape(4, -1)
+    c, s = products * trig[0, 0], products * trig[1, 0]
+    found = np.empty((4, half.shape[1]))
+    np.add(c[0], s[3], out=found[0])
+    np.subtract(c[1], s[2], out=found[1])
+    np.add(c[2], s[1], out=found[2])
+    np.subtract(s[0], c[3], out=found[3])
     return found
-
-
-def turned(quaternion: FloatArray, angle: FloatArray) -> FloatArray:
-    """Rotations (4, n) followed by one about their own upward axis by angles (n,) [rad]."""
-    w, x, y, z = quaternion
-    c, s = np.cos(0.5 * angle), np.sin(0.5 * angle)
-    return np.stack((w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s))
-
-
-def ahead(quaternion: FloatArray) -> FloatArray:
-    """Forward directions (3, n) of rotations (4, n)."""
-    w, x, y, z = quaternion
-    return np.stack((1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)))

@@ -16,6 +16,7 @@ IntArray = NDArray[np.intp]
 
 # A vehicle with a slot counts as this much nearer, so that two at the edge do not take turns.
 LOYALTY = 0.85
+APART = 1e12  # [m2] between the types in a common ranking by squared distance
 
 
 @dataclass
@@ -47,6 +48,10 @@ class Slots:
       types: of vehicles.
       counts: slots of each type.
       view_range: beyond it nobody gets a slot [m].
+
+    Attributes:
+      all: every slot, by type; taken: those that have a vehicle, in the same order.
+      rows: of the vehicles in the newest frame, in the order of `taken`.
     """
 
     def __init__(
@@ -77,11 +82,13 @@ class Slots:
         for slot in self.all:
             slot.vehicle, slot.row = None, -1
         self.taken: list[Slot] = []
-        self._holders: dict[str, Slot] = {}
+        self.rows = np.zeros(0, dtype=np.intp)
         self._ids: tuple[str, ...] = ()
+        self._type_of: dict[str, int] = {}
         self._types = np.zeros(0, dtype=np.intp)
         self._held = np.zeros(0, dtype=bool)
-        self._type_of: dict[str, int] = {}
+        self._missing = False
+        self._rank()
 
     def assign(self, frame: VehicleFrame, x: float, y: float) -> list[Slot]:
         """Gives the slots to the nearest vehicles of a frame.
@@ -92,57 +99,53 @@ class Slots:
           y: as x.
 
         Returns:
-          Slots that changed hands or were left; `taken` and the slots' rows are new as well.
+          Slots that changed hands or were left; `taken` and `rows` are new as well.
         """
-        same = frame.ids == self._ids
-        if not same:
+        if frame.ids != self._ids:
             self._read(frame)
-        if not frame.ids and not self.taken:
-            return []
         dx, dy = frame.column("x") - x, frame.column("y") - y
-        key = (dx * dx + dy * dy) * np.where(self._held, LOYALTY**2, 1.0)
-        # Stable: equally near vehicles come by their ids.
-        order = np.lexsort((key, self._types))
-        types = self._types[order]
-        rank = np.arange(types.size) - np.searchsorted(types, types)
-        chosen = np.zeros(types.size, dtype=bool)
-        chosen[order] = (rank < self._capacity[types]) & (key[order] <= self._limit)
-        gone = [slot for slot in self.taken if slot.row < 0 or not chosen[slot.row]]
-        if not gone and np.count_nonzero(chosen) == len(self.taken):
+        # The types one after another, each by distance; equally near ones by their ids.
+        key = (dx * dx + dy * dy) * self._weight + self._base
+        order = key.argsort(kind="stable")
+        chosen = np.empty(order.size, dtype=bool)
+        chosen[order] = key[order] <= self._limits
+        if not self._missing and (chosen == self._held).all():
             return []
+        gone = [slot for slot in self.taken if slot.row < 0 or not chosen[slot.row]]
         return self._hand_over(frame, gone, np.flatnonzero(chosen & ~self._held).tolist())
 
     def _hand_over(self, frame: VehicleFrame, gone: list[Slot], rows: list[int]) -> list[Slot]:
         for slot in gone:
-            if slot.row >= 0:
-                self._held[slot.row] = False
-            del self._holders[slot.vehicle or ""]
             slot.vehicle, slot.row = None, -1
         changed = {slot.place: slot for slot in gone}
         for row in rows:
-            number, name = int(self._types[row]), frame.ids[row]
-            kind = self.types[number]
-            paint = kind.colors.index(kind.color_of(name))
-            free = [slot for slot in self.all if slot.vehicle is None and slot.type == number]
-            slot = min(
-                free,
-                key=lambda s: (s.place in changed, (s.paint - paint) % len(kind.colors)),
-            )
-            slot.vehicle, slot.row = name, row
-            self._held[row] = True
-            self._holders[name] = slot
+            slot = self._free_slot(int(self._types[row]), frame.ids[row], changed)
+            slot.vehicle, slot.row = frame.ids[row], row
             changed[slot.place] = slot
         self.taken = [slot for slot in self.all if slot.vehicle is not None]
+        self._missing = False
+        self._take_rows()
         return list(changed.values())
+
+    def _free_slot(self, number: int, vehicle: str, changed: dict[int, Slot]) -> Slot:
+        kind = self.types[number]
+        paint = kind.colors.index(kind.color_of(vehicle))
+        free = [slot for slot in self.all if slot.vehicle is None and slot.type == number]
+        return min(
+            free,
+            key=lambda slot: (slot.place in changed, (slot.paint - paint) % len(kind.colors)),
+        )
+
+    def _take_rows(self) -> None:
+        """Notes where the holders are in the frame, and that they count as nearer."""
+        self.rows = np.array([slot.row for slot in self.taken], dtype=np.intp)
+        self._held = np.zeros(self._types.size, dtype=bool)
+        self._held[self.rows[self.rows >= 0]] = True
+        self._weight = np.where(self._held, LOYALTY**2, 1.0)
 
     def _read(self, frame: VehicleFrame) -> None:
         """Takes a frame of other vehicles than the last one."""
         place = {name: row for row, name in enumerate(frame.ids)}
-        self._held = np.zeros(len(place), dtype=bool)
-        for slot in self.taken:
-            slot.row = place.get(slot.vehicle or "", -1)
-            if slot.row >= 0:
-                self._held[slot.row] = True
         known = self._type_of
         if not known.keys() >= place.keys():
             known.update(
@@ -151,6 +154,19 @@ class Slots:
         self._type_of = {name: known[name] for name in place}
         self._types = np.fromiter(self._type_of.values(), dtype=np.intp, count=len(place))
         self._ids = frame.ids
+        for slot in self.taken:
+            slot.row = place.get(slot.vehicle or "", -1)
+            self._missing = self._missing or slot.row < 0
+        self._rank()
+        self._take_rows()
+
+    def _rank(self) -> None:
+        """Prepares the ranking: which places of each type's ranking have a slot."""
+        self._weight = np.ones(self._types.size)
+        self._base = APART * self._types
+        ranked = np.sort(self._types)
+        place = np.arange(ranked.size) - np.searchsorted(ranked, ranked)
+        self._limits = np.where(place < self._capacity[ranked], APART * ranked + self._limit, -1.0)
 
     def _type(self, frame: VehicleFrame, row: int) -> int:
         """The type of a vehicle's look whose size is the nearest to its own."""
