@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from iits_mj.road import Route
-from traffic_bridge.lanes import RouteLanes
+from traffic_bridge.lanes import LaneTable, RouteLanes
 from traffic_bridge.placed import PlacedVehicle
 from traffic_bridge.replay import Replay
 from traffic_bridge.session import Session
@@ -14,22 +14,33 @@ from traffic_bridge.session import Session
 PREFIX = "guest."
 # A vehicle counts as being in a second lane as well from this overlap on [m].
 OVERLAP = 0.3
+CENTERED = 0.25  # [m] from its lane's centre: nobody there reaches into another one so far
 # Time before a recorded lane change from which a vehicle claims the lane it goes to, as one that
 # indicates [s].
 INDICATED = 3.0
 END = 1.0  # [m] before the end of the route: SUMO would let a vehicle arrive and forget it
 
 
+_COLUMNS = ("x", "y", "yaw", "speed", "station", "offset", "length", "width")
+
+
 class _Place(NamedTuple):
-    """Where a guest is after the coming step: front bumper, sideways place, speed and heading."""
+    """Where a guest is after the coming step: lane and the figures named by `_COLUMNS`."""
 
     lane: int
-    station: float
-    offset: float
-    speed: float
     x: float
     y: float
     yaw: float
+    speed: float
+    station: float
+    offset: float
+    length: float
+    width: float
+
+    @property
+    def front(self) -> float:
+        """Station of the front bumper, which SUMO goes by [m]."""
+        return self.station + 0.5 * self.length
 
 
 class Guests:
@@ -57,54 +68,67 @@ class Guests:
 
     def place(self, time: float) -> None:
         """Has everybody at the place of a time [s] after the coming step; who is gone, leaves."""
-        frame = self._replay.at(time)
-        soon = self._replay.at(min(time + INDICATED, self._replay.duration))
-        ahead = dict(zip(soon.ids, soon.lanes.tolist(), strict=True))
-        wanted: dict[str, tuple[_Place, tuple[float, float]]] = {}
-        names = ("x", "y", "yaw", "speed", "station", "offset", "length", "width")
-        rows = frame.columns(*names).T.tolist()
-        for name, lane, row in zip(frame.ids, frame.lanes.tolist(), rows, strict=True):
-            x, y, yaw, speed, station, offset, length, width = row
-            front = station + 0.5 * length
-            if lane >= 0 and front >= self._route.length - END:
-                continue
-            place = _Place(lane, front, offset, max(speed, 0.0), x, y, yaw)
-            wanted[PREFIX + name] = place, (length, width)
-            second = self._second_lane(place, width, ahead.get(name, lane)) if lane >= 0 else -1
-            if second >= 0:
-                beside = place._replace(lane=second)
-                wanted[f"{PREFIX}{name}.beside"] = beside, (length, width)
+        wanted = self._wanted(time)
         with self._session.guard("placing the replayed vehicles"):
             for name in sorted(self._placed.keys() - wanted.keys()):
                 self._placed.pop(name).remove()
-            for name, (place, size) in wanted.items():
+            for name, place in wanted.items():
                 if name not in self._placed:
+                    size = place.length, place.width
                     self._placed[name] = PlacedVehicle(
                         self._session, self._lanes, name, self._step, size
                     )
-                self._put(self._placed[name], place, size[0])
+                self._put(self._placed[name], place)
 
-    def _second_lane(self, place: _Place, width: float, goal: int) -> int:
+    def _wanted(self, time: float) -> dict[str, _Place]:
+        """Who stands where, by the name in SUMO."""
+        frame = self._replay.at(time)
+        soon = self._replay.at(min(time + INDICATED, self._replay.duration))
+        ahead = dict(zip(soon.ids, soon.lanes.tolist(), strict=True))
+        wanted: dict[str, _Place] = {}
+        rows = frame.columns(*_COLUMNS).T.tolist()
+        for name, lane, row in zip(frame.ids, frame.lanes.tolist(), rows, strict=True):
+            place = _Place(lane, *row)
+            if lane < 0:
+                wanted[PREFIX + name] = place
+                continue
+            if place.front >= self._route.length - END:
+                continue
+            wanted[PREFIX + name] = place
+            second = self._second_lane(place, ahead.get(name, lane))
+            if second >= 0:
+                wanted[f"{PREFIX}{name}.beside"] = place._replace(lane=second)
+        return wanted
+
+    def _second_lane(self, place: _Place, goal: int) -> int:
         """The other lane that a vehicle reaches into or is about to go to, -1 for none."""
-        if abs(goal - place.lane) == 1 and goal >= 0 and self._lanes.find(goal, place.station):
+        if abs(goal - place.lane) == 1 and goal >= 0 and self._table(goal, place.front):
             return goal
-        half = 0.5 * width - OVERLAP
+        table = self._table(place.lane, place.front)
+        if table is not None and abs(_side(table, place)) < CENTERED:
+            return -1
+        half = 0.5 * place.width - OVERLAP
         for side in (half, -half):
-            other = self._route.lane_at(place.station, place.offset + side)
-            if other not in (-1, place.lane) and self._lanes.find(other, place.station):
+            other = self._route.lane_at(place.front, place.offset + side)
+            if other not in (-1, place.lane) and self._table(other, place.front):
                 return int(other)
         return -1
 
-    def _put(self, placed: PlacedVehicle, place: _Place, length: float) -> None:
-        if place.lane >= 0:
-            lane, station = place.lane, place.station
-            table = self._lanes.covering(lane, station) or self._lanes.find(lane, station)
-            if table is not None:
-                position = table.position_of(station)
-                side = place.offset - table.at(position)[1]
-                placed.put(table, position, side, place.speed)
-                return
-        ahead = 0.5 * length
+    def _table(self, lane: int, station: float) -> LaneTable | None:
+        return self._lanes.covering(lane, station) or self._lanes.find(lane, station)
+
+    def _put(self, placed: PlacedVehicle, place: _Place) -> None:
+        table = self._table(place.lane, place.front) if place.lane >= 0 else None
+        speed = max(place.speed, 0.0)
+        if table is not None:
+            placed.put(table, table.position_of(place.front), _side(table, place), speed)
+            return
+        ahead = 0.5 * place.length
         x = place.x + ahead * math.cos(place.yaw)
         y = place.y + ahead * math.sin(place.yaw)
-        placed.move(*self._lanes.to_sumo(x, y), place.yaw, place.speed)
+        placed.move(*self._lanes.to_sumo(x, y), place.yaw, speed)
+
+
+def _side(table: LaneTable, place: _Place) -> float:
+    """Distance of a place from a lane's centre, positive to the left [m]."""
+    return place.offset - table.at(table.position_of(place.front))[1]

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from iits_mj.messages import EgoState, VehicleCommand
 from traffic_bridge.digest import PoseDigest
@@ -17,6 +18,7 @@ from traffic_bridge.recording import COLUMNS, SCHEMA, SIZE_COLUMNS, Recording
 from traffic_bridge.recording_rows import COMMAND_COLUMNS, EGO_COLUMNS, command_row, ego_row
 from traffic_bridge.spill import SpillTable
 
+GROWTH = 256  # vehicles for which room is made at once
 _FRAME = np.dtype([("time", "f8"), ("count", "i8"), ("ego", "f8", (len(EGO_COLUMNS),))])
 _ROW = np.dtype([("vehicle", "i4"), ("lane", "i2"), ("figures", "f8", (len(COLUMNS),))])
 _COMMAND = np.dtype([("time", "f8"), ("figures", "f8", (len(COMMAND_COLUMNS),))])
@@ -58,7 +60,9 @@ class Recorder(Mode):
         self._index: dict[str, int] = {}
         self._ids: list[str] = []
         self._kinds: list[str] = []
-        self._sizes = np.zeros((0, len(SIZE_COLUMNS)))
+        self._sizes = np.zeros((GROWTH, len(SIZE_COLUMNS)))
+        self._last_ids: tuple[str, ...] = ()
+        self._last = np.zeros(0, dtype=np.intp)
 
     @property
     def time(self) -> float:
@@ -105,21 +109,23 @@ class Recorder(Mode):
         self._digest.add(frame)
         return frame
 
-    def _indices(self, frame: VehicleFrame) -> list[int]:
+    def _indices(self, frame: VehicleFrame) -> NDArray[np.intp]:
         """Where the vehicles of a frame stand in the list of vehicles; new ones are added."""
         sizes = frame.values[:, len(COLUMNS) :]
-        index = self._index
-        known = [index.get(name, -1) for name in frame.ids]
-        for k, place in enumerate(known):
-            # A name that comes again with another size is another vehicle.
-            if place < 0 or (self._sizes[place] != sizes[k]).any():
-                known[k] = index[frame.ids[k]] = len(self._ids)
-                self._add(frame.ids[k], frame.kinds[k], sizes[k])
+        if frame.ids == self._last_ids and np.array_equal(sizes, self._sizes[self._last]):
+            return self._last
+        known = np.array([self._index.get(name, -1) for name in frame.ids], dtype=np.intp)
+        # A name that comes again with another size is another vehicle.
+        new = (known < 0) | (self._sizes[known] != sizes).any(axis=1)
+        for k in np.flatnonzero(new).tolist():
+            known[k] = self._index[frame.ids[k]] = len(self._ids)
+            self._add(frame.ids[k], frame.kinds[k], sizes[k])
+        self._last_ids, self._last = frame.ids, known
         return known
 
-    def _add(self, name: str, kind: str, size: np.ndarray) -> None:
+    def _add(self, name: str, kind: str, size: NDArray[np.float64]) -> None:
         if len(self._ids) == len(self._sizes):
-            more = np.zeros((len(self._sizes) + 256, len(SIZE_COLUMNS)))
+            more = np.zeros((len(self._sizes) + GROWTH, len(SIZE_COLUMNS)))
             more[: len(self._sizes)] = self._sizes
             self._sizes = more
         self._sizes[len(self._ids)] = size
