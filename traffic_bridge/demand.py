@@ -129,7 +129,8 @@ class Demand:
                 )
             ):
                 route = f"{'along' if direction > 0 else 'against'}.{index}"
-                self._add(kind, desired, route, table, f"{position:.3f}")
+                limit = self._ways.speed(table.id, position, edges[index:])
+                self._add(kind, desired, route, table, f"{position:.3f}", limit)
             # The next one far enough that SUMO can insert both at their speeds.
             least = vehicle.length + vehicle.minimum_gap + 1.5 * config.speed_limit
             position += max(least, float(self._rng.exponential(mean_gap)))
@@ -236,8 +237,16 @@ class Demand:
         vehicle = self._config.type_of(kind)
         return kind, vehicle.sample_desired_speed(self._config.speed_limit, rng)
 
-    def _add(self, kind: str, desired: float, route: str, table: LaneTable, position: str) -> None:
-        limit = self._api.lane.getMaxSpeed(table.id)
+    def _add(
+        self,
+        kind: str,
+        desired: float,
+        route: str,
+        table: LaneTable,
+        position: str,
+        ahead: float = math.inf,
+    ) -> None:
+        limit = min(self._api.lane.getMaxSpeed(table.id), ahead)
         # A speed above the lane's limit would inflate the vehicle's speed factor for life.
         self._insert(kind, desired, route, table.index, position, limit)
 

@@ -6,6 +6,9 @@ import math
 
 from traffic_bridge.net_file import NetFile, NetLane
 
+LOOK_AHEAD = 400.0  # [m] in which slower lanes matter
+GENTLE = 1.2  # [m/s2], a braking every vehicle can do (judgement)
+
 
 class LaneWays:
     """Which lanes lead on to which, for the lanes of a net that are open to cars."""
@@ -40,6 +43,30 @@ class LaneWays:
         if key not in self._rooms:
             self._rooms[key] = self._find_room(lane, edges)
         return self._rooms[key]
+
+    def speed(self, lane: str, position: float, edges: tuple[str, ...]) -> float:
+        """Highest speed at which SUMO lets a vehicle begin at a place [m/s].
+
+        Nobody begins faster than the limit of a lane within the distance in which it could stop.
+
+        Args:
+          lane: on the first edge.
+          position: on it [m].
+          edges: to drive along.
+        """
+        here = self._lanes[lane]
+        limit, way = here.speed, here.length - position
+        for edge in edges[1:]:
+            if way > LOOK_AHEAD:
+                break
+            ahead = [end for end in self.leads_to(lane) if end.rpartition("_")[0] == edge]
+            if not ahead:
+                break
+            lane = ahead[0]
+            slowest = self._lanes[lane].speed
+            limit = min(limit, max(slowest, math.sqrt(2.0 * GENTLE * max(way, 0.0))))
+            way += self._lanes[lane].length
+        return limit
 
     def _find_room(self, lane: str, edges: tuple[str, ...]) -> float:
         if not self._lanes[lane].is_driving:
