@@ -1,5 +1,6 @@
 import dataclasses
 import math
+import re
 
 import mujoco
 import numpy as np
@@ -9,8 +10,8 @@ from test_traffic_mirror import scene, vehicle
 from iits_mj import Truck
 from iits_mj.messages import TrackedVehicle, VehicleCommand
 from iits_mj.road import Route
-from iits_mj.simulation import gaps
-from traffic_bridge import Mirror
+from iits_mj.simulation import DriveConfig, Simulation, gaps
+from traffic_bridge import Mirror, VehicleFrame
 from traffic_bridge.contact import Outline, may_touch, separation
 
 
@@ -204,3 +205,66 @@ def test_a_thin_clip_at_30_meters_a_second_is_seen_between_two_traffic_steps(dri
     assert {pair[1:] for pair in between} == {("x", "tractor")}
     assert between[0][0] == pytest.approx(begin, abs=0.006)
     assert len(between) == pytest.approx(lasting / 0.002, abs=3)
+
+
+class _Crossing:
+    """Traffic of one car that crosses before the truck at a right angle."""
+
+    def __init__(self, route, at, offset, when, speed=20.0):
+        self.route, self.time = route, 0.0
+        self._at, self._offset, self._when, self._speed = at, offset, when, speed
+
+    def reset(self, ego=None):
+        self.time = 0.0
+        return self._car()
+
+    def step(self, ego=None):
+        self.time = ego.time
+        return self._car()
+
+    def close(self):
+        pass
+
+    def _car(self):
+        p = self.route.evaluate(self._at, self._offset)
+        yaw = float(p.heading) + 0.5 * math.pi
+        way = self._speed * (self.time - self._when)
+        car = TrackedVehicle(
+            "crossing",
+            x=float(p.x) + way * math.cos(yaw),
+            y=float(p.y) + way * math.sin(yaw),
+            z=float(p.z),
+            yaw=yaw,
+            speed=self._speed,
+            station=self._at,
+            length=4.7,
+            width=1.85,
+            height=1.5,
+        )
+        return VehicleFrame.of([car])
+
+
+def test_a_drive_ends_with_a_clip_between_two_traffic_steps():
+    config = DriveConfig(
+        duration=2.5, traffic_mode="none", speed=16.0, start_speed=16.0, decision="keep"
+    )
+    with Simulation(config, visuals=False) as simulation:
+        while simulation.time < 2.0:
+            ego = simulation.cycle().ego
+        # The car's flank passes before the bumper; its last 0.4 m are caught 0.04 s after a step.
+        overhang = simulation.truck.footprint.front_overhang
+        at = ego.station + overhang + ego.speed * 0.04 + 0.5 * 1.85
+        clear = 0.5 * (simulation.truck.parameters.tractor.width + 4.7) / 20.0
+        simulation.traffic = _Crossing(simulation.route, at, ego.offset, 2.06 - clear)
+        simulation.reset()
+        while not simulation.ended:
+            simulation.cycle()
+        simulation.traffic = None
+    assert simulation.collision
+    assert simulation.failed
+    told = re.fullmatch(
+        r"collision with crossing at the tractor at t = (\d+\.\d+) s", simulation.ended
+    )
+    assert told is not None
+    assert float(told[1]) == pytest.approx(2.045, abs=0.015)
+    assert simulation.time == pytest.approx(2.1)
