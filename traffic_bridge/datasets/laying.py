@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from iits_mj.errors import InputError
 from iits_mj.road import Route
-from traffic_bridge.datasets.motion import Motion, fit, without_jumps
+from traffic_bridge.datasets.motion import Motion, calm, fit, split_jumps, transitions
 from traffic_bridge.datasets.trajectories import Trajectories
 from traffic_bridge.vehicle_types import default_types
 
@@ -29,7 +29,7 @@ IntArray = NDArray[np.int64]
 
 LANE_CHANGE = 3.5  # [s], as TrafficConfig.lane_change_duration: for sets that jump between lanes
 JUMP = 0.5  # [lanes] between two rows: the set changes lanes at an instant
-ACROSS_SPACING = 2.0  # [s] between knots across the road: a lane change takes longer
+ACROSS_WIDTH = 0.4  # [s] of the average across the road: a lane change takes ten times that
 CREEP = 2.0  # [m/s] below which a vehicle's heading turns from the road's ever less
 CHECK_SPACING = 20.0  # [m]: where it is checked that the map has the lane
 
@@ -62,8 +62,10 @@ class Lay:
         while in a lane that is not named. None: lane i becomes lane i.
       step: between the frames of the recording [s].
       smoothing: distance of the knots along the road [s], see `fit`; 0 passes through every point.
-      lane_change_duration: in which a set's instant lane changes are carried out [s]; a change that
-        the set has in full stays as it is.
+      lane_change_duration: in which a set's instant lane changes are carried out [s], half of it
+        before the instant; a change that the set has in full stays as it is. With 0 instant ones
+        are only averaged, as everything across the road.
+      heights: of the vehicles by kind [m]; data sets do not have them.
 
     Raises:
       InputError: a value is out of its range.
@@ -200,12 +202,11 @@ def _lay_one(
     along = fit(time, t.station[rows] + (how.start_station - half), at, how.smoothing)
     target = np.array([lanes[lane] for lane in t.lane[rows].tolist()], dtype=float)
     in_lanes = target + t.offset[rows] / t.lane_width
-    steady = without_jumps(time, in_lanes, JUMP, how.lane_change_duration)
-    cross = fit(time, steady, at, ACROSS_SPACING)
+    cross = _across(time, in_lanes, at, how.lane_change_duration)
     there = (along.value >= half) & (along.value <= route.length - half)
     if not there.any():
         return None
-    frame, along, cross = frame[there], _pick(along, there), _pick(cross, there)
+    frame, along, cross = frame[there], along.pick(there), cross.pick(there)
     # A standing vehicle does not roll back by the spline's swing.
     along = Motion(np.maximum.accumulate(along.value), np.maximum(along.rate, 0.0), along.bend)
     offset, width = _offsets(route, cross.value, along.value, max(lanes.values()))
@@ -213,11 +214,15 @@ def _lay_one(
     taper = _taper(route, cross.value, along.value, max(lanes.values()))
     rate = across + taper * along.rate
     lane = np.clip(np.floor(cross.value + 0.5), 0, max(lanes.values())).astype(np.int64)
-    return Laid(frame, lane, along, Motion(offset, rate, np.zeros_like(rate)), across)
+    return Laid(frame, lane, along, Motion(offset, rate, cross.bend * width), across)
 
 
-def _pick(motion: Motion, chosen: NDArray[np.bool_]) -> Motion:
-    return Motion(motion.value[chosen], motion.rate[chosen], motion.bend[chosen])
+def _across(time: FloatArray, value: FloatArray, at: FloatArray, duration: float) -> Motion:
+    """Motion across the road, in lanes, in which instant lane changes are drawn out."""
+    if duration <= 0.0:
+        return calm(time, value, at, ACROSS_WIDTH)
+    base, steps = split_jumps(time, value, JUMP)
+    return calm(time, base, at, ACROSS_WIDTH) + transitions(steps, at, duration)
 
 
 def _offsets(
@@ -255,7 +260,8 @@ def _columns(laid: Laid, route: Route, step: float) -> FloatArray:
     # Who drives inside of a bend goes a shorter way for the same station.
     shrink = 1.0 - point.curvature * offset
     along = laid.station.rate * shrink
-    turned = np.arctan2(laid.offset.rate, np.maximum(along, CREEP))
+    # Nobody turns on the spot: the heading of one who stands does not follow the noise.
+    turned = np.arctan(laid.offset.rate * along / np.maximum(along, CREEP) ** 2)
     rise, bank = point.grade, np.tan(point.superelevation)
     heading = point.heading + turned
     rate = np.gradient(heading, step * (laid.frame - laid.frame[0])) if len(heading) > 1 else 0.0
@@ -269,7 +275,8 @@ def _columns(laid: Laid, route: Route, step: float) -> FloatArray:
         "roll": np.arctan(np.cos(turned) * bank - np.sin(turned) * rise),
         "yaw_rate": rate,
         "speed": np.hypot(along, laid.offset.rate),
-        "acceleration": laid.station.bend * shrink,
+        "acceleration": np.cos(turned) * laid.station.bend * shrink
+        + np.sin(turned) * laid.offset.bend,
         "lateral_speed": laid.across,
         "station": station,
         "offset": offset,
