@@ -1,0 +1,294 @@
+"""What the traffic does around the truck, with both lane-change models."""
+
+import dataclasses
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from articulated_truck import ArticulatedTruck
+from scripted_truck import overlap, vehicle_box
+
+from iits_mj.road import Route
+from traffic_bridge import InterSim, PureSim, TrafficConfig, default_types
+
+MODELS = ("lc2013", "mobil")
+both_models = pytest.mark.parametrize("lane_change", MODELS)
+
+
+def crowd(lane_change, density=0.2, behind=800.0, **changes):
+    return TrafficConfig(
+        density=density,
+        lane_change=lane_change,
+        fill_ahead=changes.pop("ahead", 800.0),
+        fill_behind=behind,
+        **changes,
+    )
+
+
+def drive(config, seed, truck, seconds, plan=lambda truck, vehicles: 0.0):
+    """Yields (truck, vehicles) after each step; `plan` gives the truck's acceleration."""
+    with InterSim(truck.route, config, seed=seed) as traffic:
+        vehicles = traffic.reset(truck.state())
+        for _ in range(round(seconds * 10)):
+            vehicles = traffic.step(truck.advance(plan(truck, vehicles)))
+            yield truck, vehicles
+
+
+def braking(deceleration):
+    """A plan: to brake after 4 s until standing."""
+    return lambda truck, _: -deceleration if truck.time > 4.0 else 0.0
+
+
+def in_lane(route, lane, station, speed):
+    return ArticulatedTruck(route, station, route.lane_offset(lane, station), speed)
+
+
+def rear(truck):
+    return truck.station + 1.40 - 16.5
+
+
+def may_enter(truck, offset, vehicles):
+    """Whether the lane at an offset has room for the truck for the time of its change."""
+    for v in vehicles:
+        if abs(v.offset - offset) > 3.0:
+            continue
+        ahead = v.station - 0.5 * v.length - (truck.station + 1.4)
+        behind = rear(truck) - (v.station + 0.5 * v.length)
+        if ahead < 8.0 + 6.0 * max(truck.speed - v.speed, 0.0) and behind < 8.0 + 6.0 * max(
+            v.speed - truck.speed, 0.0
+        ):
+            return False
+    return True
+
+
+class LaneChanges:
+    """Goes to and fro between the lanes when there is room, fast and slowly by turns."""
+
+    def __init__(self, lane, durations=(4.0, 10.0)):
+        self.lane, self.durations, self.begun, self.next = lane, durations, 0, 4.0
+
+    def __call__(self, truck, vehicles):
+        if truck.changing or truck.time < self.next:
+            return 0.0
+        sides = (1, -1) if self.begun % 2 else (-1, 1)
+        for lane in (self.lane + side for side in sides):
+            if not 0 <= lane < truck.route.lane_count(truck.station):
+                continue
+            offset = truck.route.lane_offset(lane, truck.station)
+            if may_enter(truck, offset, vehicles):
+                duration = self.durations[self.begun % len(self.durations)]
+                truck.change_lane(offset, duration)
+                self.lane, self.next = lane, truck.time + duration + 2.0
+                self.begun += 1
+                break
+        return 0.0
+
+
+@both_models
+def test_followers_stop_behind_a_truck_that_brakes_as_hard_as_it_can(lane_change):
+    route = Route.straight(length=3000.0, lanes=1)
+    closest, standing = math.inf, set()
+    config = crowd(lane_change, density=0.15, ahead=0.0, behind=900.0)
+    truck = in_lane(route, 0, 1000.0, 12.0)
+    for _, vehicles in drive(config, 3, truck, 40.0, braking(6.0)):
+        for v in vehicles:
+            assert v.station < truck.station
+            closest = min(closest, rear(truck) - v.station - 0.5 * v.length)
+            if v.speed < 0.01 and truck.speed == 0.0:
+                standing.add(v.id)
+    assert len(standing) >= 3
+    assert closest > 2.0
+
+
+@both_models
+def test_the_queue_behind_a_standing_truck_goes_round_it_and_touches_nobody(lane_change):
+    route = Route.straight(length=3000.0)
+    came, passed, touched = set(), set(), []
+    config = crowd(lane_change, density=0.15, ahead=0.0, behind=900.0)
+    truck = in_lane(route, 1, 1000.0, 12.0)
+    for _, vehicles in drive(config, 1, truck, 60.0, braking(4.0)):
+        for v in vehicles:
+            if v.station < rear(truck) - 10.0:
+                came.add(v.id)
+            elif v.station > truck.station + 10.0 and v.id in came:
+                passed.add(v.id)
+            if truck.touches(v):
+                touched.append((truck.time, v))
+    assert not touched
+    assert len(passed) >= 8
+
+
+@both_models
+def test_nobody_touches_either_unit_while_the_truck_changes_lanes_to_and_fro(lane_change):
+    route = Route.straight(length=4000.0)
+    came, passed, touched = set(), set(), []
+    changes = LaneChanges(1)
+    most = 0.0
+    truck = in_lane(route, 1, 1000.0, 8.0)
+    for _, vehicles in drive(crowd(lane_change, density=0.1), 0, truck, 100.0, changes):
+        most = max(most, abs(truck.yaw - truck.trailer_yaw))
+        for v in vehicles:
+            if v.station < rear(truck) - 10.0:
+                came.add(v.id)
+            elif v.station > truck.station + 10.0 and v.id in came:
+                passed.add(v.id)
+            if truck.touches(v):
+                touched.append((truck.time, v))
+    assert not touched
+    assert changes.begun >= 3
+    assert most > math.radians(1.5)
+    assert len(passed) >= 3
+
+
+@both_models
+def test_a_truck_that_stops_half_way_into_the_next_lane_blocks_both(lane_change):
+    route = Route.straight(length=3000.0)
+    came, passed, touched = set(), set(), []
+    truck = in_lane(route, 1, 1000.0, 8.0)
+    config = crowd(lane_change, density=0.15, ahead=100.0, behind=700.0)
+    # It begins at once: room is left around it in the beginning.
+    truck.change_lane(0.5 * (route.lane_offset(0, 1000.0) + truck.offset), 3.0)
+
+    def plan(truck, vehicles):
+        return -3.0 if truck.time > 1.0 else 0.0
+
+    for _, vehicles in drive(config, 5, truck, 40.0, plan):
+        for v in vehicles:
+            if truck.speed == 0.0 and v.station < rear(truck) - 20.0:
+                came.add(v.id)
+            if truck.touches(v):
+                touched.append((truck.time, v))
+            # Beside the cab the swing out of the blocked lanes is over.
+            if v.id in came and abs(v.station - truck.station) < 2.0:
+                assert v.lane == 2, v
+                passed.add(v.id)
+    assert truck.trailer_yaw != 0.0
+    assert not touched
+    assert len(passed) >= 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(10))
+@both_models
+def test_five_minutes_of_dense_traffic_never_touch_the_truck_nor_each_other(lane_change, seed):
+    route = Route.straight(length=6000.0)
+    touched, known = [], set()
+    changes = LaneChanges(1)
+    truck = in_lane(route, 1, 1000.0, 8.0)
+    for _, vehicles in drive(crowd(lane_change, density=0.1), seed, truck, 300.0, changes):
+        known.update(v.id for v in vehicles)
+        touched += [(truck.time, v) for v in vehicles if truck.touches(v)]
+        boxes = [(v, vehicle_box(v)) for v in vehicles]
+        for i, (v, box) in enumerate(boxes):
+            for w, other in boxes[:i]:
+                if abs(v.station - w.station) < 20.0 and overlap(box, other):
+                    touched.append((truck.time, v, w))
+    assert not touched
+    assert changes.begun >= 5
+    assert len(known) > 50
+
+
+# Politeness and rules of MOBIL, in simulation ---------------------------------------------------
+
+
+def changes_and_braking(politeness):
+    """Number of lane changes, and mean of the hardest braking of new followers in 2 s [m/s2]."""
+    types = tuple(
+        dataclasses.replace(kind, politeness=politeness, keep_right_bias=0.0)
+        for kind in default_types()
+    )
+    config = TrafficConfig(
+        density=0.4,
+        lane_change="mobil",
+        types=types,
+        fill_ahead=2000.0,
+        speed_limit=20.0,
+        lane_change_duration=0.0,
+    )
+    changes, hardest = 0, []
+    watched = {}
+    with PureSim(Route.straight(length=2000.0), config, seed=2) as traffic:
+        before = {v.id: v for v in traffic.reset()}
+        for k in range(400):
+            now = {v.id: v for v in traffic.step()}
+            for name, (end, braking) in list(watched.items()):
+                if name in now and k < end:
+                    watched[name] = (end, max(braking, -now[name].acceleration))
+                else:
+                    hardest.append(watched.pop(name)[1])
+            for name, v in now.items():
+                if name in before and before[name].lane != v.lane:
+                    changes += 1
+                    row = [w for w in now.values() if w.lane == v.lane and w.station < v.station]
+                    follower = max(row, key=lambda w: w.station, default=None)
+                    if follower is not None and v.station - follower.station < 60.0:
+                        watched[follower.id] = (k + 20, 0.0)
+            before = now
+    return changes, sum(hardest) / len(hardest)
+
+
+def test_polite_drivers_change_less_and_make_others_brake_less():
+    selfish, polite = changes_and_braking(0.0), changes_and_braking(1.0)
+    assert polite[0] < 0.5 * selfish[0]
+    assert polite[1] < 0.5 * selfish[1]
+
+
+def test_keep_right_traffic_uses_the_right_lane_more_than_symmetric_traffic():
+    shares = []
+    for bias in (0.0, 0.4):
+        types = tuple(dataclasses.replace(k, keep_right_bias=bias) for k in default_types())
+        config = TrafficConfig(
+            density=0.03, lane_change="mobil", types=types, fill_ahead=2000.0, speed_limit=20.0
+        )
+        right = total = 0
+        with PureSim(Route.straight(length=2500.0), config, seed=3) as traffic:
+            traffic.reset()
+            for k in range(600):
+                vehicles = traffic.step()
+                if k >= 300:
+                    right += int((vehicles.lanes == 0).sum())
+                    total += len(vehicles)
+        shares.append(right / total)
+    assert shares[1] > shares[0] + 0.1
+
+
+# One seed, one result ----------------------------------------------------------------------------
+
+DIGEST = """
+import sys
+sys.path.insert(0, {folder!r})
+from articulated_truck import ArticulatedTruck
+from iits_mj.road import Route
+from traffic_bridge import InterSim, PoseDigest, TrafficConfig
+route = Route.straight(length=3000.0)
+for model in ("lc2013", "mobil"):
+    config = TrafficConfig(density=0.2, lane_change=model, fill_ahead=600.0, fill_behind=600.0)
+    truck = ArticulatedTruck(route, 1200.0, route.lane_offset(1, 1200.0), 10.0)
+    truck.change_lane(route.lane_offset(0, 1200.0), 6.0)
+    digest = PoseDigest()
+    with InterSim(route, config, seed=5) as traffic:
+        digest.add(traffic.reset(truck.state()))
+        for _ in range(100):
+            digest.add(traffic.step(truck.advance()))
+    print(digest.hexdigest())
+"""
+
+
+def test_poses_are_identical_in_other_processes_whatever_the_hash_seed():
+    code = DIGEST.format(folder=str(Path(__file__).parent))
+    outputs = []
+    for hash_seed in ("0", "4711"):
+        result = subprocess.run(
+            [sys.executable, "-c", code],
+            capture_output=True,
+            text=True,
+            check=False,
+            env={**os.environ, "PYTHONHASHSEED": hash_seed},
+        )
+        outputs.append(result.stdout.split())
+        assert len(outputs[-1]) == 2, result.stderr
+    assert outputs[0] == outputs[1]
+    assert outputs[0][0] != outputs[0][1]
