@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from iits_mj.errors import InputError
 from traffic_bridge.lanes import LaneTable, RouteLanes
 from traffic_bridge.session import Session
+from traffic_bridge.upstream import upstream
 from traffic_bridge.vehicles import Vehicles
 
 LOWEST, HIGHEST = 1.0, 70.0  # [m/s]
@@ -63,7 +64,7 @@ class SpeedLimits:
         self._numbers = itertools.count()
         self._of_map: dict[str, float] = {}
         self._pieces: dict[int, list[LimitPiece]] = {}
-        self._watched: list[LaneTable] = []
+        self._watched: list[tuple[LaneTable, tuple[LimitPiece, ...]]] = []
         self._held: set[str] = set()
 
     def set(
@@ -140,8 +141,7 @@ class SpeedLimits:
             return
         lane_api, vehicle_api = self._api.lane, self._api.vehicle
         held: set[str] = set()
-        for table in self._watched:
-            pieces = self._pieces[table.lane]
+        for table, pieces in self._watched:
             for name in lane_api.getLastStepVehicleIDs(table.id):
                 if name not in self._vehicles:
                     continue
@@ -156,7 +156,9 @@ class SpeedLimits:
 
     # Inside ------------------------------------------------------------------------------------
 
-    def _allowed(self, name: str, pieces: list[LimitPiece], station: float, speed: float) -> float:
+    def _allowed(
+        self, name: str, pieces: tuple[LimitPiece, ...], station: float, speed: float
+    ) -> float:
         """Highest speed at the end of the coming step: v^2 = limit^2 + 2 b distance before a sign.
 
         `station` is of the front bumper [m] before the step, `speed` [m/s] as well.
@@ -177,23 +179,29 @@ class SpeedLimits:
             for lane_id, limit in self._of_map.items():
                 lane_api.setMaxSpeed(lane_id, limit)
             self._pieces.clear()
-            inside: list[LimitPiece] = []
+            watched: dict[str, list[LimitPiece]] = {}
             touched = sorted({t.lane for r in self._rules.values() for t in self._tables(r)})
             for lane in touched:
                 pieces = self._cut(lane)
                 gaps: list[LimitPiece] = []
                 for table in self._lanes.within(pieces[0].start, pieces[-1].end, lane):
-                    partial, between = self._limit_lane(table, pieces)
-                    inside += partial + between
+                    inside, between = self._limit_lane(table, pieces)
                     gaps += between
+                    if inside:
+                        watched.setdefault(table.id, []).extend(inside)
+                        self._watch_before(table, inside, watched)
                 self._pieces[lane] = sorted(pieces + gaps, key=lambda piece: piece.start)
-        self._watched = []
-        if inside:
-            first = min(piece.start for piece in inside) - SIGHT
-            last = max(piece.end for piece in inside)
-            self._watched = [
-                table for table in self._lanes.within(first, last) if table.lane in self._pieces
-            ]
+        tables = self._lanes.tables
+        self._watched = [(tables[lane_id], tuple(seen)) for lane_id, seen in watched.items()]
+
+    def _watch_before(
+        self, table: LaneTable, inside: list[LimitPiece], watched: dict[str, list[LimitPiece]]
+    ) -> None:
+        """Lets the lanes that lead onto one know the signs inside it, as far as they are seen."""
+        begin = float(table.station[0])
+        signs = [piece for piece in inside if begin < piece.start < begin + SIGHT]
+        for before in upstream(self._lanes, [table], SIGHT) if signs else ():
+            watched.setdefault(before.id, []).extend(signs)
 
     def _limit_lane(
         self, table: LaneTable, pieces: list[LimitPiece]
@@ -201,8 +209,9 @@ class SpeedLimits:
         """Sets the highest limit that holds anywhere on a SUMO lane.
 
         Returns:
-          The pieces that begin or end inside the lane, and those between them, on which the map's
-          limit has to be held because SUMO's is higher now.
+          All its pieces where vehicles have to be held by station (a piece begins or ends inside
+          the lane, or the map's limit holds on the rest, below SUMO's now), else none; and of
+          these the ones with the map's limit.
         """
         own = self._of_map.setdefault(table.id, float(self._api.lane.getMaxSpeed(table.id)))
         low, high = float(table.station[0]), float(table.station[-1])
@@ -218,7 +227,8 @@ class SpeedLimits:
         if table.id.startswith(":"):
             ceiling = min(ceiling, own)
         self._api.lane.setMaxSpeed(table.id, ceiling)
-        return partial, between if ceiling > own else []
+        between = between if ceiling > own else []
+        return (over + between if partial or between else []), between
 
     def _cut(self, lane: int) -> list[LimitPiece]:
         """The stretches of a lane without overlap, in driving order."""

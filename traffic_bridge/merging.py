@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from iits_mj.errors import InputError
 from traffic_bridge.lanes import LaneTable, RouteLanes
 from traffic_bridge.session import Session
+from traffic_bridge.upstream import upstream
 from traffic_bridge.vehicles import Vehicles
 
 PERIOD = 0.5  # [s] between rounds of requests
@@ -58,6 +59,7 @@ class MergeGuide:
         self._duration = self._every * step_length + step_length
         self._steps = 0
         self._obstacles: dict[int, Obstacle] = {}
+        self._leading: dict[int, frozenset[str]] = {}
         self._numbers = itertools.count()
         self._former_modes: dict[str, int] = {}
 
@@ -65,23 +67,22 @@ class MergeGuide:
         """Warns of an obstacle; returns a number to give to `remove`."""
         number = next(self._numbers)
         self._obstacles[number] = obstacle
+        # Lanes are counted from the right, so that the count changes where one begins or ends:
+        # which lanes lead to the obstacle is told by the net.
+        on = self._lanes.within(obstacle.start, obstacle.end, obstacle.lane)
+        lanes = on + upstream(self._lanes, on, obstacle.notice)
+        self._leading[number] = frozenset(table.id for table in lanes)
         self._steps = 0
         return number
 
     def remove(self, number: int) -> None:
         """Ends a warning."""
-        del self._obstacles[number]
+        del self._obstacles[number], self._leading[number]
         self._steps = 0
 
     def obstacles(self) -> tuple[Obstacle, ...]:
         """The obstacles of which drivers are warned, in the order in which they came."""
         return tuple(self._obstacles.values())
-
-    def is_closed(self, lane: int, start: float, end: float) -> bool:
-        """Whether an obstacle lies on a lane between two stations [m]."""
-        return any(
-            o.lane == lane and o.start < end and o.end > start for o in self._obstacles.values()
-        )
 
     def step(self) -> None:
         """A round of requests when it is due."""
@@ -93,18 +94,24 @@ class MergeGuide:
             return
         with self._session.guard("guiding vehicles past an obstacle"):
             inside: set[str] = set()
-            for obstacle in self._obstacles.values():
+            for number, obstacle in self._obstacles.items():
                 first = obstacle.start - obstacle.notice
                 for table in self._lanes.within(first, obstacle.end):
-                    inside |= self._guide(table, obstacle, first)
+                    leads = table.id in self._leading[number] and not table.id.startswith(":")
+                    inside |= self._guide(table, obstacle, leads)
             for name in sorted(set(self._former_modes) - inside):
                 mode = self._former_modes.pop(name)
                 if name in self._vehicles:
                     self._api.vehicle.setLaneChangeMode(name, mode)
 
-    def _guide(self, table: LaneTable, obstacle: Obstacle, first: float) -> set[str]:
-        """Orders to the vehicles on a SUMO lane; returns who is in the stretch."""
+    def _guide(self, table: LaneTable, obstacle: Obstacle, leads: bool) -> set[str]:
+        """Orders to the vehicles on a SUMO lane, out of it where it leads to the obstacle.
+
+        Returns:
+          Who is in the stretch.
+        """
         vehicle = self._api.vehicle
+        first = obstacle.start - obstacle.notice
         inside = set()
         for name in self._api.lane.getLastStepVehicleIDs(table.id):
             if name not in self._vehicles or self._vehicles.is_scripted(name):
@@ -116,23 +123,29 @@ class MergeGuide:
             if name not in self._former_modes:
                 self._former_modes[name] = int(vehicle.getLaneChangeMode(name))
                 vehicle.setLaneChangeMode(name, MERGING)
-            if table.lane == obstacle.lane and not table.id.startswith(":"):
-                index = self._way_out(table, station, obstacle)
+            if leads:
+                index = self._way_out(table, station, obstacle.end)
                 if index is not None:
                     vehicle.changeLane(name, index, self._duration)
         return inside
 
-    def _way_out(self, table: LaneTable, station: float, obstacle: Obstacle) -> int | None:
+    def _way_out(self, table: LaneTable, station: float, end: float) -> int | None:
         """SUMO's index of the nearest open lane of the edge, the left one of two; None: none."""
         for distance in range(1, 8):
-            for lane in (table.lane + distance, table.lane - distance):
-                index = table.index + lane - table.lane
+            for index in (table.index + distance, table.index - distance):
                 other = self._lanes.tables.get(f"{table.edge}_{index}")
-                if other is None or other.lane != lane:
+                if other is None or other.lane < 0 or other.direction != table.direction:
                     continue
-                if not self.is_closed(lane, station, obstacle.end):
+                if not self._is_closed(other, station, end):
                     return index
         return None
+
+    def _is_closed(self, table: LaneTable, start: float, end: float) -> bool:
+        """Whether a lane leads to an obstacle that lies between two stations [m]."""
+        return any(
+            table.id in self._leading[number] and o.start < end and o.end > start
+            for number, o in self._obstacles.items()
+        )
 
 
 def check_obstacle(obstacle: Obstacle, lanes: RouteLanes) -> None:
