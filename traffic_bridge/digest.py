@@ -16,9 +16,13 @@ class PoseDigest:
     """SHA-256 over every vehicle's name, kind, lane and figures, frame after frame.
 
     Bits count, not values: a difference in the last place of one number gives another hash.
+
+    Attributes:
+      count: frames added.
     """
 
     def __init__(self) -> None:
+        self.count = 0
         self._hash = hashlib.sha256()
 
     def add(self, vehicles: Iterable[TrackedVehicle]) -> None:
@@ -28,6 +32,7 @@ class PoseDigest:
         self._hash.update("\0".join((*frame.ids, *frame.kinds)).encode())
         self._hash.update(np.ascontiguousarray(frame.lanes, dtype="<i4").tobytes())
         self._hash.update(np.ascontiguousarray(frame.values, dtype="<f8").tobytes())
+        self.count += 1
 
     def hexdigest(self) -> str:
         """The digest so far."""

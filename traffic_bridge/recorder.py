@@ -72,13 +72,15 @@ class Recorder(Mode):
     def reset(self, ego: EgoState | None = None) -> VehicleFrame:
         """Resets the traffic and forgets what was noted before."""
         self._clear()
-        frame = self._note(ego, self.traffic.reset(ego))
+        truck = ego_row(ego)
+        frame = self._note(truck, self.traffic.reset(ego))
         self._net = self._net or net_hash(build_network(self.route).path)
         return frame
 
     def step(self, ego: EgoState | None = None) -> VehicleFrame:
         """Steps the traffic and notes truck and vehicles."""
-        return self._note(ego, self.traffic.step(ego))
+        truck = ego_row(ego)
+        return self._note(truck, self.traffic.step(ego))
 
     def note_command(self, time: float, command: VehicleCommand) -> None:
         """Notes what the truck gets.
@@ -90,23 +92,20 @@ class Recorder(Mode):
         Raises:
           InputError: a figure is not finite.
         """
-        row = self._tables["command"].room(1)
-        row["time"], row["figures"] = time, command_row(command)
+        self._tables["command"].append((time, command_row(command)))
 
     def note_truck(self, state_hash: int) -> None:
         """Notes the hash of the truck's physics at the last frame, below 2^64."""
-        self._tables["truck"].room(1)["hash"] = state_hash
+        self._tables["truck"].append((state_hash,))
 
-    def _note(self, ego: EgoState | None, vehicles: VehicleFrame) -> VehicleFrame:
-        truck = ego_row(ego)
+    def _note(self, truck: tuple[float, ...], vehicles: VehicleFrame) -> VehicleFrame:
         frame = VehicleFrame.of(vehicles)
         rows = self._tables["row"].room(len(frame))
         rows["vehicle"] = self._indices(frame)
         rows["lane"] = frame.lanes
         rows["figures"] = frame.values[:, : len(COLUMNS)]
-        head = self._tables["frame"].room(1)
-        head["time"], head["count"], head["ego"] = self.traffic.time, len(frame), truck
         self._digest.add(frame)
+        self._tables["frame"].append((self.traffic.time, len(frame), truck))
         return frame
 
     def _indices(self, frame: VehicleFrame) -> NDArray[np.intp]:
@@ -137,6 +136,29 @@ class Recorder(Mode):
         """What was noted so far."""
         frame, row, command, truck = (table.array() for table in self._tables.values())
         counts = np.asarray(frame["count"])
+        start = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
+        # An interrupt can have cut off the noting of the last frame.
+        row = row[: start[-1]]
+        made = Recording(
+            meta=self._meta(),
+            time=np.array(frame["time"]),
+            ids=tuple(self._ids),
+            kinds=tuple(self._kinds),
+            sizes=self._sizes[: len(self._ids)].copy(),
+            start=start,
+            vehicle=row["vehicle"],
+            lane=row["lane"],
+            columns=row["figures"].T,
+            ego=frame["ego"],
+            command_time=command["time"],
+            commands=command["figures"],
+            truck_hash=truck["hash"][: len(counts)],
+        )
+        whole = self._digest.count == len(counts)
+        made.meta["digest"] = self._digest.hexdigest() if whole else made.digest()
+        return made
+
+    def _meta(self) -> dict[str, Any]:
         road_map = self.route.road_map
         meta: dict[str, Any] = {
             "schema": SCHEMA,
@@ -147,25 +169,8 @@ class Recorder(Mode):
             "map_name": road_map.path.name,
             "net_hash": self._net,
             "versions": versions(),
-            "digest": self._digest.hexdigest(),
         }
-        if self.drive is not None:
-            meta["drive"] = self.drive
-        return Recording(
-            meta=meta,
-            time=np.array(frame["time"]),
-            ids=tuple(self._ids),
-            kinds=tuple(self._kinds),
-            sizes=self._sizes[: len(self._ids)].copy(),
-            start=np.concatenate(([0], np.cumsum(counts))).astype(np.int64),
-            vehicle=row["vehicle"],
-            lane=row["lane"],
-            columns=row["figures"].T,
-            ego=frame["ego"],
-            command_time=command["time"],
-            commands=command["figures"],
-            truck_hash=truck["hash"][: len(counts)],
-        )
+        return meta if self.drive is None else {**meta, "drive": self.drive}
 
     def save(self, path: str | Path) -> Path:
         """Writes the recording; see `traffic_bridge.recording`."""

@@ -50,6 +50,8 @@ def traffic_of(recording: Recording, name: str, route: Route) -> PureSim:
     mode = meta.get("mode")
     if mode not in MODES:
         raise InputError(f"{name}: mode {mode!r} cannot be re-run; RepSim replays it")
+    if len(recording) == 0:
+        raise InputError(f"{name}: has no frames")
     check_map(recording, name, route)
     advice = "; a re-run would not be identical (RepSim replays it anyway)"
     found = _texts(meta.get("versions"))

@@ -43,6 +43,13 @@ class SpillTable:
         self._used += count
         return rows
 
+    def append(self, row: tuple[Any, ...]) -> None:
+        """Adds one row; an interrupt leaves it out or has it in whole."""
+        if self._used == len(self._piece):
+            self._flush()
+        self._piece[self._used] = row
+        self._used += 1
+
     def array(self) -> NDArray[Any]:
         """All rows so far, shape (n,); those in the file are mapped, not read."""
         if self._written == 0:

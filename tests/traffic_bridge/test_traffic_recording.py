@@ -9,7 +9,7 @@ from scripted_truck import ego_at
 
 from iits_mj.errors import InputError
 from iits_mj.messages import EgoState, TrackedVehicle, VehicleCommand, XbrMode
-from traffic_bridge import Recorder, Recording, VehicleFrame
+from traffic_bridge import Recorder, Recording, RepSim, ReSim, VehicleFrame
 from traffic_bridge.recording_rows import ego_of, ego_row
 from traffic_bridge.spill import PIECE, SpillTable
 
@@ -243,6 +243,35 @@ def test_a_file_that_cannot_be_written_leaves_nothing(recorded, tmp_path):
     with pytest.raises(InputError, match="cannot be written"):
         loaded.save(occupied)
     assert [path.name for path in tmp_path.iterdir()] == ["folder.npz"]
+
+
+def test_an_interrupt_while_a_frame_is_noted_leaves_that_frame_out(straight, tmp_path):
+    for cut in ("_indices", "_digest"):
+        traffic = Invented(straight, 3)
+        with Recorder(traffic) as recorder:
+            frames = [recorder.reset(), recorder.step()]
+            with pytest.MonkeyPatch.context() as patch:
+                if cut == "_indices":
+                    patch.setattr(recorder, cut, interrupt)
+                else:
+                    patch.setattr(recorder._tables["frame"], "append", interrupt)
+                with pytest.raises(KeyboardInterrupt):
+                    recorder.step()
+            loaded = Recording.load(recorder.save(tmp_path / cut))
+        assert list(loaded.frames) == frames
+        assert loaded.digest() == loaded.meta["digest"]
+
+
+def interrupt(*_):
+    raise KeyboardInterrupt
+
+
+def test_a_recording_without_frames_is_told(straight, tmp_path):
+    recorder = Recorder(Invented(straight, 3))
+    path = recorder.save(tmp_path / "empty")
+    for use in (RepSim, ReSim):
+        with pytest.raises(InputError, match="has no frames"):
+            use(straight, path)
 
 
 def test_spilled_rows_come_back_in_order():
