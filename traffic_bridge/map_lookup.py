@@ -162,13 +162,17 @@ class MapLookup:
         z: float | None,
     ) -> tuple[tuple[float, ...], float]:
         """How badly a place fits (height, kind of lane, the rest), and the offset in the lane."""
-        section = frame.section(s)
         sense = 1.0 if lane < 0 else -1.0
-        offset = sense * (t - float(frame.center(lane, np.array([s]), section)[0]))
-        point = frame.evaluate({section: lane}, s, offset)
-        turned = 0.0 if heading is None else abs(wrap(heading - float(point.heading[0])))
-        # Decks of a bridge are metres apart; less than one is the same surface.
-        height = 0.0 if z is None else float(math.floor(abs(z - float(point.z[0]))))
+        offset = sense * (t - frame.center_at(lane, s))
+        turned, height = 0.0, 0.0
+        if heading is not None or z is not None:
+            point = frame.line.evaluate(float(frame.line.station(s)), t)
+            if heading is not None:
+                against = 0.0 if lane < 0 else math.pi
+                turned = abs(wrap(heading - float(point.heading) - against))
+            if z is not None:
+                # Decks of a bridge are metres apart; less than one is the same surface.
+                height = float(math.floor(abs(z - float(point.z))))
         other = 0.0 if frame.kind(s, lane) in DRIVING_TYPES else 1.0
         return (height, other, abs(offset) + HEADING_WEIGHT * turned), offset
 

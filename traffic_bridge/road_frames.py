@@ -111,6 +111,10 @@ class RoadFrame:
         """T of a lane's centre as one lane section has it, also beyond that section's ends [m]."""
         return self._centers[section][lane].evaluate(s)
 
+    def center_at(self, lane: int, s: float) -> float:
+        """T of a lane's centre at one station [m]."""
+        return self._centers[self.section(s)][lane].at(s)
+
     def span(self, section: int) -> tuple[float, float]:
         """Stations at which a lane section begins and ends [m]."""
         return self._starts[section], self._ends[section]
