@@ -21,6 +21,8 @@ __all__ = ["Network", "build_network", "cache_dir", "find_netconvert", "lane_kin
 
 CACHE_VARIABLE = "IITS_MJ_CACHE"
 
+# [m/s2] across, at most, in a turn: what drivers take at junctions in town (judgement).
+TURN_ACCELERATION = 3.0
 # What makes netconvert's net agree with the exact geometry within 0.02 m, names the OpenDRIVE lanes
 # it was made of, and lets nobody turn round at ends.
 OPENDRIVE_OPTIONS = (
@@ -30,6 +32,8 @@ OPENDRIVE_OPTIONS = (
     "1",
     "--geometry.max-grade",
     "30",
+    "--junctions.limit-turn-speed",
+    str(TURN_ACCELERATION),
     "--precision",
     "3",
 )

@@ -1,3 +1,6 @@
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -5,7 +8,8 @@ import pytest
 
 from iits_mj.errors import Error, MapError, TrafficError
 from iits_mj.road import RoadMap, Route
-from traffic_bridge import PureSim, TrafficConfig, build_network, cache_dir
+from iits_mj.road.writer import to_xml
+from traffic_bridge import MapNetwork, PureSim, TrafficConfig, build_network, cache_dir
 from traffic_bridge.lanes import RouteLanes
 from traffic_bridge.session import Session, load_libsumo
 
@@ -72,6 +76,58 @@ def test_nets_are_made_once_and_kept_by_content(straight):
     assert build_network(Route.straight(length=4000.0)).path == first.path
     assert first.path.stat().st_mtime_ns == stamp
     assert build_network(Route.straight(length=4100.0)).path != first.path
+
+
+@pytest.mark.parametrize("damage", ["cut", "changed", "emptied"])
+def test_a_damaged_net_is_made_again(damage):
+    route = Route.straight(length=3300.0)
+    path = build_network(route).path
+    whole = path.read_bytes()
+    bad = {
+        "cut": whole[: len(whole) // 2],
+        "changed": whole.replace(b'speed="25.000"', b'speed="99.000"'),
+        "emptied": b"",
+    }
+    assert bad[damage] != whole
+    path.write_bytes(bad[damage])
+    assert build_network(route).path == path
+    assert path.read_bytes() == whole
+
+
+def test_two_processes_may_make_one_net_at_once(tmp_path):
+    code = (
+        "from iits_mj.road import Route; from traffic_bridge import build_network;"
+        "print(build_network(Route.straight(length=2900.0)).path.read_bytes()[-80:])"
+    )
+    environment = os.environ | {"IITS_MJ_CACHE": str(tmp_path)}
+    both = [
+        subprocess.Popen([sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE)
+        for _ in range(2)
+    ]
+    said = [process.communicate()[0] for process in both]
+    assert [process.returncode for process in both] == [0, 0]
+    assert said[0] == said[1] != b""
+    assert len(list((tmp_path / "nets").iterdir())) == 1
+
+
+def test_a_turn_is_driven_no_faster_than_its_bend_allows():
+    network = MapNetwork.of(RoadMap.from_opendrive(esmini("fabriksgatan_traffic_lights")))
+    turns = {link.via: link.turn for link in network.connections if link.via}
+    speeds = {turn: [network.lanes[via].speed for via, t in turns.items() if t == turn]
+              for turn in "lrs"}  # fmt: skip
+    # On 6 m of radius 3 m/s2 is 4.2 m/s; SUMO takes the mean bend of the whole turn.
+    assert max(speeds["r"]) < 6.0
+    assert max(speeds["l"]) < 8.0
+    assert min(speeds["s"]) == pytest.approx(13.89)
+
+
+def test_an_empty_junction_means_none(tmp_path):
+    path = tmp_path / "map.xodr"
+    text = to_xml(Route.straight(length=500.0).road_map.content)
+    path.write_text(text.replace('junction="-1"', 'junction=""'))
+    network = MapNetwork.of(RoadMap.from_opendrive(path))
+    assert network.entrances == network.exits == ("-1",)
+    assert network.roads["1"].junction == ""
 
 
 def test_a_map_that_netconvert_refuses_gives_one_error_and_leaves_no_sumo():
