@@ -97,7 +97,7 @@ def run(options: Options) -> int:
     how = Lay(start_station=options.start_station, lane_map=lane_map(options.lanes))
     recording = lay(trajectories, load_map(options.map).route(), how)
     path = recording.save(options.file)
-    for note in trajectories.notes:
+    for note in recording.meta["notes"]:
         print(f"note: {note}")
     print(
         f"{path}: {len(recording.ids)} vehicles in {recording.time[-1]:.1f} s, "

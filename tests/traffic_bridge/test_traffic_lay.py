@@ -217,17 +217,18 @@ def test_other_frame_rates_give_the_same_motion(flow, laid, highway):
 
 
 def test_a_recording_of_ours_reads_as_what_was_laid(flow, laid, highway):
-    at = columns(laid)
-    middles = np.array(
-        [highway.lane_offset(int(i), s) for i, s in zip(at["lane"], at["station"], strict=True)]
-    )
-    found = of_recording(laid, lane_offsets=middles)
+    found = of_recording(laid, route=highway)
     assert len(found) == len(flow)
     order = [found.index_of(name) for name in flow.ids]
     for i, name in zip(order, flow.ids, strict=True):
         apart = found.station[found.rows(i)] - THREE_LANES - flow.station[flow.rows(name)]
         assert np.abs(apart).max() < 0.01
     assert np.abs(found.offset[found.lane == 0]).max() < 0.01
+    again = lay(found, highway)
+    shift = np.abs(np.asarray(again.columns) - np.asarray(laid.columns)).max(axis=1)
+    assert shift[[COLUMNS.index(name) for name in "xyz"]].max() < 0.1
+    with pytest.raises(InputError, match="not on"):
+        of_recording(laid, route=Route.straight(length=100.0))
 
 
 def test_floating_car_data_of_a_recording_read_back_and_in_sumos_own_reader(laid, tmp_path):

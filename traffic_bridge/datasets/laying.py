@@ -9,7 +9,7 @@ the road a vehicle keeps its place between the lane's borders, in parts of the l
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -65,7 +65,6 @@ class Lay:
       lane_change_duration: in which a set's instant lane changes are carried out [s], half of it
         before the instant; a change that the set has in full stays as it is. With 0 instant ones
         are only averaged, as everything across the road.
-      heights: of the vehicles by kind [m]; data sets do not have them.
 
     Raises:
       InputError: a value is out of its range.
@@ -76,9 +75,6 @@ class Lay:
     step: float = 0.1
     smoothing: float = 0.5
     lane_change_duration: float = LANE_CHANGE
-    heights: Mapping[str, float] = field(
-        default_factory=lambda: {t.kind: t.height for t in default_types()}
-    )
 
     def __post_init__(self) -> None:
         """Checks every value."""
@@ -130,12 +126,13 @@ def lay(trajectories: Trajectories, route: Route, how: Lay | None = None) -> Rec
         )
     vehicle = np.repeat(who, [len(part.frame) for part in parts])
     used, vehicle = np.unique(vehicle, return_inverse=True)
+    # Data sets have no heights.
+    height = {t.kind: t.height for t in default_types()}
     sizes = [
-        (trajectories.length[i], trajectories.width[i], how.heights[trajectories.kinds[i]])
-        for i in used
+        (trajectories.length[i], trajectories.width[i], height[trajectories.kinds[i]]) for i in used
     ]
     return Recording.of_rows(
-        _meta(trajectories, route, how, lanes),
+        _meta(trajectories, route, how, lanes, len(used)),
         time,
         [trajectories.ids[i] for i in used],
         [trajectories.kinds[i] for i in used],
@@ -284,14 +281,20 @@ def _columns(laid: Laid, route: Route, step: float) -> FloatArray:
     return np.array([np.broadcast_to(values[name], station.shape) for name in COLUMNS])
 
 
-def _meta(t: Trajectories, route: Route, how: Lay, lanes: Mapping[int, int]) -> dict[str, Any]:
+def _meta(
+    t: Trajectories, route: Route, how: Lay, lanes: Mapping[int, int], laid: int
+) -> dict[str, Any]:
     return {
         "mode": "DataSet",
         "source": t.source,
-        "notes": list(t.notes),
+        "notes": [*t.notes, *_left_out(len(t.ids) - laid)],
         "start_station": how.start_station,
         "lane_map": {str(lane): target for lane, target in sorted(lanes.items())},
         "smoothing": how.smoothing,
         "map_hash": route.road_map.content_hash,
         "map_name": route.road_map.path.name,
     }
+
+
+def _left_out(count: int) -> tuple[str, ...]:
+    return (f"{count} vehicles come to lie nowhere on the route",) if count else ()

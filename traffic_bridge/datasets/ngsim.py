@@ -25,6 +25,7 @@ FOOT = 0.3048  # [m]
 UNITS = {"ft": FOOT, "m": 1.0}
 LANE_WIDTH = 12.0 * FOOT  # of US-101 and I-80
 ARTICULATED_LENGTH = 14.0  # [m]: a rigid truck of the United States is hardly longer than 12.2 m
+HIGHEST_LANE = 30
 CAR_LENGTH = (3.0, 8.0)  # [m]: where the median length of a set's automobiles must lie
 
 TEXT_COLUMNS = (
@@ -79,11 +80,11 @@ def read_ngsim(
         raise InputError(f"units {units!r}: allowed are {', '.join(UNITS)}")
     scale = UNITS[units]
     lane_id = table.integers("Lane_ID", "Lane Identification")
-    table.must((lane_id >= 0) & (lane_id <= 30), "Lane_ID", lane_id, "must be 0 to 30")
     keep, notes = _chosen(table, lane_id, main_lanes, location)
+    table.must(
+        ~keep | (lane_id <= HIGHEST_LANE), "Lane_ID", lane_id, f"must be 0 to {HIGHEST_LANE}"
+    )
     lanes = int(lane_id[keep].max())
-    if lanes < 1:
-        raise InputError(f"data set {path}: no row is in a lane from 1 up")
     length = table.numbers("v_Length", "Vehicle Length") * scale
     classes = table.texts("v_Class", "Vehicle Class")
     if table.rows and classes[0].endswith(".0"):
@@ -140,10 +141,9 @@ def _chosen(
     table: Table, lane_id: NDArray[np.int64], main_lanes: int | None, location: str | None
 ) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
     """Which rows to read, and notes on the others."""
-    keep = lane_id >= 1
+    keep = np.ones(table.rows, dtype=bool)
     notes = []
-    if not keep.all():
-        notes.append(f"{int((~keep).sum())} rows in lane 0 are left out")
+    table.must(lane_id >= 0, "Lane_ID", lane_id, f"must be 0 to {HIGHEST_LANE}")
     if table.has("Location"):
         sites = table.texts("Location")
         there = sorted(set(sites.tolist()))
@@ -159,9 +159,12 @@ def _chosen(
             keep &= sites == location
     elif location is not None:
         raise InputError(f"data set {table.path}: location {location!r}: it has no such column")
+    if (lane_id[keep] == 0).any():
+        notes.append(f"{int((lane_id[keep] == 0).sum())} rows in lane 0 are left out")
+        keep &= lane_id != 0
     if main_lanes is not None:
-        if not 1 <= main_lanes <= 30:
-            raise InputError(f"main_lanes {main_lanes!r}: allowed is 1 to 30")
+        if not 1 <= main_lanes <= HIGHEST_LANE:
+            raise InputError(f"main_lanes {main_lanes!r}: allowed is 1 to {HIGHEST_LANE}")
         ramps = keep & (lane_id > main_lanes)
         keep &= ~ramps
         notes.append(f"{int(ramps.sum())} rows in lanes above {main_lanes} are left out")

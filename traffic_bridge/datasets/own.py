@@ -5,39 +5,42 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.errors import InputError
+from iits_mj.road import Route
 from traffic_bridge.datasets.assemble import Rows, assemble
 from traffic_bridge.datasets.trajectories import Trajectories
 from traffic_bridge.recording import COLUMNS, Recording
+from traffic_bridge.resim import check_map
 
 FloatArray = NDArray[np.float64]
 
-LANE_WIDTH = 3.5  # [m]
+LANE_WIDTH = 3.5  # [m], for a recording of one lane whose road is not given
 
 
 def of_recording(
-    recording: Recording, source: str = "recording", lane_offsets: FloatArray | None = None
+    recording: Recording, source: str = "recording", route: Route | None = None
 ) -> Trajectories:
     """The vehicles of a recording that are in a lane of the route.
 
     Args:
       recording: as loaded.
       source: how messages call it.
-      lane_offsets: of the lanes' centres from the route's reference line at each of the recording's
-        rows, shape (k,) [m]; None takes the lanes' centres from the vehicles, as the median offset
-        in every lane, which is right where lanes keep their offset.
+      route: the road of the recording. Without it the lanes' centres are taken from the vehicles,
+        as the median offset in every lane, which is right where lanes keep their offset.
 
     Raises:
-      InputError: no vehicle is in a lane of the route.
+      InputError: no vehicle is in a lane of the route, or the recording is of another map.
     """
+    if route is not None:
+        check_map(recording, source, route)
     keep = np.flatnonzero(np.asarray(recording.lane) >= 0)
+    if not keep.size:
+        raise InputError(f"{source}: no vehicle is in a lane of its route")
     lane = np.asarray(recording.lane)[keep].astype(np.int64)
     vehicle = np.asarray(recording.vehicle)[keep].astype(np.int64)
     values = dict(zip(COLUMNS, np.asarray(recording.columns)[:, keep], strict=True))
     frame = np.repeat(np.arange(len(recording.time)), np.diff(recording.start))[keep]
-    if lane_offsets is None:
-        offset = values["offset"] - _medians(values["offset"], lane)
-    else:
-        offset = values["offset"] - np.asarray(lane_offsets)[keep]
+    centre, width = _lanes(lane, values["offset"], values["station"], route)
     left_out = len(recording.lane) - len(keep)
     notes = (f"{left_out} rows of vehicles off the route's lanes are left out",)
     sizes = np.asarray(recording.sizes)[vehicle]
@@ -51,15 +54,30 @@ def of_recording(
         time=np.asarray(recording.time)[frame],
         lane=lane,
         station=values["station"] + 0.5 * sizes[:, 0],
-        offset=offset,
+        offset=values["offset"] - centre,
         speed=np.maximum(values["speed"], 0.0),
         acceleration=values["acceleration"],
     )
-    lanes = int(lane.max()) + 1 if len(lane) else 1
-    return assemble(rows, lanes, LANE_WIDTH, notes if left_out else ())
+    return assemble(rows, int(lane.max()) + 1, width, notes if left_out else ())
 
 
-def _medians(offset: FloatArray, lane: NDArray[np.int64]) -> FloatArray:
-    """Median offset of each row's lane."""
-    middle = {int(one): float(np.median(offset[lane == one])) for one in np.unique(lane)}
-    return np.array([middle[one] for one in lane.tolist()])
+def _lanes(
+    lane: NDArray[np.int64], offset: FloatArray, station: FloatArray, route: Route | None
+) -> tuple[FloatArray, float]:
+    """Offset of each row's lane [m], and how wide a lane is [m]."""
+    indices = np.unique(lane).tolist()
+    centre = np.empty_like(offset)
+    widths = []
+    for one in indices:
+        rows = lane == one
+        if route is None:
+            centre[rows] = np.median(offset[rows])
+        else:
+            centre[rows] = route.lane_offset(one, station[rows])
+            widths.append(route.lane_width(one, station[rows]))
+    if route is not None:
+        return centre, float(np.median(np.concatenate(widths)))
+    if len(indices) < 2:
+        return centre, LANE_WIDTH
+    middles = [float(np.median(offset[lane == one])) for one in indices]
+    return centre, float(np.median(np.diff(middles) / np.diff(indices)))

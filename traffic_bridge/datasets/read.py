@@ -28,7 +28,7 @@ def read_trajectories(path: str | Path, **options: Any) -> Trajectories:
       path: the file; of a highD-like recording the tracks file, the other two being beside it.
       **options: `units`, `main_lanes`, `location` for NGSIM tables (see
         `traffic_bridge.datasets.ngsim`), `direction` for highD-like recordings, `types` for
-        floating-car data. Those that are None are left out.
+        floating-car data, `route` for recordings of ours. Those that are None are left out.
 
     Raises:
       InputError: it cannot be read, is of no known format, or holds a value that cannot be; the
@@ -38,11 +38,12 @@ def read_trajectories(path: str | Path, **options: Any) -> Trajectories:
     given = {name: value for name, value in options.items() if value is not None}
     head = _head(path)
     if head.startswith(b"PK"):
-        _refuse(given, path, "a recording of ours")
         from traffic_bridge.datasets.own import of_recording
         from traffic_bridge.recording import Recording
 
-        return of_recording(Recording.load(path), f"recording {path}")
+        route = given.pop("route", None)
+        _refuse(given, path, "a recording of ours")
+        return of_recording(Recording.load(path), f"recording {path}", route)
     if head.startswith(b"PAR1"):
         table = read_parquet(path)
         return _read_table(table, path, given)
