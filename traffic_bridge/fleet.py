@@ -12,7 +12,7 @@ from traffic_bridge.articulation import Articulation, Pose, TrailerMemory, units
 from traffic_bridge.contact import Outline
 from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.look_parts import Unit
-from traffic_bridge.motion import CRAWL, NOWHERE, STATE, moved, pace, quaternions, state_of
+from traffic_bridge.motion import CRAWL, NOWHERE, STATE, moved, quaternions, state_of, trend
 from traffic_bridge.slots import Slot
 from traffic_bridge.vehicles import VehicleType
 
@@ -62,17 +62,18 @@ class Fleet:
         """Forgets everybody."""
         self._memory.clear()
         self._names: list[str] = []
-        self._last = np.zeros((2, 0))
         self._state = np.zeros((len(STATE), 0))
         self._trailer_yaw: list[float] = []
         self.set_slots([])
 
     def set_slots(self, taken: Sequence[Slot]) -> None:
         """Takes other slots than before; those of two units are the last."""
-        known = dict(zip(self._names, self._last.T.tolist(), strict=True))
+        known = dict(zip(self._names, self._state.T.tolist(), strict=True))
         self._names = [slot.vehicle or "" for slot in taken]
-        nowhere = (NOWHERE, NOWHERE)
-        self._last = np.array([known.get(name, nowhere) for name in self._names]).reshape(-1, 2).T
+        nowhere = [NOWHERE] + [0.0] * (len(STATE) - 1)
+        self._state = (
+            np.array([known.get(name, nowhere) for name in self._names]).reshape(-1, len(STATE)).T
+        )
         self._joint = [self._trucks[slot.type] for slot in taken if slot.type in self._trucks]
         self._single, count = len(taken) - len(self._joint), len(taken)
         self.slots = [*taken, *taken[self._single :]]
@@ -89,9 +90,9 @@ class Fleet:
 
     def take(self, frame: VehicleFrame, rows: IntArray) -> None:
         """Reads where the vehicles are: their rows in a new frame, in the order of the slots."""
-        self._state = state = state_of(frame, rows)
-        self._pace = pace(state, self._last, self._step_length)
-        self._last = state[:2]
+        state = state_of(frame, rows)
+        self._trend = trend(state, self._state, self._step_length)
+        self._state = state
         if self._joint:
             places = [
                 (x, y, yaw, rate / speed if speed > CRAWL else 0.0)
@@ -103,7 +104,7 @@ class Fleet:
 
     def move(self, elapsed: float) -> None:
         """Computes where the units are some time after the frame [s]."""
-        now = moved(self._state, self._pace, elapsed, self._step_length)
+        now = moved(self._state, self._trend, elapsed, self._step_length)
         k, count = self._single, now.shape[1]
         self.position[:k] = now[:3, :k].T
         self.quaternion[:k] = quaternions(now[3:, :k]).T

@@ -24,38 +24,48 @@ def state_of(frame: VehicleFrame, rows: NDArray[np.intp]) -> FloatArray:
     return np.asarray(frame.values.T[: len(STATE), rows])
 
 
-def pace(state: FloatArray, last: FloatArray, step_length: float) -> FloatArray:
-    """How far vehicles came in the last step, as a fraction of what their speed says.
+def trend(state: FloatArray, last: FloatArray, step_length: float) -> FloatArray:
+    """What vehicles did in the last step that their present state does not say.
 
-    Neighboring lanes in a bend share SUMO's positions but not their length, which makes some
-    per mille; a recording whose speeds are those of the instant, not SUMO's, differs by a dt/2.
+    The pace is how far they came, as a fraction of what their speed says. Neighboring lanes in a
+    bend share SUMO's positions but not their length, which makes some per mille; a recording whose
+    speeds are those of the instant, not SUMO's, differs by a dt/2. The way beside the road's
+    reference line climbs more than the road where the cross slope changes.
 
     Args:
       state: of n vehicles, see `STATE`, shape (10, n).
-      last: x, y where they were a step before, `NOWHERE` for who is new, shape (2, n) [m].
+      last: the same a step before, its x `NOWHERE` for who is new, shape (10, n).
       step_length: of the traffic [s].
 
     Returns:
-      Shape (n,); 1 where that is far from the truth (a vehicle was put elsewhere).
+      Pace, pitch rate and roll rate [rad/s], and how much steeper than the pitch the way was,
+      shape (4, n); 1, 0, 0, 0 where the pace is far from 1: a vehicle is new or was put elsewhere.
     """
     due = step_length * np.maximum(np.hypot(state[7], state[9]), CRAWL)
-    found = np.hypot(state[0] - last[0], state[1] - last[1]) / due
-    return np.where(np.abs(found - 1.0) < PACE_BAND, found, 1.0)
+    change = state - last
+    way = np.hypot(change[0], change[1])
+    found = np.empty((4, due.size))
+    found[0] = way / due
+    strange = np.abs(found[0] - 1.0) > PACE_BAND
+    way[strange] = 1.0
+    found[1:3] = change[4:6] / step_length
+    found[3] = change[2] / way + np.tan(state[4] - 0.5 * change[4])
+    if strange.any():
+        found[:, strange] = ((1.0,), (0.0,), (0.0,), (0.0,))
+    return found
 
 
-def moved(
-    state: FloatArray, pace: FloatArray | float, elapsed: float, step_length: float
-) -> FloatArray:
+def moved(state: FloatArray, trend: FloatArray, elapsed: float, step_length: float) -> FloatArray:
     """Where vehicles are some time after (or before) a frame.
 
-    Acceleration and yaw rate stay as they are. SUMO's default scheme, semi-implicit Euler, moves a
+    Acceleration and rates stay as they are. SUMO's default scheme, semi-implicit Euler, moves a
     vehicle by v(k+1) dt in step k+1, so v(k) is the mean speed of the step that ended, and the
     speed at its end is half a step's gain higher: v(k) + a dt/2. With a constant acceleration the
     result meets SUMO's next position, v dt + a dt^2 on, and its last one, v dt back.
 
     Args:
       state: of n vehicles, see `STATE`, shape (10, n).
-      pace: of each vehicle, see `pace`, shape (n,) or ().
+      trend: see `trend`, shape (4, n).
       elapsed: time since the frame [s], negative for before.
       step_length: of the traffic [s].
 
@@ -65,7 +75,7 @@ def moved(
     if elapsed == 0.0:
         return state[:6]
     yaw, pitch, yaw_rate, speed, acceleration, lateral = state[[3, 4, 6, 7, 8, 9]]
-    way = elapsed * pace * (speed + 0.5 * acceleration * (step_length + elapsed))
+    way = elapsed * trend[0] * (speed + 0.5 * acceleration * (step_length + elapsed))
     if elapsed > 0.0:
         # Braking ends at standstill: nobody rolls backwards because of the last step.
         way = np.maximum(way, 0.0)
@@ -80,9 +90,11 @@ def moved(
     found = state[:6].copy()
     found[0] += way * np.cos(chord)
     found[1] += way * np.sin(chord)
+    tilt = elapsed * trend[1:3]
     # Pitch is positive nose down (ISO 8855); roads are measured in the plane.
-    found[2] -= way * np.tan(pitch)
+    found[2] += way * (trend[3] - np.tan(pitch + 0.5 * tilt[0]))
     found[3] += turn
+    found[4:] += tilt
     return found
 
 

@@ -1,5 +1,6 @@
 import dataclasses
 import math
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -8,8 +9,17 @@ from scripted_truck import ego_at
 
 from iits_mj.errors import InputError
 from iits_mj.messages import TrackedVehicle
-from traffic_bridge import InterSim, Mirror, TrafficConfig, VehicleFrame, default_types
+from iits_mj.road import RoadMap
+from traffic_bridge import (
+    InterSim,
+    Mirror,
+    PureSim,
+    TrafficConfig,
+    VehicleFrame,
+    default_types,
+)
 
+MAPS = Path(__file__).resolve().parents[3] / "shared" / "data" / "xodr"
 TYPES = {kind.name: kind for kind in default_types()}
 TRUCK = """
 <mujoco>
@@ -118,36 +128,82 @@ def test_vehicles_in_a_bend_move_along_the_circle(straight):
         assert math.atan2(axes[1, 0], axes[0, 0]) == pytest.approx(angle, abs=1e-12)
 
 
+def jumps(traffic, mirror, egos):
+    """What is left between bodies and vehicles when the traffic steps: along, across, up [m].
+
+    Of vehicles that show one body and keep their acceleration within 0.05 m/s2.
+    """
+    model, data = scene(mirror)
+    found = []
+    first, *others = egos
+    before = traffic.reset(first)
+    for ego in others:
+        x, y = (0.0, 0.0) if ego is None else (ego.x, ego.y)
+        mirror.update(data, before, (x, y), elapsed=0.1)
+        now = traffic.step(ego)
+        for name in mirror.shown:
+            old, new = before.find(name), now.find(name)
+            if new is None or new.kind == "articulated":
+                continue
+            if abs(new.acceleration - old.acceleration) < 0.05:
+                position, _ = pose(model, data, mirror, name)
+                dx, dy, dz = np.array([new.x, new.y, new.z]) - position
+                c, s = math.cos(new.yaw), math.sin(new.yaw)
+                found.append((dx * c + dy * s, dy * c - dx * s, dz))
+        before = now
+    assert len(found) > 500
+    return np.abs(np.array(found))
+
+
 @pytest.mark.parametrize("model_of_changes", ["lc2013", "mobil"])
 def test_bodies_do_not_jump_when_the_traffic_steps(highway, model_of_changes):
-    mirror = Mirror(visuals=False)
-    model, data = scene(mirror)
     config = TrafficConfig(
         density=0.1, lane_change=model_of_changes, fill_ahead=600.0, fill_behind=600.0
     )
-    along, across = [], []
+    egos = [ego_at(highway, 0.1 * k, 2000.0 + 1.2 * k, 12.0, -2.0) for k in range(101)]
     with InterSim(highway, config, seed=1) as traffic:
-        before = traffic.reset(ego_at(highway, 0.0, 2000.0, 12.0, -2.0))
-        for k in range(1, 101):
-            ego = ego_at(highway, 0.1 * k, 2000.0 + 1.2 * k, 12.0, -2.0)
-            mirror.update(data, before, (ego.x, ego.y), elapsed=0.1)
-            now = traffic.step(ego)
-            for name in mirror.shown:
-                old, new = before.find(name), now.find(name)
-                steady = new is not None and abs(new.acceleration - old.acceleration) < 0.05
-                if new is None or not steady or new.kind == "articulated":
-                    continue
-                position, _ = pose(model, data, mirror, name)
-                apart = np.array([new.x - position[0], new.y - position[1]])
-                ahead = np.array([math.cos(new.yaw), math.sin(new.yaw)])
-                along.append(abs(apart @ ahead))
-                across.append(abs(apart @ [-ahead[1], ahead[0]]))
-            before = now
-    assert len(along) > 800
-    # What a camera would see as a jump; the greatest ones are where the road's curvature changes.
-    assert np.percentile(along, 99) < 2e-3
-    assert np.percentile(across, 99) < 1e-3
-    assert max(along) < 2e-2
+        found = jumps(traffic, Mirror(visuals=False), egos)
+    along, across, up = np.percentile(found, 99, axis=0)
+    assert along < 2e-3
+    assert across < 1e-3
+    assert up < 1e-3
+    # The greatest ones are where the road's curvature changes.
+    assert found.max() < 2e-2
+
+
+@pytest.mark.parametrize("name", ["e6mini", "curves_elevation", "crest-curve", "velodrome"])
+def test_bodies_do_not_jump_on_maps_of_others(name):
+    path = MAPS / f"esmini_{name}.xodr"
+    if not path.exists():
+        pytest.skip(f"{path} is not there")
+    route = RoadMap.from_opendrive(path).route()
+    mirror = Mirror({"car": 60, "van": 20, "truck": 20}, view_range=1e5, visuals=False)
+    with PureSim(route, TrafficConfig(density=0.2), seed=3) as traffic:
+        found = jumps(traffic, mirror, [None] * 201)
+    along, across, up = np.percentile(found, 98, axis=0)
+    assert along < 2e-3
+    assert across < 1.5e-3
+    # The grade of crest-curve has corners.
+    assert up < (7e-3 if name == "crest-curve" else 1e-3)
+
+
+def test_bodies_follow_a_crest_and_a_changing_cross_slope(straight):
+    # Grade falls by 1 in 500 m; beside the reference line the road climbs by another 1 %.
+    def car(k):
+        x = 100.0 + 2.0 * k
+        grade = -(x - 100.0) / 500.0
+        return dataclasses.replace(
+            vehicle("a", straight, x, speed=20.0, pitch=-math.atan(grade)),
+            z=-0.5 * (x - 100.0) ** 2 / 500.0 + 0.01 * x,
+        )
+
+    mirror = Mirror({"car": 1}, visuals=False)
+    model, data = scene(mirror)
+    for k in range(3):
+        mirror.update(data, [car(k)], (100.0, 0.0), elapsed=0.1)
+    position, axes = pose(model, data, mirror, "a")
+    assert position[2] == pytest.approx(car(3).z, abs=1e-5)
+    assert math.asin(-axes[2, 0]) == pytest.approx(car(3).pitch, abs=1e-5)
 
 
 def test_pace_of_a_vehicle_is_taken_from_its_own_way(straight):
