@@ -203,6 +203,8 @@ def _broken(rows, line, column, value):
         ("Lane_ID", "99", r"line 5, column 'Lane_ID'.*must be 0 to 30"),
         ("v_Class", "4", r"line 5, column 'v_class': '4': must be 1, 2 or 3"),
         ("Frame_ID", "inf", r"line 5, column 'Frame_ID': inf"),
+        ("v_Vel", "2000", r"line 5: speed of vehicle '7' is above 150 m/s"),
+        ("Local_Y", "1e9", r"line 5: station of vehicle '7' is beyond"),
         ("v_Length", "0", r"line 5: length of vehicle '7' is not positive"),
     ],
 )
@@ -244,6 +246,8 @@ def test_metres_taken_for_feet_are_noticed(tmp_path):
         ("nobody.xml", b"<fcd-export><timestep time='0'/></fcd-export>"),
         ("lane.xml", b"<fcd-export><timestep time='0'><vehicle id='a' pos='1' speed='1' "
                      b"lane='x'/></timestep></fcd-export>"),
+        ("index.xml", b"<fcd-export><timestep time='0'><vehicle id='a' pos='1' speed='1' "
+                      b"lane='e_99999999999999999999'/></timestep></fcd-export>"),
         ("few.xml", b"<fcd-export><timestep time='0'><vehicle id='a'/></timestep></fcd-export>"),
         ("torn.parquet", b"PAR1 and nothing more"),
         ("torn.npz", b"PK\x03\x04 and nothing more"),
@@ -258,6 +262,39 @@ def test_a_file_that_is_no_data_set_gives_one_clear_error(tmp_path, name, conten
     with pytest.raises(InputError, match=name) as caught:
         read_trajectories(path)
     assert "\n" not in str(caught.value).strip()
+
+
+def test_a_vehicle_that_leaps_comes_back_as_another(tmp_path):
+    rows = list(sets.ngsim_rows())
+    for row in rows:
+        if row[0] == 9 and row[1] > 200:
+            row[sets.NGSIM_HEADER.index("Local_Y")] += 500.0
+    found = read_trajectories(sets.write_ngsim(tmp_path / "leap.csv", rows=rows))
+    assert "9#2" in found.ids
+    assert any("leap" in note for note in found.notes)
+
+
+def test_text_of_numbers_names_its_wrong_line(tmp_path):
+    lines = [" ".join(map(str, row)) for row in sets.ngsim_rows()]
+    path = tmp_path / "text.txt"
+    path.write_text("\n".join([*lines[:4], lines[4] + " 7", *lines[5:]]))
+    with pytest.raises(InputError, match="line 5: 19 values, not 18"):
+        read_trajectories(path)
+    path.write_text("\n".join([*lines[:4], lines[4].replace("30.0", "x"), *lines[5:]]))
+    with pytest.raises(InputError, match="line 5: 'x' is not a number"):
+        read_trajectories(path)
+
+
+def test_missing_values_of_a_parquet_file_are_named(tmp_path):
+    import pyarrow.parquet
+
+    path = sets.write_pairs(tmp_path / "pairs.parquet")
+    table = pyarrow.parquet.read_table(path)
+    speeds = [None, *table["v_vel"].to_pylist()[1:]]
+    place = table.column_names.index("v_vel")
+    pyarrow.parquet.write_table(table.set_column(place, "v_vel", [speeds]), path)
+    with pytest.raises(InputError, match="row 1, column 'v_vel': is missing"):
+        read_trajectories(path)
 
 
 def test_missing_files_and_folders_are_told(tmp_path):

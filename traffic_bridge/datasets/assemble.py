@@ -15,6 +15,10 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 LONGEST_GAP = 1.0  # [s]: a vehicle that is not seen for longer comes back as another one
+# [m] beside what 100 m/s explain: a vehicle that leaps farther comes back as another one, too.
+LEAP = 10.0
+FASTEST = 150.0  # [m/s]
+FARTHEST = 1e6  # [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +66,8 @@ def assemble(
     """Sorts rows into tracks.
 
     Rows that are there twice, alike, count once. A vehicle that is not seen for more than a second
-    comes back under a new name (`7#2`): some data sets use their names again.
+    or leaps comes back under a new name (`7#2`): some data sets use their names again, and SUMO
+    puts vehicles elsewhere that are stuck.
 
     Raises:
       InputError: there are no rows, a value is impossible, or a vehicle is at two places at once.
@@ -72,6 +77,8 @@ def assemble(
     for column in ("time", "station", "offset", "speed", "length", "width"):
         rows.must(np.isfinite(getattr(rows, column)), column, "is not a finite number")
     rows.must(rows.speed >= 0.0, "speed", "is negative")
+    rows.must(rows.speed < FASTEST, "speed", f"is above {FASTEST:g} m/s")
+    rows.must(np.abs(rows.station) < FARTHEST, "station", f"is beyond {FARTHEST:g} m")
     rows.must(rows.length > 0.0, "length", "is not positive")
     rows.must(rows.width > 0.0, "width", "is not positive")
     rows.must((rows.lane >= 0) & (rows.lane < lane_count), "lane", f"is outside {lane_count} lanes")
@@ -80,7 +87,8 @@ def assemble(
     vehicle = vehicle[order]
     time = rows.time[order]
     new = np.concatenate(([True], np.diff(vehicle) != 0))
-    apart = np.concatenate(([False], np.diff(time) > LONGEST_GAP))
+    gap, way = np.diff(time), np.abs(np.diff(rows.station[order]))
+    apart = np.concatenate(([False], (gap > LONGEST_GAP) | (way > LEAP + 100.0 * gap)))
     part = np.cumsum(new | apart) - 1
     first = np.flatnonzero(new | apart)
     speed, station, lane = rows.speed[order], rows.station[order], rows.lane[order]
@@ -193,4 +201,5 @@ def _unique_names(names: NDArray[np.generic], vehicle: IntArray) -> tuple[str, .
 
 def _reused(first: IntArray, names: NDArray[np.generic]) -> tuple[str, ...]:
     more = len(first) - len(names)
-    return (f"{more} tracks begin anew after a gap of more than {LONGEST_GAP:g} s",) if more else ()
+    note = f"{more} tracks begin anew after a gap of more than {LONGEST_GAP:g} s or a leap"
+    return (note,) if more else ()

@@ -143,7 +143,9 @@ def _split(
     """Edge and index of SUMO lanes such as `-1#2_0`."""
     names, which = np.unique(lane, return_inverse=True)
     parts = [str(name).rpartition("_") for name in names]
-    good = np.array([bool(edge) and index.isdecimal() for edge, _, index in parts])
+    good = np.array(
+        [bool(edge) and index.isdecimal() and len(index) < 4 for edge, _, index in parts]
+    )
     wrong = np.ones(table.rows, dtype=bool)
     wrong[there] = good[which]
     shown = np.full(table.rows, "", dtype=lane.dtype)

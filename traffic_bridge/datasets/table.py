@@ -143,7 +143,7 @@ class Table:
                 f"data set {self.path}, column {name!r}: {values.type}, must be numbers"
             ) from error
         if values.null_count and finite:
-            row = values.is_null().to_numpy().argmax()
+            row = values.is_null().to_numpy(zero_copy_only=False).argmax()
             raise InputError(
                 f"data set {self.path}, {self.where(int(row))}, column {name!r}: is missing"
             )
@@ -225,12 +225,29 @@ def read_text(path: Path, names: Sequence[str]) -> Table:
       InputError: a line has another number of values, or a value is not a number.
     """
     try:
-        numbers = np.loadtxt(path, ndmin=2)
+        numbers = np.loadtxt(path, ndmin=2, comments=None)
     except (OSError, ValueError) as error:
-        raise InputError(f"data set {path}: not a readable table: {error}") from error
+        raise InputError(
+            f"data set {path}{_first_wrong(path, len(names))}: not a readable table"
+        ) from error
     if numbers.shape[1] != len(names):
         raise InputError(
             f"data set {path}: {numbers.shape[1]} columns; without a header {len(names)} are known"
         )
     columns = dict(zip(names, np.ascontiguousarray(numbers.T), strict=True))
     return Table(path, columns, lambda row: f"line {row + 1}")
+
+
+def _first_wrong(path: Path, count: int) -> str:
+    """The first line that does not hold `count` numbers, in words."""
+    with path.open(errors="replace") as file:
+        for number, line in enumerate(file, start=1):
+            words = line.split()
+            if words and len(words) != count:
+                return f", line {number}: {len(words)} values, not {count}"
+            for word in words:
+                try:
+                    float(word)
+                except ValueError:
+                    return f", line {number}: {word[:40]!r} is not a number"
+    return ""
