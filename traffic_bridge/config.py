@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from iits_mj.errors import InputError
 from iits_mj.messages import EgoFootprint
+from traffic_bridge.checks import in_range, is_number
 from traffic_bridge.departures import Departure
 from traffic_bridge.events import Event, SlowConvoy, StoppedVehicle, VehicleChange, event_of
 from traffic_bridge.vehicle_types import VehicleType, default_types, type_from_dict
@@ -73,12 +73,14 @@ class TrafficConfig:
         if isinstance(self.density, Mapping):
             object.__setattr__(self, "mix", tuple(self.density.items()))
             for name, share in self.mix:
-                _in_range(f"density of {name}", share, 0.0, 0.5)
+                in_range(f"density of {name}", share, 0.0, 0.5)
             object.__setattr__(self, "density", float(sum(share for _, share in self.mix)))
         if isinstance(self.mix, Mapping):
             object.__setattr__(self, "mix", tuple(self.mix.items()))
+        if not _are_pairs(self.mix):
+            raise InputError(f"mix {self.mix!r}: must be names of types with their weights")
         if not isinstance(self.density, str):
-            _in_range("density", self.density, 0.0, 0.5)
+            in_range("density", self.density, 0.0, 0.5)
         elif self.density not in DENSITIES:
             raise InputError(
                 f"density {self.density!r}: allowed are {', '.join(DENSITIES)}, "
@@ -90,13 +92,13 @@ class TrafficConfig:
             )
         if self.scope not in SCOPES:
             raise InputError(f"scope {self.scope!r}: allowed are {', '.join(SCOPES)}")
-        _in_range("speed_limit", self.speed_limit, 1.0, 70.0)
-        _in_range("view_range", self.view_range, 10.0, 5_000.0)
-        _in_range("step_length", self.step_length, 0.01, 1.0)
-        _in_range("lane_change_duration", self.lane_change_duration, 0.0, 10.0)
-        _in_range("clear_distance", self.clear_distance, 20.0, 5_000.0)
-        _in_range("fill_ahead", self.fill_ahead, 0.0, 200_000.0)
-        _in_range("fill_behind", self.fill_behind, 0.0, 200_000.0)
+        in_range("speed_limit", self.speed_limit, 1.0, 70.0)
+        in_range("view_range", self.view_range, 10.0, 5_000.0)
+        in_range("step_length", self.step_length, 0.01, 1.0)
+        in_range("lane_change_duration", self.lane_change_duration, 0.0, 10.0)
+        in_range("clear_distance", self.clear_distance, 20.0, 5_000.0)
+        in_range("fill_ahead", self.fill_ahead, 0.0, 200_000.0)
+        in_range("fill_behind", self.fill_behind, 0.0, 200_000.0)
         for what, kind in (("types", VehicleType), ("events", Event), ("departures", Departure)):
             object.__setattr__(self, what, _all_of(what, getattr(self, what), kind))
         self._check_names({vehicle_type.name for vehicle_type in self.types})
@@ -109,7 +111,7 @@ class TrafficConfig:
         if not self.mix or any(name not in names for name, _ in self.mix):
             raise InputError(f"mix {self.mix!r}: the kinds are {known}")
         weights = [weight for _, weight in self.mix]
-        if any(not (math.isfinite(w) and w >= 0.0) for w in weights) or not any(weights):
+        if any(not is_number(w) or w < 0.0 for w in weights) or not any(weights):
             raise InputError(
                 f"mix {self.mix!r}: weights are zero or positive, one at least positive"
             )
@@ -171,10 +173,10 @@ class TrafficConfig:
             raise InputError(f"stored traffic configuration is not usable: {error}") from error
 
 
-def _in_range(name: str, value: object, low: float, high: float) -> None:
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not number or not low <= value <= high:  # type: ignore[operator]
-        raise InputError(f"{name} {value!r}: allowed is {low:g} to {high:g}")
+def _are_pairs(mix: Any) -> bool:
+    return isinstance(mix, (tuple, list)) and all(
+        isinstance(entry, (tuple, list)) and len(entry) == 2 for entry in mix
+    )
 
 
 def _all_of(what: str, entries: Any, kind: type) -> tuple[Any, ...]:

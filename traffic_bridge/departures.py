@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from iits_mj.errors import InputError
+from traffic_bridge.checks import in_range, is_whole
 
 
 @dataclass(frozen=True)
@@ -32,18 +33,12 @@ class Departure:
 
     def __post_init__(self) -> None:
         """Checks every value."""
-        _number("time", self.time, 0.0, 1e6)
+        in_range("departure: time", self.time, 0.0, 1e6)
         if not isinstance(self.type, str) or not self.type:
             raise InputError(f"departure: type = {self.type!r}: must be the name of a vehicle type")
-        if isinstance(self.lane, bool) or not isinstance(self.lane, int) or self.lane < 0:
+        if not is_whole(self.lane) or self.lane < 0:
             raise InputError(f"departure: lane = {self.lane!r}: must be a whole number from 0 on")
         if self.station is not None:
-            _number("station", self.station, 0.0, 1e6)
+            in_range("departure: station", self.station, 0.0, 1e6)
         if self.speed is not None:
-            _number("speed", self.speed, 0.5, 70.0)
-
-
-def _number(field: str, value: object, low: float, high: float) -> None:
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not number or not low <= value <= high:  # type: ignore[operator]
-        raise InputError(f"departure: {field} = {value!r}: allowed is {low:g} to {high:g}")
+            in_range("departure: speed", self.speed, 0.5, 70.0)

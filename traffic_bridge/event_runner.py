@@ -109,15 +109,13 @@ def _check(event: Event, controller: TrafficController) -> None:
             phases = [LightPhase(*phase) for phase in event.phases]
             controller.define_program(event.light, event.program, phases)
         case SpeedLimit():
-            controller.limits.check(event.start, event.end, event.lane)
+            controller.limits.check(event)
         case LaneClosure():
-            parts.check_closure(event.lane, event.start, event.end, event.notice)
+            parts.check_closure(event)
         case StoppedVehicle():
             parts.check(Placement("", event.type, event.lane, event.station, 0.0, Manner.STANDING))
         case SlowConvoy():
-            for placement in parts.convoy_group(
-                0, event.station, event.speed, event.lane, event.count, event.type
-            ):
+            for placement in parts.convoy_group(0, event):
                 parts.check(placement)
 
 

@@ -9,12 +9,12 @@ what they do is in `traffic_bridge.event_runner`.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from iits_mj.errors import InputError
+from traffic_bridge.checks import in_range, is_whole
 from traffic_bridge.vehicles import check_changes
 
 LONGEST = 1e6  # [m], [s]
@@ -64,14 +64,11 @@ class Event:
         """Checks the subclass's own values."""
 
     def _number(self, field: str, low: float, high: float) -> None:
-        value = getattr(self, field)
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not number or not math.isfinite(value) or not low <= value <= high:
-            raise InputError(f"{self.name}: {field} = {value!r}: allowed is {low:g} to {high:g}")
+        in_range(f"{self.name}: {field}", getattr(self, field), low, high)
 
     def _whole(self, field: str, low: int, high: int) -> None:
         value = getattr(self, field)
-        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        if not is_whole(value) or not low <= value <= high:
             raise InputError(
                 f"{self.name}: {field} = {value!r}: allowed is a whole number from {low} to {high}"
             )

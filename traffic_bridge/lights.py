@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from iits_mj.errors import InputError
+from traffic_bridge.checks import in_range, is_number, is_whole
 from traffic_bridge.events import LIGHT_LETTERS
 from traffic_bridge.lanes import RouteLanes
 from traffic_bridge.session import Session
@@ -32,10 +32,8 @@ class LightPhase:
 
     def __post_init__(self) -> None:
         """Checks both."""
-        number = isinstance(self.duration, (int, float)) and not isinstance(self.duration, bool)
-        if not number or not math.isfinite(self.duration) or not 0.1 <= self.duration <= 3600.0:
-            raise InputError(f"phase of {self.duration!r} s: allowed is 0.1 to 3600")
-        _check_state("a phase", self.state, len(self.state))
+        in_range("a phase's duration", self.duration, 0.1, 3600.0)
+        _check_state("a phase", self.state, len(str(self.state)))
 
 
 @dataclass(frozen=True)
@@ -147,7 +145,7 @@ class TrafficLights:
           InputError: no such light or phase, no program runs, or the duration is not allowed.
         """
         count = len(self.phases(light))
-        if isinstance(phase, bool) or not isinstance(phase, int) or not 0 <= phase < count:
+        if not is_whole(phase) or not 0 <= phase < count:
             raise InputError(
                 f"phase {phase!r} of traffic light {light!r}: allowed is 0 to {count - 1}"
             )
@@ -205,8 +203,8 @@ class TrafficLights:
         Raises:
           InputError: the station is not finite.
         """
-        if not math.isfinite(station):
-            raise InputError(f"station {station!r}: must be finite")
+        if not is_number(station):
+            raise InputError(f"station {station!r}: must be a finite number")
         to_come = [stop for stop in self._stops if stop[0] >= station and lane in (None, stop[1])]
         if not to_come:
             return None

@@ -13,12 +13,13 @@ import math
 from dataclasses import dataclass
 
 from iits_mj.errors import InputError
+from traffic_bridge.checks import is_number, is_whole
+from traffic_bridge.events import LONGEST, SpeedLimit
 from traffic_bridge.lanes import LaneTable, RouteLanes
 from traffic_bridge.session import Session
 from traffic_bridge.upstream import upstream
 from traffic_bridge.vehicles import Vehicles
 
-LOWEST, HIGHEST = 1.0, 70.0  # [m/s]
 # Part of the comfortable deceleration that drivers take before a sign (judgement).
 APPROACH = 0.75
 SIGHT = 400.0  # [m] before a sign in which drivers may begin to brake
@@ -31,14 +32,6 @@ class LimitPiece:
 
     start: float
     end: float
-    limit: float
-
-
-@dataclass(frozen=True)
-class _Rule:
-    start: float
-    end: float
-    lane: int | None
     limit: float
 
 
@@ -60,7 +53,7 @@ class SpeedLimits:
         self._lanes = lanes
         self._vehicles = vehicles
         self._step = step_length
-        self._rules: dict[int, _Rule] = {}
+        self._rules: dict[int, SpeedLimit] = {}
         self._numbers = itertools.count()
         self._of_map: dict[str, float] = {}
         self._pieces: dict[int, list[LimitPiece]] = {}
@@ -68,7 +61,7 @@ class SpeedLimits:
         self._held: set[str] = set()
 
     def set(
-        self, limit: float, start: float = 0.0, end: float = math.inf, lane: int | None = None
+        self, limit: float, start: float = 0.0, end: float = LONGEST, lane: int | None = None
     ) -> int:
         """Sets a limit on a stretch; of two that overlap, the later one holds.
 
@@ -82,27 +75,26 @@ class SpeedLimits:
           A number to give to `lift`.
 
         Raises:
-          InputError: the limit is not between 1 and 70 m/s, or no lane lies in the interval.
+          InputError: a value is not allowed (see `SpeedLimit`), or no lane lies in the interval.
         """
-        if not (math.isfinite(limit) and LOWEST <= limit <= HIGHEST):
-            raise InputError(f"speed limit {limit!r} m/s: allowed is {LOWEST:g} to {HIGHEST:g}")
-        self.check(start, end, lane)
+        rule = SpeedLimit(limit=limit, start=start, end=end, lane=lane)
+        self.check(rule)
         number = next(self._numbers)
-        self._rules[number] = _Rule(start, end, lane, limit)
+        self._rules[number] = rule
         self._apply()
         return number
 
-    def check(self, start: float, end: float, lane: int | None) -> None:
+    def check(self, rule: SpeedLimit) -> None:
         """Refuses a stretch on which there is no lane.
 
         Raises:
-          InputError: the stations are not in order, or no lane lies between them.
+          InputError: no lane lies between its stations.
         """
-        if math.isnan(start) or math.isnan(end) or end <= start:
-            raise InputError(f"speed limit from {start!r} to {end!r}: needs start < end")
-        if not self._lanes.within(start, end, lane):
-            which = "no lane" if lane is None else f"no lane {lane}"
-            raise InputError(f"{which} of the route between stations {start:g} and {end:g}")
+        if not self._tables(rule):
+            which = "no lane" if rule.lane is None else f"no lane {rule.lane}"
+            raise InputError(
+                f"{which} of the route between stations {rule.start:g} and {rule.end:g}"
+            )
 
     def lift(self, number: int) -> None:
         """Takes a limit away.
@@ -110,7 +102,7 @@ class SpeedLimits:
         Raises:
           InputError: there is no such limit.
         """
-        if number not in self._rules:
+        if number not in list(self._rules):
             raise InputError(f"speed limit {number!r}: there are {sorted(self._rules)}")
         del self._rules[number]
         self._apply()
@@ -126,7 +118,8 @@ class SpeedLimits:
         Raises:
           InputError: the lane does not exist there.
         """
-        table = self._lanes.find(lane, station) if math.isfinite(station) else None
+        known = is_number(station) and is_whole(lane)
+        table = self._lanes.find(lane, station) if known else None
         if table is None:
             raise InputError(f"lane {lane!r} does not exist at station {station!r}")
         for piece in self._pieces.get(lane, ()):
@@ -241,5 +234,5 @@ class SpeedLimits:
                 pieces.append(LimitPiece(start, end, limits[-1]))
         return pieces
 
-    def _tables(self, rule: _Rule) -> list[LaneTable]:
+    def _tables(self, rule: SpeedLimit) -> list[LaneTable]:
         return self._lanes.within(rule.start, rule.end, rule.lane)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import itertools
-import math
 
 from iits_mj.errors import InputError
 from traffic_bridge.config import TrafficConfig
+from traffic_bridge.events import LaneClosure, SlowConvoy, StoppedVehicle
 from traffic_bridge.lanes import RouteLanes
 from traffic_bridge.merging import MergeGuide, Obstacle, check_obstacle
 from traffic_bridge.scripted import Manner, Placement, ScriptedVehicles
@@ -66,7 +66,7 @@ class Obstructions:
         Raises:
           InputError: the interval is not on the route, or the lane does not exist there.
         """
-        obstacle = self.check_closure(lane, start, end, notice)
+        obstacle = self.check_closure(LaneClosure(lane=lane, start=start, end=end, notice=notice))
         number = next(self._numbers)
         kind = self._blocker()
         first = start + kind.length
@@ -91,17 +91,13 @@ class Obstructions:
         self._closures[number] = self._guide.add(obstacle), names
         return number
 
-    def check_closure(self, lane: int, start: float, end: float, notice: float) -> Obstacle:
+    def check_closure(self, closure: LaneClosure) -> Obstacle:
         """The obstacle that a closure is.
 
         Raises:
-          InputError: the interval is not on the route, or the lane does not exist there.
+          InputError: the lane does not exist where it begins or ends.
         """
-        if not (math.isfinite(start) and math.isfinite(end) and end > start):
-            raise InputError(f"closure from {start!r} to {end!r}: needs start < end, finite")
-        if not (math.isfinite(notice) and notice >= 0.0):
-            raise InputError(f"closure: notice {notice!r} m: must be finite and not negative")
-        obstacle = Obstacle(lane, start, end, notice)
+        obstacle = Obstacle(closure.lane, closure.start, closure.end, closure.notice)
         check_obstacle(obstacle, self._lanes)
         return obstacle
 
@@ -115,7 +111,7 @@ class Obstructions:
         Raises:
           InputError: there is no such closure.
         """
-        if number not in self._closures:
+        if number not in list(self._closures):
             raise InputError(f"closure {number!r}: there are {sorted(self._closures)}")
         obstacle, names = self._closures.pop(number)
         self._guide.remove(obstacle)
@@ -142,6 +138,10 @@ class Obstructions:
         Raises:
           InputError: the lane does not exist there, or the type is unknown.
         """
+        # The event's class knows what is allowed.
+        StoppedVehicle(
+            station=station, lane=lane, type=type, notice=0.0 if notice is None else notice
+        )
         number = next(self._numbers)
         kind = self._config.type_of(type)
         name = f"stopped.{number}"
@@ -170,28 +170,27 @@ class Obstructions:
         Raises:
           InputError: the lane does not exist there, or the type is unknown.
         """
-        group = self.convoy_group(next(self._numbers), station, speed, lane, count, type)
+        convoy = SlowConvoy(station=station, speed=speed, lane=lane, count=count, type=type)
+        number = next(self._numbers)
+        group = self.convoy_group(number, convoy)
         self._scripted.place(group)
-        number = int(group[0].name.split(".")[1])
         self._groups[number] = [placement.name for placement in group], type, None
         return number
 
-    def convoy_group(
-        self, number: int, station: float, speed: float, lane: int, count: int, type: str
-    ) -> list[Placement]:
+    def convoy_group(self, number: int, convoy: SlowConvoy) -> list[Placement]:
         """The places of a convoy's vehicles, the first one first."""
-        kind = self._config.type_of(type)
-        spacing = kind.length + kind.minimum_gap + speed * CONVOY_HEADWAY
+        kind = self._config.type_of(convoy.type)
+        spacing = kind.length + kind.minimum_gap + convoy.speed * CONVOY_HEADWAY
         return [
             Placement(
                 f"convoy.{number}.{k:02d}",
-                type,
-                lane,
-                station - k * spacing,
-                speed,
+                convoy.type,
+                convoy.lane,
+                convoy.station - k * spacing,
+                convoy.speed,
                 Manner.KEEPING_LANE,
             )
-            for k in range(count)
+            for k in range(convoy.count)
         ]
 
     def release(self, number: int) -> None:
@@ -200,7 +199,7 @@ class Obstructions:
         Raises:
           InputError: there is no such vehicle or convoy.
         """
-        if number not in self._groups:
+        if number not in list(self._groups):
             raise InputError(f"scripted vehicles {number!r}: there are {sorted(self._groups)}")
         names, type_name, warned = self._groups.pop(number)
         if warned is not None:

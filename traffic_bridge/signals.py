@@ -10,6 +10,7 @@ from traffic_bridge.config import TrafficConfig
 from traffic_bridge.demand import MOBIL_MODE
 from traffic_bridge.departures import Departure
 from traffic_bridge.event_runner import EventRunner
+from traffic_bridge.events import LONGEST
 from traffic_bridge.lanes import RouteLanes
 from traffic_bridge.lights import LightAhead, LightPhase, TrafficLights
 from traffic_bridge.limits import SpeedLimits
@@ -124,7 +125,7 @@ class TrafficController:
     # Speed limits ------------------------------------------------------------------------------
 
     def set_speed_limit(
-        self, limit: float, start: float = 0.0, end: float = math.inf, lane: int | None = None
+        self, limit: float, start: float = 0.0, end: float = LONGEST, lane: int | None = None
     ) -> int:
         """Sets a limit on a stretch of the route; a number for `lift_speed_limit` comes back.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import re
 import tomllib
 import zlib
@@ -17,6 +16,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from iits_mj.errors import InputError
+from traffic_bridge.checks import is_number
 
 KINDS = ("car", "van", "truck", "articulated")
 HEAVY = ("truck", "articulated")
@@ -97,7 +97,7 @@ class VehicleType:
             if entry.name in ("name", "look", "colors"):
                 continue
             value = getattr(self, entry.name)
-            if not _is_number(value) or value < 0.0:
+            if not is_number(value) or value < 0.0:
                 raise InputError(f"{self.name}.{entry.name} = {value!r}: must be zero or positive")
         for name in (
             *("length", "width", "height", "acceleration", "deceleration", "time_headway"),
@@ -224,7 +224,7 @@ def check_color(name: str, color: object) -> Color:
     if (
         not isinstance(color, (tuple, list))
         or len(color) != 3
-        or any(not _is_number(value) or not 0.0 <= value <= 1.0 for value in color)
+        or any(not is_number(value) or not 0.0 <= value <= 1.0 for value in color)
     ):
         raise InputError(f"{name}: color {color!r}: must be red, green, blue, each from 0 to 1")
     return float(color[0]), float(color[1]), float(color[2])
@@ -234,10 +234,6 @@ def _colors(name: str, colors: object) -> tuple[Color, ...]:
     if not isinstance(colors, (tuple, list)) or not colors:
         raise InputError(f"{name}.colors = {colors!r}: must be a list of at least one color")
     return tuple(check_color(name, color) for color in colors)
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _table(path: Path) -> dict[str, Any]:

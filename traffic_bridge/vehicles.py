@@ -8,6 +8,7 @@ from collections.abc import Callable, KeysView
 from typing import TYPE_CHECKING, Any
 
 from iits_mj.errors import InputError
+from traffic_bridge.checks import is_number
 from traffic_bridge.vehicle_types import (
     HEAVY,
     KINDS,
@@ -320,8 +321,7 @@ def check_changes(target: str, values: dict[str, Any]) -> None:
         if name == "color":
             check_color(target, value)
             continue
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not number or not math.isfinite(value) or value < 0.0:
+        if not is_number(value) or value < 0.0:
             raise InputError(f"{target}.{name} = {value!r}: must be finite and not negative")
         if name in _POSITIVE and value == 0.0:
             raise InputError(f"{target}.{name} = {value!r}: must be positive")

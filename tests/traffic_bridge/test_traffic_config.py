@@ -19,6 +19,14 @@ from traffic_bridge import KINDS, TrafficConfig, default_types
         ({"mix": {"tank": 1.0}}, "the kinds are"),
         ({"mix": {"car": 0.0}}, "at least positive"),
         ({"view_range": math.inf}, "view_range"),
+        ({"density": True}, "0 to 0.5"),
+        ({"density": {"car": math.nan}}, "density of car = nan"),
+        ({"density": {"tram": 0.1}}, "the kinds are car"),
+        ({"mix": 3}, "must be names of types with their weights"),
+        ({"mix": (("car",),)}, "must be names of types with their weights"),
+        ({"mix": {"car": "much"}}, "zero or positive"),
+        ({"types": ()}, "at least one"),
+        ({"types": 3}, "must be a sequence of VehicleType"),
     ],
 )
 def test_unusable_settings_are_refused_with_what_is_allowed(values, text):

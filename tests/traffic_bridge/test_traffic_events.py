@@ -234,6 +234,30 @@ def test_events_that_do_not_fit_the_route_are_refused_before_the_drive(events, t
         traffic.reset()
 
 
+def test_wrong_calls_of_the_controller_are_refused_and_leave_the_traffic_running(road):
+    with PureSim(road, TrafficConfig(density="empty")) as traffic:
+        traffic.reset()
+        signals = traffic.signals
+        for wrong, text in [
+            (lambda: signals.close_lane(0, 100.0, 9e5), "lane 0 does not exist at station"),
+            (lambda: signals.close_lane(None, 100.0, 200.0), "lane = None: allowed is"),
+            (lambda: signals.close_lane(0, "a", 200.0), "start = 'a': allowed is"),
+            (lambda: signals.close_lane(0, 100.0, 200.0, math.nan), "notice = nan"),
+            (lambda: signals.stop_vehicle(math.nan), "station = nan"),
+            (lambda: signals.stop_vehicle(3.0), "lane 0 does not exist at station -1.7"),
+            (lambda: signals.stop_vehicle(500.0, type="tram"), "allowed are car"),
+            (lambda: signals.stop_vehicle(500.0, notice=math.nan), "notice = nan"),
+            (lambda: signals.convoy(500.0, math.nan), "speed = nan"),
+            (lambda: signals.convoy(500.0, 5.0, count=0), "count = 0"),
+            (lambda: signals.convoy(500.0, 5.0, count=90), "truck at station .* does not exist"),
+            (lambda: signals.open_lane("x"), r"closure 'x': there are \[\]"),
+            (lambda: signals.release([1]), r"scripted vehicles \[1\]: there are \[\]"),
+        ]:
+            with pytest.raises(InputError, match=text):
+                wrong()
+        assert len(traffic.step()) == 0
+
+
 def test_events_are_read_from_a_file(tmp_path):
     path = tmp_path / "events.toml"
     path.write_text(

@@ -156,9 +156,9 @@ def test_wrong_use_of_a_light_is_refused_with_what_is_allowed(traffic):
         (lambda: lights.define_program("4", "0", [LightPhase(1.0, "r" * 12)]), "has a program"),
         (lambda: lights.define_program("4", "a", []), "has no phase"),
         (lambda: lights.define_program("4", "a", [LightPhase(1.0, "r")]), "12 letters"),
-        (lambda: LightPhase(float("nan"), "r"), "nan s: allowed is 0.1 to 3600"),
+        (lambda: LightPhase(float("nan"), "r"), "nan: allowed is 0.1 to 3600"),
         (lambda: LightPhase(1.0, "z"), "letters of"),
-        (lambda: lights.ahead(float("inf")), "must be finite"),
+        (lambda: lights.ahead(float("inf")), "must be a finite number"),
     ]:
         with pytest.raises(InputError, match=text):
             wrong()

@@ -103,10 +103,12 @@ def test_impossible_limits_are_refused_with_what_is_allowed(road):
         for arguments, text in [
             ((math.nan,), "1 to 70"),
             ((0.0,), "1 to 70"),
-            ((9.0, 50.0, 20.0), "needs start < end"),
-            ((9.0, math.nan, 20.0), "needs start < end"),
+            ((9.0, 50.0, 20.0), "start = 50 m must be before end = 20 m"),
+            ((9.0, math.nan, 20.0), "start = nan"),
+            (("fast",), "limit = 'fast'"),
             ((9.0, 0.0, 20.0, 8), "no lane 8"),
             ((9.0, 5000.0, 6000.0), "no lane of the route"),
+            ((9.0, 0.0, 20.0, "left"), "lane = 'left'"),
         ]:
             with pytest.raises(InputError, match=text):
                 signals.set_speed_limit(*arguments)
