@@ -9,7 +9,6 @@ from functools import lru_cache
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.demand import MOBIL_MODE
 from traffic_bridge.lane_graph import Lane, LaneGraph, Occupancy, Onward, Place, decide
-from traffic_bridge.lanes import RouteLanes
 from traffic_bridge.mobil import Driver
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles import Vehicles, VehicleType
@@ -28,15 +27,11 @@ class LaneChanger:
 
     Args:
       session: the running SUMO.
-      lanes: of the route.
       vehicles: what each vehicle is.
       config: with the step length and the kinds of vehicles.
     """
 
-    def __init__(
-        self, session: Session, lanes: RouteLanes, vehicles: Vehicles, config: TrafficConfig
-    ) -> None:
-        del lanes
+    def __init__(self, session: Session, vehicles: Vehicles, config: TrafficConfig) -> None:
         self._api = session.api
         self._graph = LaneGraph.read(session.api)
         self._vehicles = vehicles
@@ -50,14 +45,12 @@ class LaneChanger:
         """Drops a vehicle that has left."""
         self._changed.pop(name, None)
 
-    def step(self, time: float, with_ego: bool) -> None:
+    def step(self, time: float) -> None:
         """One traffic step; a round of decisions when it is due.
 
         Args:
           time: of the traffic [s].
-          with_ego: the truck is in the traffic; SUMO knows it then.
         """
-        del with_ego
         self._until -= self._config.step_length
         if self._until > 1e-9:
             return

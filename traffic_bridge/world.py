@@ -78,7 +78,7 @@ class World:
             lane_change_duration=config.lane_change_duration,
         )
         self._lane_changer = (
-            LaneChanger(self.session, lanes, self.vehicles, config)
+            LaneChanger(self.session, self.vehicles, config)
             if config.lane_change == "mobil"
             else None
         )
@@ -115,7 +115,7 @@ class World:
             self._demand.spawn(station)
             self.signals.step(self.time, station)
             if self._lane_changer is not None:
-                self._lane_changer.step(self.time, self._with_ego and ego is not None)
+                self._lane_changer.step(self.time)
             if self.guests is not None:
                 self.guests.place(self.time + self.config.step_length)
         if self._with_ego and ego is not None:
