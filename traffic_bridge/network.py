@@ -28,6 +28,7 @@ TURN_ACCELERATION = 3.0
 OPENDRIVE_OPTIONS = (
     "--no-turnarounds",
     "--output.original-names",
+    "--opendrive.internal-shapes",
     "--opendrive.curve-resolution",
     "1",
     "--geometry.max-grade",
