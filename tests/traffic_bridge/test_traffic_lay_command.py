@@ -1,16 +1,10 @@
 """`iits-mj lay` at the command line."""
 
-import sys
-from pathlib import Path
-
 import pytest
+import synthetic_sets as sets
 
 from iits_mj.cli import main
 from traffic_bridge import Recording
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "traffic_bridge"))
-
-import synthetic_sets as sets
 
 
 def test_lay_writes_a_recording_and_says_what_it_did(tmp_path, capsys):
