@@ -190,16 +190,14 @@ class Demand:
     def _spawn_elsewhere(
         self, trips: MapDemand, probability: float, ego_station: float | None
     ) -> None:
-        for entrance in trips.entrances:
-            arrivals = self._map_rng.random(len(entrance)) < probability
-            for lane, arrives in zip(entrance, arrivals, strict=True):
-                if not arrives:
-                    continue
-                kind, desired = self._draw(lane.index, self._map_rng)
-                trip = trips.trip(lane, self._map_rng)
-                table = self._lanes.table(lane.id)
-                if not self._is_near(ego_station, float(table.station[0]), float(table.offset[0])):
-                    self._add_trip(kind, desired, trip, lane, "base")
+        arrivals = self._map_rng.random(len(trips.entrances)) < probability
+        for k in np.flatnonzero(arrivals).tolist():
+            lane = trips.entrances[k]
+            kind, desired = self._draw(lane.index, self._map_rng)
+            trip = trips.trip(lane, self._map_rng)
+            table = self._lanes.table(lane.id)
+            if not self._is_near(ego_station, float(table.station[0]), float(table.offset[0])):
+                self._add_trip(kind, desired, trip, lane, "base")
 
     def _fill_elsewhere(self, trips: MapDemand, lane: NetLane, low: float, high: float) -> None:
         config, rng = self._config, self._map_rng

@@ -31,11 +31,10 @@ class MapDemand:
         self._ways: dict[str, tuple[tuple[str, ...], ...]] = {}
 
     @cached_property
-    def entrances(self) -> tuple[tuple[NetLane, ...], ...]:
+    def entrances(self) -> tuple[NetLane, ...]:
         """Lanes of every entrance of the map, the route's own beginning left out."""
         names = (name for name in self._paths.entrances if name not in self._route_edges)
-        found = (self._lanes(name) for name in names)
-        return tuple(lanes for lanes in found if lanes)
+        return tuple(lane for name in names for lane in self._lanes(name))
 
     @cached_property
     def elsewhere(self) -> tuple[NetLane, ...]:

@@ -185,7 +185,7 @@ class MapNetwork:
         """The quickest path from every entrance to every exit that can be reached from it."""
         return self.paths.routes()
 
-    def path(self, start: str | Place, end: str | Place) -> MapPath:
+    def path(self, start: str | Place | None, end: str | Place | None) -> MapPath:
         """The quickest path between two edges (or the edges of two places).
 
         Raises:
@@ -193,7 +193,7 @@ class MapNetwork:
         """
         return self.paths.path(_edge(start), _edge(end))
 
-    def reachable(self, start: str | Place) -> frozenset[str]:
+    def reachable(self, start: str | Place | None) -> frozenset[str]:
         """Edges one can come to from an edge (or from the edge of a place), itself included.
 
         Raises:
@@ -217,9 +217,11 @@ class MapNetwork:
         )  # fmt: skip
 
 
-def _edge(place: str | Place) -> str:
+def _edge(place: str | Place | None) -> str:
     if isinstance(place, str):
         return place
+    if place is None:
+        raise InputError("there is no place to go from or to: the point lies beside every road")
     if not place.edge or place.edge.startswith(":"):
         raise InputError(
             f"the place on lane {place.lane} of road {place.road!r} at {place.station:g} m is on "

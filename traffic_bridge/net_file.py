@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from functools import lru_cache
@@ -179,8 +180,8 @@ def _lane(item: Element, edge: str) -> NetLane:
     for parameter in item.findall("param"):
         if parameter.get("key") == ORIGIN:
             # Several names are lanes that netconvert joined; the first one begins here.
-            road, _, lane = parameter.get("value", "").split()[0].rpartition("_")
-            origin = (road, int(lane))
+            name = re.match(r"(.+?)_(-?\d+)(?: |$)", parameter.get("value", ""))
+            origin = (name[1], int(name[2])) if name else None
     return NetLane(
         id=item.attrib["id"],
         edge=edge,

@@ -10,7 +10,7 @@ import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from pathlib import Path
 
-from iits_mj.errors import MapError, TrafficError
+from iits_mj.errors import InputError, MapError, TrafficError
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.road_map import MAPS
 from iits_mj.road.route import USABLE_LANE_WIDTH
@@ -74,10 +74,13 @@ def build_network(source: RoadMap | Route) -> Network:
     move it into place whole.
 
     Raises:
+      InputError: it is neither a map nor a route.
       MapError: netconvert cannot use the map; the message gives its reason.
       TrafficError: netconvert is missing or the cache folder cannot be written.
     """
     road_map = source.road_map if isinstance(source, Route) else source
+    if not isinstance(road_map, RoadMap):
+        raise InputError(f"a network is made of a RoadMap or a Route, not of {source!r}")
     shipped = road_map.path.with_suffix(".net.xml")
     # Only the maps that come with the package bring a net that is sure to belong to them.
     if road_map.path.resolve().parent == MAPS.resolve() and shipped.is_file():

@@ -195,6 +195,8 @@ def test_a_lane_that_closes_is_nobody_s_once_it_is_narrow(merge):
         (lambda n: n.place("1", -1, math.nan), "nan"),
         (lambda n: n.place("1", -1, 1.0, math.inf), "finite"),
         (lambda n: n.place_on("-1_0", 999.0), "position"),
+        (lambda n: n.path(n.locate(0.0, 900.0), "-1"), "beside every road"),
+        (lambda n: MapNetwork.of("map.xodr"), "not of 'map.xodr'"),
         (lambda n: n.path(n.place("10", -1, 5.0), "-1"), "no edge of its own"),
     ],
 )
