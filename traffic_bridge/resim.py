@@ -83,8 +83,8 @@ def difference(recorded: VehicleFrame, found: VehicleFrame) -> str:
     row, column = np.argwhere(apart)[0]
     name = (*COLUMNS, "length", "width", "height")[column]
     return (
-        f"{name} of vehicle {recorded.ids[row]!r} is {found.values[row, column]!r}, "
-        f"recorded {recorded.values[row, column]!r}"
+        f"{name} of vehicle {recorded.ids[row]!r} is {float(found.values[row, column])!r}, "
+        f"recorded {float(recorded.values[row, column])!r}"
     )
 
 

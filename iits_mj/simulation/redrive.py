@@ -153,7 +153,7 @@ def _compare_truck(recording: Recording, k: int, ego: EgoState, state_hash: int)
         place = int(np.argmax(apart))
         raise RedriveError(
             f"the truck differs first at t = {recording.time[k]:.2f} s: {EGO_COLUMNS[place]} is "
-            f"{now[place]!r}, recorded {then[place]!r}"
+            f"{float(now[place])!r}, recorded {float(then[place])!r}"
         )
     if k < len(recording.truck_hash) and int(recording.truck_hash[k]) != state_hash:
         raise RedriveError(
