@@ -90,13 +90,12 @@ class Fleet:
 
     def take(self, frame: VehicleFrame, rows: IntArray) -> None:
         """Reads where the vehicles are: their rows in a new frame, in the order of the slots."""
-        state = state_of(frame, rows)
-        self._trend = trend(state, self._state, self._step_length)
-        self._state = state
+        self._before, self._state = self._state, state_of(frame, rows)
+        self._trend: FloatArray | None = None
         if self._joint:
             places = [
                 (x, y, yaw, rate / speed if speed > CRAWL else 0.0)
-                for x, y, _, yaw, _, _, rate, speed, *_ in state[:, self._single :].T.tolist()
+                for x, y, _, yaw, _, _, rate, speed, *_ in self._state[:, self._single :].T.tolist()
             ]
             self._trailer_yaw = self._memory.follow(
                 self._names[self._single :], self._joint, places
@@ -104,7 +103,7 @@ class Fleet:
 
     def move(self, elapsed: float) -> None:
         """Computes where the units are some time after the frame [s]."""
-        now = moved(self._state, self._trend, elapsed, self._step_length)
+        now = self._moved(elapsed) if elapsed != 0.0 else self._state[:6]
         k, count = self._single, now.shape[1]
         self.position[:k] = now[:3, :k].T
         self.quaternion[:k] = quaternions(now[3:, :k]).T
@@ -119,6 +118,11 @@ class Fleet:
         self.position[k:count] = self.position[count:] = [kingpin for kingpin, _, _ in places]
         self.quaternion[k:count] = [tractor for _, tractor, _ in places]
         self.quaternion[count:] = [trailer for _, _, trailer in places]
+
+    def _moved(self, elapsed: float) -> FloatArray:
+        if self._trend is None:
+            self._trend = trend(self._state, self._before, self._step_length)
+        return moved(self._state, self._trend, elapsed, self._step_length)
 
     def _trailer(self, number: int, elapsed: float, pose: Pose) -> float:
         """Yaw of a semitrailer whose box has moved since the frame [rad]."""

@@ -72,8 +72,6 @@ def moved(state: FloatArray, trend: FloatArray, elapsed: float, step_length: flo
     Returns:
       x, y, z [m], yaw, pitch, roll [rad], shape (6, n).
     """
-    if elapsed == 0.0:
-        return state[:6]
     yaw, pitch, yaw_rate, speed, acceleration, lateral = state[[3, 4, 6, 7, 8, 9]]
     way = elapsed * trend[0] * (speed + 0.5 * acceleration * (step_length + elapsed))
     if elapsed > 0.0:

@@ -13,6 +13,7 @@ from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, Simulation, gaps
 from traffic_bridge import Mirror, VehicleFrame
 from traffic_bridge.contact import Outline, may_touch, separation
+from traffic_bridge.mirror import DEFAULT_POOL
 
 
 def test_contact_names_the_pair_and_exerts_no_force(straight):
@@ -158,14 +159,16 @@ def test_whoever_touches_within_the_time_was_announced():
     assert announced < 200
 
 
-def test_neighbors_beside_the_truck_do_not_slow_its_steps_down(driven):
+def test_a_full_pool_beside_the_truck_makes_no_contacts_and_needs_no_closer_look(driven):
     route, mirror, truck = driven
     mirror.bind(truck.model)
     ego = truck.reset(station=200.0, offset=0.0, speed=15.0)
-    truck.observe()
-    beside = [vehicle(f"v{i}", route, 180.0 + 8.0 * i, 3.5, speed=17.0) for i in range(6)]
-    beside += [vehicle(f"w{i}", route, 215.0 + 9.0 * i, speed=15.5) for i in range(3)]
-    mirror.update(truck.data, beside, (ego.x, ego.y))
+    kinds = [kind for kind, count in DEFAULT_POOL.items() for _ in range(count)]
+    beside = [
+        vehicle(f"v{i:02}", route, 150.0 + 18.0 * (i % 6), 3.5 * (i // 6 + 1), kind, speed=17.0)
+        for i, kind in enumerate(kinds)
+    ]
+    assert mirror.update(truck.data, beside, (ego.x, ego.y)) == 27
     mujoco.mj_forward(truck.model, truck.data)
     assert not mirror.may_touch(truck.data, 0.1)
     assert truck.data.ncon == 0
