@@ -146,23 +146,24 @@ class RoadFrame:
         sense = 1.0 if next(iter(lanes.values())) < 0 else -1.0
         shift = sense * np.broadcast_to(np.asarray(offset, dtype=float), s.shape)
         sections = self._sections_of(lanes, s)
-        around = []
-        for step in (-HALF_STEP, 0.0, HALF_STEP):
-            t = np.empty_like(s)
-            for i in np.unique(sections):
-                chosen = sections == i
-                t[chosen] = self.center(lanes[int(i)], s[chosen] + step, int(i))
-            around.append(self.surface(s + step, t + shift))
-        before, here, after = around
-        dx, dy = sense * (after.x - before.x), sense * (after.y - before.y)
+        places = s + np.array([[-HALF_STEP], [0.0], [HALF_STEP]])
+        t = np.empty_like(places)
+        for i, lane in lanes.items():
+            chosen = sections == i
+            if chosen.all():
+                t = self.center(lane, places, i)
+                break
+            t[:, chosen] = self.center(lane, places[:, chosen], i)
+        point = self.surface(places, t + shift)
+        dx, dy = sense * (point.x[2] - point.x[0]), sense * (point.y[2] - point.y[0])
         way = np.maximum(np.hypot(dx, dy), 1e-9)
         return SurfacePoint(
-            here.x,
-            here.y,
-            here.z,
+            point.x[1],
+            point.y[1],
+            point.z[1],
             np.arctan2(dy, dx),
-            sense * (after.z - before.z) / way,
-            sense * here.superelevation,
+            sense * (point.z[2] - point.z[0]) / way,
+            sense * point.superelevation[1],
         )
 
     def nearest_lane(self, section: int, s: float, t: float, named: int) -> int:

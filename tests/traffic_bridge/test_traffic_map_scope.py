@@ -1,4 +1,3 @@
-import math
 from pathlib import Path
 
 import numpy as np
@@ -38,26 +37,27 @@ class Watch:
     def __init__(self, road_map):
         self._network = MapNetwork.of(road_map)
         self._collisions = load_libsumo().simulation.getCollisions
-        self._before = {}
+        self._before, self._place = {}, np.empty((0, 3))
         self.seen = {}
 
     def look(self, frame, check_places):
         assert not self._collisions()
-        now = {vehicle.id: vehicle for vehicle in frame}
-        for name, vehicle in now.items():
-            assert np.all(np.isfinite([vehicle.x, vehicle.y, vehicle.z, vehicle.yaw]))
-            before = self._before.get(name)
-            if before is not None:
-                moved = math.dist((vehicle.x, vehicle.y), (before.x, before.y))
-                # SUMO moves by the new speed; a box turns about its middle, lanes are not exact.
-                assert abs(moved - STEP * vehicle.speed) < 0.2, (name, moved, vehicle)
-                assert abs(vehicle.z - before.z) <= 0.2 * moved + 0.01
-            if check_places:
-                place = self._network.locate(vehicle.x, vehicle.y, vehicle.yaw, vehicle.z)
-                assert place is not None, vehicle
-                assert self._network.point(place).z == pytest.approx(vehicle.z, abs=0.03)
-                self.seen.setdefault(name, []).append(place)
-        self._before = now
+        assert np.all(np.isfinite(frame.values))
+        now = {name: k for k, name in enumerate(frame.ids)}
+        both = [name for name in now if name in self._before]
+        k = [now[name] for name in both]
+        step = np.array([frame.values[i, :3] - self._place[self._before[name]]
+                         for i, name in zip(k, both, strict=True)]).reshape(-1, 3)  # fmt: skip
+        moved = np.hypot(step[:, 0], step[:, 1])
+        # SUMO moves by the new speed; a box turns about its middle, lanes are not exact.
+        assert np.all(np.abs(moved - STEP * frame.column("speed")[k]) < 0.2)
+        assert np.all(np.abs(step[:, 2]) <= 0.2 * moved + 0.01)
+        self._before, self._place = now, frame.values[:, :3]
+        for vehicle in frame if check_places else ():
+            place = self._network.locate(vehicle.x, vehicle.y, vehicle.yaw, vehicle.z)
+            assert place is not None, vehicle
+            assert self._network.point(place).z == pytest.approx(vehicle.z, abs=0.03)
+            self.seen.setdefault(vehicle.id, []).append(place)
 
 
 def drive(road_map, seconds, settings, seed=1, speed=8.0):
