@@ -9,11 +9,18 @@ from pathlib import Path
 
 import pytest
 from articulated_truck import ArticulatedTruck
+from merge_map import write_merge_map
 from scripted_truck import overlap, vehicle_box
 
-from iits_mj.road import Route
+from iits_mj.road import RoadMap, Route
 from traffic_bridge import InterSim, PureSim, TrafficConfig, default_types
+from traffic_bridge.lane_graph import Occupancy
+from traffic_bridge.mobil import idm_acceleration
 
+LIGHTS = (
+    Path(__file__).resolve().parents[2]
+    / "../shared/data/xodr/esmini_fabriksgatan_traffic_lights.xodr"
+)
 MODELS = ("lc2013", "mobil")
 both_models = pytest.mark.parametrize("lane_change", MODELS)
 
@@ -253,6 +260,87 @@ def test_keep_right_traffic_uses_the_right_lane_more_than_symmetric_traffic():
                     total += len(vehicles)
         shares.append(right / total)
     assert shares[1] > shares[0] + 0.1
+
+
+def test_mobil_counts_with_the_accelerations_by_which_sumo_drives(highway):
+    # In bends and over the ends of edges, too.
+    config = TrafficConfig(
+        density=0.3, lane_change="mobil", fill_ahead=2000.0, lane_change_duration=0.0
+    )
+    worst, behind_others = 0.0, 0
+    with PureSim(highway, config, seed=1) as traffic:
+        traffic.reset()
+        rounds = traffic._running._lane_changer
+        rounds._until = math.inf  # nobody is moved
+        for _ in range(50):
+            occupancy = Occupancy(rounds._graph, rounds._places())
+            predicted = {}
+            for name, place in occupancy.places.items():
+                around = occupancy.surroundings(place, place.lane)
+                predicted[name] = idm_acceleration(
+                    place.driver, around.gap_ahead, around.speed_ahead
+                )
+                behind_others += around.gap_ahead < 100.0
+            for v in traffic.step():
+                if v.id in predicted:
+                    worst = max(worst, abs(v.acceleration - predicted[v.id]))
+    assert behind_others > 500
+    # SUMO does not look beyond some 200 m, where a leader counts next to nothing.
+    assert worst < 0.005
+
+
+@both_models
+def test_traffic_merges_where_a_ramp_joins_and_lanes_end(lane_change, tmp_path):
+    route = write_merge_map(tmp_path / "merge.xodr").route()
+    config = TrafficConfig(
+        density=0.1, lane_change=lane_change, speed_limit=20.0, scope="map", fill_ahead=3000.0
+    )
+    standing: dict[str, int] = {}
+    arrived = set()
+    with PureSim(route, config, seed=1) as traffic:
+        traffic.reset()
+        api = traffic._running.session.api
+        for _ in range(450):
+            for v in traffic.step():
+                standing[v.id] = standing.get(v.id, 0) + 1 if v.speed < 0.1 else 0
+                assert standing[v.id] < 50, v
+                if v.station > route.length - 100.0:
+                    arrived.add(v.id)
+            assert not api.simulation.getCollidingVehiclesIDList()
+    assert len(arrived) > 5
+
+
+@both_models
+def test_nobody_crosses_the_stop_line_of_a_red_light_and_the_queue_goes_at_green(lane_change):
+    if not LIGHTS.is_file():
+        pytest.skip(f"{LIGHTS.name} is not here")
+    route = RoadMap.from_opendrive(LIGHTS).route()
+    config = TrafficConfig(density=0.2, lane_change=lane_change, speed_limit=10.0)
+    with PureSim(route, config, seed=1) as traffic:
+        vehicles = traffic.reset()
+        ahead = traffic.signals.light_ahead(0.0)
+        assert ahead is not None
+        for light in traffic.signals.lights():
+            traffic.signals.set_state(light, "r")
+        before = {v.id for v in vehicles if front(v) < ahead.station}
+        for _ in range(300):
+            for v in traffic.step():
+                assert v.id not in before or v.lane < 0 or front(v) < ahead.station, v
+                if v.lane >= 0 and front(v) < ahead.station:
+                    before.add(v.id)
+        queue = [v for v in traffic.step() if v.id in before and v.lane >= 0 and v.speed < 0.1]
+        assert len(queue) >= 3
+        first = {v.id for v in sorted(queue, key=front)[-3:]}
+        for light in traffic.signals.lights():
+            traffic.signals.set_state(light, "G")
+        for _ in range(150):
+            vehicles = traffic.step()
+        assert not any(v.id in first and front(v) < ahead.station for v in vehicles)
+
+
+def front(vehicle):
+    """Station of the front bumper of a vehicle that drives along the route."""
+    return vehicle.station + 0.5 * vehicle.length
 
 
 # One seed, one result ----------------------------------------------------------------------------
