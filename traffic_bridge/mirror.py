@@ -70,6 +70,9 @@ class Mirror:
     ) -> None:
         # Those of two units are the last, as the fleet wants them.
         types = sorted(types or default_types(), key=lambda kind: kind.look == "articulated")
+        names = [kind.name for kind in types]
+        if len(set(names)) != len(names):
+            raise InputError(f"types {', '.join(names)}: each name may be there once")
         counts = _counts(DEFAULT_POOL if pool is None else pool, types, shared=pool is None)
         for name, value in (("view_range", view_range), ("step_length", step_length)):
             if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0.0):
@@ -136,6 +139,7 @@ class Mirror:
         vehicles: Iterable[TrackedVehicle] | None,
         ego_xy: tuple[float, float],
         elapsed: float = 0.0,
+        now: VehicleFrame | None = None,
     ) -> int:
         """Puts the bodies where the vehicles are.
 
@@ -146,15 +150,18 @@ class Mirror:
           ego_xy: of the truck, in the map frame [m]; the nearest vehicles are shown.
           elapsed: time since that traffic step [s]; see `motion.moved`. Minus one step to 0 gives
             what was before.
+          now: who is known to be where at this very instant, as of a replay; others are moved on.
 
         Returns:
           The number of vehicles shown.
 
         Raises:
-          InputError: the mirror is not bound, or a figure of a vehicle is not finite.
+          InputError: the mirror is not bound, or a figure is not finite.
         """
         if self._finder is None:
             raise InputError("call mirror.bind(model) before update")
+        if not math.isfinite(elapsed + ego_xy[0] + ego_xy[1]):
+            raise InputError(f"ego_xy {ego_xy!r}, elapsed {elapsed!r}: must be finite")
         if vehicles is not None:
             frame = VehicleFrame.of(vehicles)
             changed = self._slots.assign(frame, *ego_xy)
@@ -165,7 +172,7 @@ class Mirror:
                 self._show_others()
             self._fleet.take(frame, self._slots.rows)
         if self._index.size:
-            self._fleet.move(elapsed)
+            self._fleet.move(elapsed, now)
             data.mocap_pos[self._index] = self._fleet.position
             data.mocap_quat[self._index] = self._fleet.quaternion
         return len(self._slots.taken)
@@ -244,6 +251,8 @@ def _counts(pool: Mapping[str, int], types: Sequence[VehicleType], *, shared: bo
     if shared:
         looks = [kind.look for kind in types]
         return [-(-pool[kind.look] // looks.count(kind.look)) for kind in types]
+    if not isinstance(pool, Mapping):
+        raise InputError(f"pool {pool!r}: give numbers of slots by name of type, {{'car': 14}}")
     known = [kind.name for kind in types]
     for name, count in pool.items():
         whole = isinstance(count, int) and not isinstance(count, bool)

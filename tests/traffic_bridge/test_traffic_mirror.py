@@ -385,6 +385,10 @@ def test_misuse_is_explained(straight):
         for value in (0.0, -1.0, math.nan, math.inf, "far"):
             with pytest.raises(InputError, match=name):
                 Mirror(**{name: value})
+    with pytest.raises(InputError, match="pool 14"):
+        Mirror(14)
+    with pytest.raises(InputError, match="car, car: each name may be there once"):
+        Mirror(types=[TYPES["car"], TYPES["car"]])
     short = dataclasses.replace(TYPES["articulated"], length=9.0)
     with pytest.raises(InputError, match=r"9\.0 m: two units need 12 m or more"):
         Mirror(types=[short])
@@ -394,5 +398,8 @@ def test_misuse_is_explained(straight):
     with pytest.raises(InputError, match="add_to"):
         mirror.bind(mujoco.MjModel.from_xml_string(TRUCK))
     _, data = scene(mirror)
+    for ego, elapsed in (((math.nan, 0.0), 0.0), ((0.0, math.inf), 0.0), ((0.0, 0.0), math.nan)):
+        with pytest.raises(InputError, match="must be finite"):
+            mirror.update(data, [], ego, elapsed)
     with pytest.raises(InputError, match="not finite"):
         mirror.update(data, [vehicle("a", straight, 10.0, speed=math.nan)], (0.0, 0.0))
