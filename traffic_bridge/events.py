@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from iits_mj.errors import InputError
+from traffic_bridge.changes import check_changes
 from traffic_bridge.checks import in_range, is_whole
-from traffic_bridge.vehicles import check_changes
 
 LONGEST = 1e6  # [m], [s]
 LIGHT_LETTERS = "rRyYgGuoOs"

@@ -12,10 +12,12 @@ import itertools
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from iits_mj.errors import InputError
 from traffic_bridge.checks import is_number, is_whole
 from traffic_bridge.events import LONGEST, SpeedLimit
-from traffic_bridge.lanes import LaneTable, RouteLanes
+from traffic_bridge.lanes import FloatArray, LaneTable, RouteLanes
 from traffic_bridge.session import Session
 from traffic_bridge.upstream import upstream
 from traffic_bridge.vehicles import Vehicles
@@ -33,6 +35,26 @@ class LimitPiece:
     start: float
     end: float
     limit: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Watch:
+    """A SUMO lane whose vehicles are held by station.
+
+    Attributes:
+      lane: its id; pieces: what holds on it and ahead of it.
+      positions, stations: of its samples [m], shape (n,).
+    """
+
+    lane: str
+    pieces: tuple[LimitPiece, ...]
+    positions: FloatArray
+    stations: FloatArray
+
+    @classmethod
+    def of(cls, table: LaneTable, pieces: list[LimitPiece]) -> _Watch:
+        positions = np.arange(len(table.station), dtype=np.float64) * table.spacing
+        return cls(table.id, tuple(pieces), positions, table.station)
 
 
 class SpeedLimits:
@@ -57,7 +79,7 @@ class SpeedLimits:
         self._numbers = itertools.count()
         self._of_map: dict[str, float] = {}
         self._pieces: dict[int, list[LimitPiece]] = {}
-        self._watched: list[tuple[LaneTable, tuple[LimitPiece, ...]]] = []
+        self._watched: list[_Watch] = []
         self._held: set[str] = set()
 
     def set(
@@ -132,14 +154,13 @@ class SpeedLimits:
         """Holds the vehicles on and before stretches that begin or end inside a lane."""
         if not self._watched and not self._held:
             return
-        lane_api, vehicle_api = self._api.lane, self._api.vehicle
         held: set[str] = set()
-        for table, pieces in self._watched:
-            for name in lane_api.getLastStepVehicleIDs(table.id):
-                if name not in self._vehicles:
-                    continue
-                station, _ = table.at(vehicle_api.getLanePosition(name))
-                allowed = self._allowed(name, pieces, station, vehicle_api.getSpeed(name))
+        for watch in self._watched:
+            known = self._api.lane.getLastStepVehicleIDs(watch.lane)
+            names = [name for name in known if name in self._vehicles]
+            if not names:
+                continue
+            for name, allowed in zip(names, self._allowed(names, watch).tolist(), strict=True):
                 if allowed < math.inf:
                     self._vehicles.hold_below(name, allowed)
                     held.add(name)
@@ -149,20 +170,23 @@ class SpeedLimits:
 
     # Inside ------------------------------------------------------------------------------------
 
-    def _allowed(
-        self, name: str, pieces: tuple[LimitPiece, ...], station: float, speed: float
-    ) -> float:
-        """Highest speed at the end of the coming step: v^2 = limit^2 + 2 b distance before a sign.
+    def _allowed(self, names: list[str], watch: _Watch) -> FloatArray:
+        """Highest speeds at the end of the coming step [m/s], shape (n,); infinite: any.
 
-        `station` is of the front bumper [m] before the step, `speed` [m/s] as well.
+        v^2 = limit^2 + 2 b distance before a sign, whose distance is that at the end of the step.
         """
-        slowing = APPROACH * self._vehicles.type_of(name).deceleration
-        allowed = math.inf
-        for piece in pieces:
-            if piece.end <= station or piece.start > station + SIGHT:
-                continue
-            distance = max(piece.start - station - speed * self._step, 0.0)
-            allowed = min(allowed, math.sqrt(piece.limit**2 + 2.0 * slowing * distance))
+        vehicle, of = self._api.vehicle, self._vehicles
+        position = np.array([vehicle.getLanePosition(name) for name in names])
+        speed = np.array([vehicle.getSpeed(name) for name in names])
+        slowing = APPROACH * np.array([of.type_of(name).deceleration for name in names])
+        station = np.interp(position, watch.positions, watch.stations)
+        allowed = np.full(len(names), math.inf)
+        for piece in watch.pieces:
+            before = piece.start - station
+            seen = (piece.end > station) & (before <= SIGHT)
+            distance = np.maximum(before - speed * self._step, 0.0)
+            reached = np.sqrt(piece.limit**2 + 2.0 * slowing * distance)
+            allowed = np.where(seen, np.minimum(allowed, reached), allowed)
         return allowed
 
     def _apply(self) -> None:
@@ -184,8 +208,9 @@ class SpeedLimits:
                         watched.setdefault(table.id, []).extend(inside)
                         self._watch_before(table, inside, watched)
                 self._pieces[lane] = sorted(pieces + gaps, key=lambda piece: piece.start)
-        tables = self._lanes.tables
-        self._watched = [(tables[lane_id], tuple(seen)) for lane_id, seen in watched.items()]
+        self._watched = [
+            _Watch.of(self._lanes.tables[lane_id], pieces) for lane_id, pieces in watched.items()
+        ]
 
     def _watch_before(
         self, table: LaneTable, inside: list[LimitPiece], watched: dict[str, list[LimitPiece]]

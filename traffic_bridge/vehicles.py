@@ -8,7 +8,7 @@ from collections.abc import Callable, KeysView
 from typing import TYPE_CHECKING, Any
 
 from iits_mj.errors import InputError
-from traffic_bridge.checks import is_number
+from traffic_bridge.changes import MOBIL_FIELDS, SUMO_NAMES, changed, check_changes
 from traffic_bridge.vehicle_types import (
     HEAVY,
     KINDS,
@@ -24,20 +24,6 @@ if TYPE_CHECKING:
     from traffic_bridge.session import Session
 
 __all__ = ["HEAVY", "KINDS", "Color", "VehicleType", "Vehicles", "default_types", "read_types"]
-
-# What `Vehicles.change` can change, and SUMO's name of each (vehicle and vehicle type alike).
-_SUMO_NAMES = {
-    "time_headway": "Tau",
-    "minimum_gap": "MinGap",
-    "acceleration": "Accel",
-    "deceleration": "Decel",
-    "emergency_deceleration": "EmergencyDecel",
-    "desired_speed": "MaxSpeed",
-}
-# Read by our own MOBIL only.
-_MOBIL_FIELDS = ("politeness", "change_threshold", "keep_right_bias", "safe_braking")
-CHANGEABLE = (*_SUMO_NAMES, *_MOBIL_FIELDS, *LC2013_ATTRIBUTES, "color")
-_POSITIVE = ("time_headway", "acceleration", "deceleration", "desired_speed", "lc_assertive")
 
 
 class Vehicles:
@@ -113,6 +99,7 @@ class Vehicles:
 
     def ids(self) -> list[str]:
         """Names of the vehicles, sorted."""
+        self._drop_lost()
         return sorted(self._of_vehicle)
 
     def names(self) -> KeysView[str]:
@@ -160,15 +147,16 @@ class Vehicles:
         Raises:
           InputError: no such vehicle.
         """
+        self._drop_lost()
         kind = self.type_of(name)
         api = self._session.api.vehicle
         found: dict[str, Any] = {}
         with self._session.guard(f"reading vehicle {name}"):
-            for field, sumo_name in _SUMO_NAMES.items():
+            for field, sumo_name in SUMO_NAMES.items():
                 found[field] = float(getattr(api, f"get{sumo_name}")(name))
             for field, attribute in LC2013_ATTRIBUTES.items():
                 found[field] = float(api.getParameter(name, f"laneChangeModel.{attribute}"))
-        for field in _MOBIL_FIELDS:
+        for field in MOBIL_FIELDS:
             found[field] = getattr(kind, field)
         found["color"] = self.color(name)
         return found
@@ -194,12 +182,12 @@ class Vehicles:
         check_changes(target, values)
         if "color" in values:
             values["color"] = check_color(target, values["color"])
+        self._drop_lost()
         if target not in self._types:
             before = self._values_of(target, values)
             self._set(target, values)
-            return lambda: self._set(target, before) if target in self else None
-        self._drop_lost()
-        members = [n for n in self.ids() if self._of_vehicle[n].name == target]
+            return lambda: self._set(target, before) if target in self.ids() else None
+        members = [name for name, kind in self._of_vehicle.items() if kind.name == target]
         befores = {name: self._values_of(name, values) for name in members}
         class_before = (
             self._types[target],
@@ -208,14 +196,14 @@ class Vehicles:
         )
         self._set_class(target, values)
         for name in members:
-            self._set(name, values)
+            self._set(name, self._meant_for(name, values))
 
         def undo() -> None:
-            self._drop_lost()
             self._restore_class(target, values, class_before)
             for name in self.ids():
                 if self._of_vehicle[name].name == target:
-                    self._set(name, befores.get(name) or self._class_values(name, values))
+                    former = befores.get(name) or self._class_values(name, values)
+                    self._set(name, self._meant_for(name, former))
 
         return undo
 
@@ -239,6 +227,12 @@ class Vehicles:
         for name in [name for name in self._of_vehicle if name not in there]:
             self.forget(name)
 
+    def _meant_for(self, name: str, values: dict[str, Any]) -> dict[str, Any]:
+        """What of a class's change holds for a vehicle: events set the speed of scripted ones."""
+        if name not in self._scripted:
+            return values
+        return {field: value for field, value in values.items() if field != "desired_speed"}
+
     def _values_of(self, name: str, wanted: dict[str, Any]) -> dict[str, Any]:
         kind = self.type_of(name)
         own: dict[str, Any] = {"desired_speed": self._desired[name], "color": self.color(name)}
@@ -252,7 +246,7 @@ class Vehicles:
         return {field: own[field] if field in own else getattr(kind, field) for field in wanted}
 
     def _set(self, name: str, values: dict[str, Any]) -> None:
-        self._of_vehicle[name] = _changed(self._of_vehicle[name], values)
+        self._of_vehicle[name] = changed(self._of_vehicle[name], values)
         if "color" in values:
             self._colors[name] = values["color"]
         if "desired_speed" in values:
@@ -262,7 +256,7 @@ class Vehicles:
         self._apply(self._session.api.vehicle, name, values)
 
     def _set_class(self, target: str, values: dict[str, Any]) -> None:
-        self._types[target] = _changed(self._types[target], values)
+        self._types[target] = changed(self._types[target], values)
         if "color" in values:
             color = (values["color"],)
             self._types[target] = dataclasses.replace(self._types[target], colors=color)
@@ -300,33 +294,8 @@ class Vehicles:
             return
         with self._session.guard(f"changing {', '.join(values)} of {target}"):
             for name, value in values.items():
-                if name in _SUMO_NAMES:
-                    getattr(domain, f"set{_SUMO_NAMES[name]}")(target, float(value))
+                if name in SUMO_NAMES:
+                    getattr(domain, f"set{SUMO_NAMES[name]}")(target, float(value))
                 elif name in LC2013_ATTRIBUTES and domain is self._session.api.vehicle:
                     attribute = f"laneChangeModel.{LC2013_ATTRIBUTES[name]}"
                     domain.setParameter(target, attribute, str(value))
-
-
-def check_changes(target: str, values: dict[str, Any]) -> None:
-    """Refuses what `Vehicles.change` could not use.
-
-    Raises:
-      InputError: no or an unknown parameter, or a value that is not allowed.
-    """
-    if not values:
-        raise InputError(f"no parameter of {target} to change: there are {', '.join(CHANGEABLE)}")
-    for name, value in values.items():
-        if name not in CHANGEABLE:
-            raise InputError(f"parameter {name!r}: allowed are {', '.join(CHANGEABLE)}")
-        if name == "color":
-            check_color(target, value)
-            continue
-        if not is_number(value) or value < 0.0:
-            raise InputError(f"{target}.{name} = {value!r}: must be finite and not negative")
-        if name in _POSITIVE and value == 0.0:
-            raise InputError(f"{target}.{name} = {value!r}: must be positive")
-
-
-def _changed(kind: VehicleType, values: dict[str, Any]) -> VehicleType:
-    fields = {n: v for n, v in values.items() if n not in ("desired_speed", "color")}
-    return dataclasses.replace(kind, **fields)

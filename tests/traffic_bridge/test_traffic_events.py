@@ -106,8 +106,11 @@ def test_a_convoy_keeps_speed_and_lane_until_it_is_released(road):
     convoy = SlowConvoy(station=400.0, lane=0, count=4, speed=6.0, at_time=1.0, until=40.0)
     with PureSim(road, TrafficConfig(density=0.03, events=(convoy,)), seed=3) as traffic:
         traffic.reset()
-        for _ in range(390):
+        for step in range(390):
             vehicles = traffic.step()
+            # A change of their class is not meant for vehicles that an event drives.
+            if step == 200:
+                traffic.vehicles.change("truck", desired_speed=14.0)
         slow = [v for v in vehicles if v.id.startswith("convoy")]
         assert len(slow) == 4
         assert {v.lane for v in slow} == {0}
@@ -130,6 +133,20 @@ def test_an_event_at_a_station_begins_once_when_the_truck_is_there(road):
             traffic.step(ego_at(road, 0.1 * step, station, 20.0, 2.0))
             limits.append(traffic.signals.speed_limit(1000.0))
     assert [round(limit) for limit in limits] == [25] * 25 + [5] * 30 + [25] * 45
+
+
+def test_nothing_appears_where_the_truck_is_or_could_not_stop(road):
+    stopped = StoppedVehicle(station=310.0)
+    first = None
+    with InterSim(road, TrafficConfig(density="empty", events=(stopped,))) as traffic:
+        traffic.reset(ego_at(road, 0.0, 250.0, 20.0, 0.0))
+        for step in range(1, 60):
+            ego = ego_at(road, 0.1 * step, 250.0 + 2.0 * step, 20.0, 0.0)
+            if traffic.step(ego).find("stopped.0") is not None and first is None:
+                first = ego.station
+    rear = first + 1.4 - 16.5
+    # It waited until the combination was past it.
+    assert 310.0 < rear < 320.0
 
 
 def test_departures_come_at_their_time_with_their_type_lane_and_speed(road):
