@@ -2,6 +2,7 @@ import dataclasses
 import json
 import math
 from itertools import combinations
+from pathlib import Path
 
 import pytest
 from scripted_truck import ego_at, overlap, vehicle_box
@@ -326,6 +327,15 @@ def test_a_file_that_cannot_be_used_is_named_with_the_reason(tmp_path, text, rea
     with pytest.raises(InputError, match=reason) as caught:
         read_events(path)
     assert str(path) in str(caught.value)
+
+
+def test_the_example_runs_on_the_built_in_highway(highway):
+    events = read_events(Path(__file__).resolve().parents[2] / "examples/traffic_events.toml")
+    assert len(events) == 4
+    with PureSim(highway, TrafficConfig(density="sparse", events=events)) as traffic:
+        traffic.reset()
+        assert traffic.signals.speed_limit(800.0) == 10.0
+        assert traffic.signals.speed_limit(650.0) > 10.0
 
 
 def test_a_missing_file_of_events_is_named(tmp_path):
