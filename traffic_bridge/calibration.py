@@ -180,7 +180,11 @@ def evaluate(
 
 
 def calibrate(
-    pairs: Sequence[Pair], measure: str = "mixed", seed: int = 0, generations: int = 60
+    pairs: Sequence[Pair],
+    measure: str = "mixed",
+    seed: int = 0,
+    desired_speed: float | None = None,
+    generations: int = 60,
 ) -> Calibration:
     """The one parameter set whose error, as a mean over all pairs, is least.
 
@@ -190,6 +194,7 @@ def calibrate(
       pairs: of one time step.
       measure: "mixed", "relative" or "absolute".
       seed: of the search; one seed gives one result.
+      desired_speed: holds v0 there [m/s]; drivers in congestion do not show it. None fits it too.
       generations: at most.
 
     Raises:
@@ -206,7 +211,7 @@ def calibrate(
 
     found = differential_evolution(
         objective,
-        BOUNDS,
+        _bounds(desired_speed),
         rng=np.random.default_rng(seed),
         maxiter=generations,
         popsize=8,
@@ -223,6 +228,7 @@ def calibrate_each(
     pairs: Sequence[Pair],
     measure: str = "mixed",
     seed: int = 0,
+    desired_speed: float | None = None,
     begin: IdmParameters | None = None,
 ) -> list[Calibration]:
     """A set of its own for every pair: the spread between drivers.
@@ -233,6 +239,7 @@ def calibrate_each(
       pairs: of one time step.
       measure: see `calibrate`.
       seed: of the sample.
+      desired_speed: see `calibrate`.
       begin: a set to try as a beginning too, for instance that of all pairs.
 
     Returns:
@@ -240,19 +247,50 @@ def calibrate_each(
     """
     from scipy.stats import qmc
 
-    low, high = np.array(BOUNDS).T
+    bounds = np.array(_bounds(desired_speed))
+    low, high = bounds.T
     sample = qmc.scale(qmc.Sobol(5, rng=np.random.default_rng(seed)).random(_STARTS), low, high)
     if begin is not None:
-        sample = np.vstack([begin.as_array(), sample])
+        sample = np.vstack([np.clip(begin.as_array(), low, high), sample])
     best = PairBlock(pairs).errors(sample.T[:, :, None], measure).argmin(axis=0)
-    return [_own(pair, sample[i], measure) for pair, i in zip(pairs, best, strict=True)]
+    return [_own(pair, sample[i], bounds, measure) for pair, i in zip(pairs, best, strict=True)]
 
 
-def _own(pair: Pair, start: FloatArray, measure: str) -> Calibration:
+def calibrate_headways(
+    pairs: Sequence[Pair], parameters: IdmParameters, measure: str = "mixed"
+) -> list[Calibration]:
+    """A time headway of its own for every pair, the other parameters being common.
+
+    The one parameter in which drivers differ most clearly; unlike sets of five fitted to half a
+    minute each, these make up a population that can be let loose on another road.
+
+    Args:
+      pairs: of one time step.
+      parameters: the common set.
+      measure: see `calibrate`.
+    """
+    low, high = BOUNDS[PARAMETERS.index("time_headway")]
+    headways = np.arange(low, high, 0.02)
+    sets = np.tile(parameters.as_array()[:, None, None], (1, len(headways), 1))
+    sets[PARAMETERS.index("time_headway"), :, 0] = headways
+    errors = PairBlock(pairs).errors(sets, measure)
+    best = errors.argmin(axis=0)
+    return [
+        Calibration(
+            dataclasses.replace(parameters, time_headway=float(headways[k])),
+            measure,
+            float(errors[k, i]),
+            errors[k, i : i + 1],
+        )
+        for i, k in enumerate(best)
+    ]
+
+
+def _own(pair: Pair, start: FloatArray, bounds: FloatArray, measure: str) -> Calibration:
     from scipy.optimize import least_squares
 
     block = PairBlock([pair])
-    low, high = np.array(BOUNDS).T
+    low, high = bounds.T
     nudge = 1e-6 * (high - low)
 
     def residuals(values: FloatArray) -> FloatArray:
@@ -277,6 +315,15 @@ def parameter_table(calibrations: Sequence[Calibration]) -> FloatArray:
     """The sets as an array of shape (n, 5), columns in the order of `idm.PARAMETERS`."""
     rows = [dataclasses.astuple(entry.parameters) for entry in calibrations]
     return np.array(rows, dtype=float).reshape(len(rows), len(PARAMETERS))
+
+
+def _bounds(desired_speed: float | None) -> tuple[tuple[float, float], ...]:
+    if desired_speed is None:
+        return BOUNDS
+    if not (np.isfinite(desired_speed) and desired_speed > 0.0):
+        raise InputError(f"desired_speed {desired_speed!r}: must be positive")
+    # The searches want an interval; a millimeter per second is none that matters.
+    return ((desired_speed, desired_speed + 1e-3), *BOUNDS[1:])
 
 
 def _checked(measure: str) -> str:

@@ -1,5 +1,6 @@
 """Hold the truck against closed-form solutions, standards and the paper's figures.
 
+The traffic is held against the theory of its model and, with --data, against recorded traffic.
 Exit code 0 when every check holds, 1 when one falls short; the table says which.
 """
 
@@ -9,9 +10,11 @@ from dataclasses import dataclass, replace
 
 from iits_mj import validation
 from iits_mj.commands.output import ResultOptions, finish
+from iits_mj.errors import InputError
 from iits_mj.options import option
 from iits_mj.results import Results
 from iits_mj.validation import ValidateConfig
+from iits_mj.validation.traffic import MISSING
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,8 +31,16 @@ class Options(ValidateConfig, ResultOptions):
 
 
 def run(options: Options) -> int:
-    """Runs one group of checks, or all of them."""
-    return finish(options, lambda: measure(options))
+    """Runs one group of checks, or all of them.
+
+    Raises:
+      InputError: asked for the traffic alone, without recorded trajectories; what needs none has
+        been checked and shown then.
+    """
+    code = finish(options, lambda: measure(options))
+    if options.what == "traffic" and options.data is None:
+        raise InputError(MISSING)
+    return code
 
 
 def measure(options: Options) -> Results:

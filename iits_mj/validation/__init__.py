@@ -6,7 +6,7 @@
 from collections.abc import Callable
 
 from iits_mj.results import Results
-from iits_mj.validation import lateral, longitudinal, standards, step_size
+from iits_mj.validation import lateral, longitudinal, standards, step_size, traffic
 from iits_mj.validation.config import ValidateConfig
 
 COMMANDS: dict[str, Callable[[ValidateConfig], Results]] = {
@@ -14,6 +14,7 @@ COMMANDS: dict[str, Callable[[ValidateConfig], Results]] = {
     "longitudinal": longitudinal.run,
     "standards": standards.run,
     "step-size": step_size.run,
+    "traffic": traffic.run,
 }
 
 __all__ = ["COMMANDS", "ValidateConfig"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from iits_mj import options
 from iits_mj.options import option
@@ -10,7 +11,7 @@ from iits_mj.options import option
 
 @dataclass(frozen=True, kw_only=True)
 class ValidateConfig:
-    """How to validate the truck."""
+    """How to validate the truck and the traffic."""
 
     payload: float | None = option(
         None,
@@ -27,6 +28,9 @@ class ValidateConfig:
         low=0.0005,
         high=0.005,
         metavar="S",
+    )
+    data: Path | None = option(
+        None, help="recorded trajectories to hold the traffic against", metavar="FILE"
     )
     quick: bool = option(False, help="a shorter form that ends within a minute")
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -65,6 +67,16 @@ class FlowSamples:
             weight[keep],
         )
 
+    @classmethod
+    def joined(cls, parts: Sequence[FlowSamples]) -> FlowSamples:
+        """All entries of several flows."""
+        return cls(
+            *(
+                np.concatenate([getattr(part, entry.name) for part in parts])
+                for entry in dataclasses.fields(cls)
+            )
+        )
+
     def cells(self) -> NDArray[np.int64]:
         """The cell of lane, time and place each entry lies in, as one number, shape (n,)."""
         place = np.floor(self.station / CELL_LENGTH).astype(np.int64) + 10_000
@@ -89,6 +101,19 @@ class FlowSamples:
             np.ones(sum(len(pair.time) for pair in pairs)),
         )
 
+    @classmethod
+    def of_leaders(cls, pairs: Sequence[Pair]) -> FlowSamples:
+        """The leaders of recorded pairs, without spacing; who leads twice is there twice."""
+        count = sum(len(pair.time) for pair in pairs)
+        return cls(
+            np.concatenate([pair.time for pair in pairs]),
+            np.concatenate([np.full(len(pair.time), pair.lane, dtype=np.int64) for pair in pairs]),
+            np.concatenate([pair.leader_station for pair in pairs]),
+            np.concatenate([pair.leader_speed for pair in pairs]),
+            np.full(count, np.nan),
+            np.ones(count),
+        )
+
 
 @dataclass(slots=True)
 class FlowLog:
@@ -105,9 +130,9 @@ class FlowLog:
     _lanes: dict[str, int] = field(default_factory=dict)
     _time: float = 0.0
 
-    def add(self, time: float, frame: VehicleFrame) -> None:
-        """Notes the vehicles of the route's lanes at a time [s]."""
-        on_route = frame.lanes >= 0
+    def add(self, time: float, frame: VehicleFrame, begin: float = -math.inf) -> None:
+        """Notes the vehicles of the route's lanes at a time [s], from a station on [m]."""
+        on_route = (frame.lanes >= 0) & (frame.column("station") >= begin)
         lane = np.asarray(frame.lanes, dtype=float)[on_route]
         length, speed = frame.column("length")[on_route], frame.column("speed")[on_route]
         front = frame.column("station")[on_route] + 0.5 * length
@@ -117,9 +142,9 @@ class FlowLog:
         if len(lane) > 1:
             spacing[:-1] = np.where(np.diff(lane) == 0, np.diff(front), np.nan)
         self._parts.append((np.full(len(lane), time), lane, front, speed, spacing))
-        now = {name: int(lane) for name, lane in zip(frame.ids, frame.lanes, strict=True)}
+        now = {frame.ids[i]: int(frame.lanes[i]) for i in np.flatnonzero(on_route)}
         both = [(lane, self._lanes[name]) for name, lane in now.items() if name in self._lanes]
-        self.lane_changes += sum(a != b and a >= 0 and b >= 0 for a, b in both)
+        self.lane_changes += sum(a != b for a, b in both)
         if self._lanes:
             self.distance += float(speed.sum()) * (time - self._time)
         self._lanes, self._time = now, time
