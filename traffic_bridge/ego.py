@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from iits_mj.errors import InputError
 from iits_mj.messages import EgoFootprint, EgoState
 from iits_mj.road import Route
 from traffic_bridge.lanes import RouteLanes
 from traffic_bridge.placed import EGO_TYPE, PlacedVehicle
 from traffic_bridge.session import Session
-
-FloatArray = NDArray[np.float64]
+from traffic_bridge.smoothing import Box
 
 EGO = "ego"
 SHADOW = "shadow"
@@ -82,20 +78,14 @@ class EgoInTraffic:
         y = ego.y + reach * math.sin(ego.yaw)
         return x, y, *self._route.locate(x, y, ego.station)
 
-    def boxes(self, ego: EgoState) -> FloatArray:
-        """Where the truck is on the road, once at the tractor's and once at the trailer's offset.
-
-        Returns:
-          Station and offset of the centre, speed, length, width, shape (5, 2) [m], [m/s].
-        """
+    def boxes(self, ego: EgoState) -> tuple[Box, Box]:
+        """Where the truck is on the road: with the tractor's offset and with the trailer's."""
         size = self._footprint
         middle = ego.station + size.front_overhang - 0.5 * size.length
-        return np.array(
-            [
-                (middle, offset, ego.speed, size.length, size.width)
-                for offset in (ego.offset, ego.trailer_offset)
-            ]
-        ).T
+        return (
+            Box(middle, ego.offset, ego.speed, size.length, size.width),
+            Box(middle, ego.trailer_offset, ego.speed, size.length, size.width),
+        )
 
     def place(self, ego: EgoState) -> None:
         """Moves the truck (and its shadow) to where it is at the end of the coming step."""

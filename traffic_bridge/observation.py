@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +14,7 @@ from iits_mj.road import Route
 from traffic_bridge.frame import COLUMNS, VehicleFrame
 from traffic_bridge.lanes import RouteLanes
 from traffic_bridge.session import Session
-from traffic_bridge.smoothing import LateralSmoother
+from traffic_bridge.smoothing import Box, LateralSmoother, Shift
 from traffic_bridge.vehicles import Vehicles
 
 FloatArray = NDArray[np.float64]
@@ -64,6 +66,10 @@ class Observation:
         lane_change_duration: float,
     ) -> None:
         self._api = session.api
+        self._get_speed = session.getter("vehicle", "getSpeed")
+        self._get_acceleration = session.getter("vehicle", "getAcceleration")
+        self._get_position = session.getter("vehicle", "getLanePosition")
+        self._get_ids = session.getter("lane", "getLastStepVehicleIDs")
         self._lanes = lanes
         self._vehicles = vehicles
         self._route = route
@@ -93,7 +99,7 @@ class Observation:
         """Speed limits of vehicles that swing out, see `LateralSmoother` [m/s]."""
         return self._smoother.held
 
-    def read(self, ego: EgoState | None, obstacles: FloatArray | None = None) -> VehicleFrame:
+    def read(self, ego: EgoState | None, obstacles: Sequence[Box] = ()) -> VehicleFrame:
         """The vehicles now, near the ego; all of them without one.
 
         Args:
@@ -106,13 +112,12 @@ class Observation:
             self._smoother.clear()
             return VehicleFrame.empty()
         self._note(names, [on[name] for name in names])
-        vehicle = self._api.vehicle
         columns = np.empty((len(COLUMNS), len(names)))
         columns[_SIZE] = self._size
         speed, acceleration = columns[_SPEED], columns[_ACCELERATION]
-        speed[:] = list(map(vehicle.getSpeed, names))
-        acceleration[:] = list(map(vehicle.getAcceleration, names))
-        middle = np.array(list(map(vehicle.getLanePosition, names)))
+        speed[:] = list(map(self._get_speed, names))
+        acceleration[:] = list(map(self._get_acceleration, names))
+        middle = np.array(list(map(self._get_position, names)))
         middle -= 0.5 * self._size[0]
         lane = self._lane
         if middle.min() < 0.0:
@@ -121,8 +126,12 @@ class Observation:
                 lane[k], middle[k] = self._behind(names[k], on[names[k]], float(middle[k]))
         pose, (route_lane, direction) = self._lanes.poses.evaluate(lane, middle)
         x, y, z, station, offset, heading, pitch, roll, curvature = pose
-        yaw, yaw_rate, lateral = heading, curvature * speed, np.zeros_like(speed)
-        shift = self._smoother.update(
+        columns[0], columns[1], columns[2], columns[3] = x, y, z, heading
+        columns[4], columns[5] = pitch, roll
+        np.multiply(curvature, speed, out=columns[6])
+        columns[_LATERAL] = 0.0
+        columns[_STATION], columns[_OFFSET] = station, offset
+        shifts = self._smoother.update(
             names,
             lane,
             (x, y, heading),
@@ -132,25 +141,29 @@ class Observation:
             self._step,
             obstacles,
         )
-        if shift is not None:
-            residual, lateral, bend = shift
-            # The box points where it moves.
-            forward = np.maximum(speed, TIGHT_TURN)
-            yaw = yaw + np.arctan2(lateral, forward)
-            yaw_rate = yaw_rate + bend * forward / (forward * forward + lateral * lateral)
-            x, y = x - residual * np.sin(heading), y + residual * np.cos(heading)
-            z = z + residual * np.tan(roll)
-            offset = offset + direction * residual
-            for k in np.flatnonzero(residual).tolist():
-                if direction[k] > 0:
-                    route_lane[k] = self._route.lane_at(float(station[k]), float(offset[k]))
-        columns[0], columns[1], columns[2] = x, y, z
-        columns[3] = yaw - _TURN * np.round(yaw / _TURN)
-        columns[4], columns[5], columns[6] = pitch, roll, yaw_rate
-        columns[_LATERAL] = lateral
-        columns[_STATION], columns[_OFFSET] = station, offset
+        for shift in shifts:
+            self._set_aside(columns, shift, route_lane, int(direction[shift.number]))
+        columns[3] -= _TURN * np.round(columns[3] / _TURN)
         frame = VehicleFrame(names, self._kinds, route_lane, columns)
         return frame if ego is None else frame.near(ego.x, ego.y, self._range)
+
+    def _set_aside(
+        self, columns: FloatArray, shift: Shift, route_lane: IntArray, direction: int
+    ) -> None:
+        """Shows a vehicle beside its lane's centre, its box pointing where it moves."""
+        k = shift.number
+        heading, speed = float(columns[3, k]), float(columns[_SPEED, k])
+        forward = max(speed, TIGHT_TURN)
+        columns[0, k] -= shift.offset * math.sin(heading)
+        columns[1, k] += shift.offset * math.cos(heading)
+        columns[2, k] += shift.offset * math.tan(columns[5, k])
+        columns[3, k] += math.atan2(shift.speed, forward)
+        columns[6, k] += shift.acceleration * forward / (forward**2 + shift.speed**2)
+        columns[_LATERAL, k] = shift.speed
+        columns[_OFFSET, k] += direction * shift.offset
+        if direction > 0:
+            station, offset = float(columns[_STATION, k]), float(columns[_OFFSET, k])
+            route_lane[k] = self._route.lane_at(station, offset)
 
     # Which vehicles ----------------------------------------------------------------------------
 
@@ -160,7 +173,7 @@ class Observation:
         if ego is not None:
             view = self._lanes_in_view(ego.x, ego.y)
             if LANE_COST * len(view) <= api.vehicle.getIDCount():
-                ids = api.lane.getLastStepVehicleIDs
+                ids = self._get_ids
                 return {name: lane for lane in view for name in ids(lane)}
             near = set(view)
             where = api.vehicle.getLaneID

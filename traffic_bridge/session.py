@@ -9,7 +9,7 @@ import re
 import tempfile
 import weakref
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
@@ -182,6 +182,20 @@ class Session:
     def guard(self, action: str) -> Guard:
         """Turns SUMO's errors into a `TrafficError` that says what was being done, and closes."""
         return Guard(self, action)
+
+    def getter(self, domain: str, name: str) -> Callable[[str], Any]:
+        """A function of libsumo that reads a value by id, for reading many at once.
+
+        libsumo's public functions hand over to native ones, which takes as long as most of those.
+        The native one is given where this version of libsumo has it under the name it should have.
+
+        Args:
+          domain: "vehicle", "lane" ...
+          name: "getSpeed" ...
+        """
+        native = getattr(self.api.libsumo, "_libsumo", None)
+        found = getattr(native, f"{domain}_{name}", None)
+        return found if callable(found) else getattr(getattr(self.api, domain), name)
 
     def step(self) -> None:
         """Advances the simulation by one step.

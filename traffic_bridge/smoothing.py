@@ -11,8 +11,10 @@ a standing truck, the vehicle is held back until it is clear of the other.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +30,7 @@ SIDE_MARGIN = 0.3  # [m]
 HELD_GAP = 0.7  # [m] kept to who stands before a vehicle that swings out
 HELD_SPEED = 1.5  # [m/s]: who is slower than it may be by more than this is not held
 CREEP = 0.3  # [m/s]: nobody who swings out is held for ever
+REACH = 150.0  # [m] within which another vehicle matters to a lane change
 CLEARED_BY = 0.62  # fraction of the change after which the old lane is free (quintic: 3/4 done)
 
 
@@ -74,6 +77,30 @@ class _Change:
         )
 
 
+class Shift(NamedTuple):
+    """A vehicle beside its lane's centre: offset, lateral speed and acceleration, left positive.
+
+    Attributes:
+      number: of the vehicle in the arrays.
+      offset: [m]; speed: [m/s]; acceleration: [m/s2].
+    """
+
+    number: int
+    offset: float
+    speed: float
+    acceleration: float
+
+
+class Box(NamedTuple):
+    """Something on the route: station and offset of its centre [m], speed [m/s], size [m]."""
+
+    station: float
+    offset: float
+    speed: float
+    length: float
+    width: float
+
+
 class LateralSmoother:
     """Keeps the vehicles' sideways motion continuous, whatever road they are on.
 
@@ -114,9 +141,9 @@ class LateralSmoother:
         size: FloatArray,
         road: Rows,
         dt: float,
-        obstacles: FloatArray | None = None,
-    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """How far beside their lane's centre the vehicles are shown after a step.
+        obstacles: Sequence[Box] = (),
+    ) -> list[Shift]:
+        """How far beside their lane's centre vehicles are shown after a step.
 
         Args:
           names: of the n vehicles; vehicles that are not named are forgotten.
@@ -128,15 +155,13 @@ class LateralSmoother:
           road: station, offset of the lanes' centres on the route [m] and the direction on it (+1
             along, -1 against, 0 on another road), each of shape (n,).
           dt: since the last update [s].
-          obstacles: boxes that are none of the vehicles (the truck): station and offset of the
-            centre, speed, length and width, shape (5, m) [m], [m/s].
+          obstacles: boxes that are none of the vehicles (the truck).
 
         Returns:
-          Offset from the lane's centre, lateral speed and lateral acceleration, each of shape (n,),
-          positive to the vehicle's left; None where all of them are zero.
+          Those that are beside it, by increasing number.
         """
         if self.duration <= 0.0:
-            return None
+            return []
         for i, jump in self._jumps(names, lane, pose):
             self._begin(names[i], jump)
         self._last, self._lane = pose, lane
@@ -144,13 +169,12 @@ class LateralSmoother:
             self._names, self._place = names, {name: i for i, name in enumerate(names)}
         self.held.clear()
         if not self._changes:
-            return None
+            return []
         place = self._place
-        shown = np.zeros((3, len(names)))
         self._changes = {name: c for name, c in self._changes.items() if name in place}
+        shifts = []
         for name, change in list(self._changes.items()):
-            i = place[name]
-            pace = min(1.0, float(speed[i]) / SLOW)
+            pace = min(1.0, float(speed[place[name]]) / SLOW)
             # Who stands in somebody's way completes the change, however slowly.
             pace = max(pace, URGENT_PACE if name in self._urgent else 0.0)
             change.age += dt * pace
@@ -158,15 +182,14 @@ class LateralSmoother:
                 del self._changes[name]
                 continue
             residual, rate, bend = change.state()
-            shown[:, i] = residual, rate * pace, bend * pace * pace
-        boxes = _boxes(road, shown[0], speed, size, obstacles)
+            shifts.append(Shift(place[name], residual, rate * pace, bend * pace * pace))
+        boxes = _Boxes(road, speed, size, shifts, obstacles)
         self._urgent = {
-            name
-            for name, change in self._changes.items()
-            if road[2][place[name]] != 0.0
-            and self._hasten(place[name], change, float(road[1][place[name]]), boxes)
+            names[shift.number]
+            for shift in shifts
+            if road[2][shift.number] != 0.0 and self._hasten(names[shift.number], shift, boxes)
         }
-        return shown[0], shown[1], shown[2]
+        return sorted(shifts)
 
     def _jumps(
         self, names: list[str], lane: NDArray[np.intp], pose: Rows
@@ -199,71 +222,86 @@ class LateralSmoother:
             quintic(residual - jump, rate, bend, self.duration), self.duration
         )
 
-    def _hasten(self, i: int, change: _Change, aim: float, boxes: FloatArray) -> bool:
+    def _hasten(self, name: str, shift: Shift, boxes: _Boxes) -> bool:
         """Shortens a change so that the old lane is left before the gap there is used up.
-
-        Args:
-          i: number of the vehicle.
-          change: its change.
-          aim: offset to which it goes [m].
-          boxes: see `_boxes`.
 
         Returns:
           Whether that gap is nearly used up.
         """
-        station, offset, along, length, width = boxes
-        side = 0.5 * (width + width[i]) + SIDE_MARGIN
-        conflict = (np.abs(offset - offset[i]) < side) & (np.abs(offset - aim) >= side)
-        conflict &= np.isfinite(station)
-        conflict[i] = False
-        if not conflict.any():
+        own, aim = boxes.box(shift.number), boxes.aim(shift.number)
+        conflicts = []
+        for other in boxes.near(shift.number):
+            side = 0.5 * (other.width + own.width) + SIDE_MARGIN
+            if abs(other.offset - own.offset) < side <= abs(other.offset - aim):
+                conflicts.append(other)
+        if not conflicts:
             return False
-        apart = station[conflict] - station[i]
-        gap = np.abs(apart) - 0.5 * (length[conflict] + length[i])
-        closing = -np.sign(apart) * (along[conflict] - along[i])
-        # One metre and half a metre a second are held back for accelerations in the meantime.
-        time = np.maximum(gap - 1.0, 0.0) / np.maximum(closing + 0.5, 0.5)
-        remaining = change.duration - change.age
-        wanted = max(float(time.min()) / CLEARED_BY, SHORTEST)
-        if wanted < remaining - 0.1:
+        change = self._changes[name]
+        least = math.inf
+        for other in conflicts:
+            gap, sign = _gap(own, other)
+            closing = -sign * (other.speed - own.speed)
+            # One metre and half a metre a second are held back for accelerations in the meantime.
+            least = min(least, max(gap - 1.0, 0.0) / max(closing + 0.5, 0.5))
+        wanted = max(least / CLEARED_BY, SHORTEST)
+        if wanted < change.duration - change.age - 0.1:
             change.coefficients = quintic(*change.state(), wanted)
             change.duration, change.age = wanted, 0.0
-        self._hold(i, change, apart, gap, along[conflict], along[i])
-        return wanted <= SHORTEST or self._names[i] in self.held
+        self._hold(name, change, own, conflicts)
+        return wanted <= SHORTEST or name in self.held
 
-    def _hold(
-        self,
-        i: int,
-        change: _Change,
-        apart: FloatArray,
-        gap: FloatArray,
-        others: FloatArray,
-        speed: float,
-    ) -> None:
+    def _hold(self, name: str, change: _Change, own: Box, conflicts: list[Box]) -> None:
         """Notes the speed at which a vehicle is clear of those before it when it reaches them."""
-        way = 1.0 if speed >= 0.0 else -1.0
-        ahead = apart * way > 0.0
-        if not ahead.any():
-            return
+        way = 1.0 if own.speed >= 0.0 else -1.0
         time = CLEARED_BY * max(change.duration - change.age, 0.1) / URGENT_PACE
-        room = np.maximum(gap[ahead] - HELD_GAP, 0.0) / time
-        limit = max(float(np.min(np.maximum(others[ahead] * way, 0.0) + room)), CREEP)
-        if limit < abs(speed) + HELD_SPEED:
-            self.held[self._names[i]] = limit
+        limit = math.inf
+        for other in conflicts:
+            gap, sign = _gap(own, other)
+            if sign * way > 0.0:
+                room = max(gap - HELD_GAP, 0.0) / time
+                limit = min(limit, max(other.speed * way, 0.0) + room)
+        if max(limit, CREEP) < abs(own.speed) + HELD_SPEED:
+            self.held[name] = max(limit, CREEP)
 
 
-def _boxes(
-    road: Rows,
-    residual: FloatArray,
-    speed: FloatArray,
-    size: FloatArray,
-    obstacles: FloatArray | None,
-) -> FloatArray:
-    """Who may be touched: station, offset, speed along the route, length and width, shape (5, k).
+class _Boxes:
+    """Who may be touched, as boxes on the route; made one by one, for few are asked for."""
 
-    Vehicles on other roads have an infinite station.
-    """
-    station, offset, direction = road
-    on = np.where(direction != 0.0, station, np.inf)
-    own = np.stack((on, offset + direction * residual, direction * speed, size[0], size[1]))
-    return own if obstacles is None else np.concatenate((own, obstacles), axis=1)
+    def __init__(
+        self,
+        road: Rows,
+        speed: FloatArray,
+        size: FloatArray,
+        shifts: list[Shift],
+        obstacles: Sequence[Box],
+    ) -> None:
+        self._road = road
+        self._speed = speed
+        self._size = size
+        self._residual = {shift.number: shift.offset for shift in shifts}
+        self._obstacles = obstacles
+
+    def aim(self, number: int) -> float:
+        """Offset on the route to which a vehicle goes [m]."""
+        return float(self._road[1][number])
+
+    def box(self, number: int) -> Box:
+        """The box of a vehicle as it is shown."""
+        station, offset, direction = (float(row[number]) for row in self._road)
+        shown = offset + direction * self._residual.get(number, 0.0)
+        length, width = float(self._size[0, number]), float(self._size[1, number])
+        return Box(station, shown, direction * float(self._speed[number]), length, width)
+
+    def near(self, number: int) -> list[Box]:
+        """The boxes on the route within reach of a vehicle, without its own."""
+        station, _, direction = self._road
+        within = (np.abs(station - station[number]) < REACH) & (direction != 0.0)
+        found = [self.box(k) for k in np.flatnonzero(within).tolist() if k != number]
+        return found + list(self._obstacles)
+
+
+def _gap(own: Box, other: Box) -> tuple[float, float]:
+    """Free distance along the route between two boxes [m]; the sign of the other's side."""
+    apart = other.station - own.station
+    sign = 1.0 if apart > 0.0 else -1.0 if apart < 0.0 else 0.0
+    return abs(apart) - 0.5 * (other.length + own.length), sign

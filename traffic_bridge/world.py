@@ -127,7 +127,7 @@ class World:
             return self._observe(ego)
 
     def _observe(self, ego: EgoState | None) -> VehicleFrame:
-        boxes = self._ego.boxes(ego) if self._with_ego and ego is not None else None
+        boxes = self._ego.boxes(ego) if self._with_ego and ego is not None else ()
         frame = self._observation.read(ego, boxes)
         held = self._observation.held
         if held or self._held:

@@ -19,9 +19,9 @@ def test_quintic_keeps_the_state_and_comes_to_rest():
 
 def shown(smoother, names, station, offset, speed, size=SIZE):
     """Offsets at which vehicles of a straight road along x are shown."""
-    station, offset, speed = (np.asarray(a, dtype=float) for a in (station, offset, speed))
+    station, offset, speed = (np.array(a, dtype=float) for a in (station, offset, speed))
     heading, along = np.zeros(len(names)), np.ones(len(names))
-    shift = smoother.update(
+    shifts = smoother.update(
         list(names),
         np.round(offset).astype(int),
         np.stack((station, offset, heading)),
@@ -30,7 +30,9 @@ def shown(smoother, names, station, offset, speed, size=SIZE):
         np.stack((station, offset, along)),
         0.1,
     )
-    return offset if shift is None else offset + shift[0]
+    for shift in shifts:
+        offset[shift.number] += shift.offset
+    return offset
 
 
 def shown_track(smoother, offsets, speed=15.0):
@@ -87,8 +89,10 @@ def test_a_bend_is_no_lane_change_and_a_change_in_a_bend_is_one():
         r = radius if k < 20 else radius - 3.0
         pose = np.array([[r * np.sin(angle)], [-r * np.cos(angle)], [angle]])
         road = np.array([[radius * angle], [0.0], [0.0]])
-        shift = smoother.update(["a"], np.array([k < 20]), pose, np.array([6.0]), SIZE.T, road, 0.1)
-        sideways.append(0.0 if shift is None else float(shift[0][0]))
+        shifts = smoother.update(
+            ["a"], np.array([k < 20]), pose, np.array([6.0]), SIZE.T, road, 0.1
+        )
+        sideways.append(shifts[0].offset if shifts else 0.0)
     assert sideways[:20] == [0.0] * 20
     assert abs(sideways[20] + 3.0) < 0.1
     assert sideways[-1] == 0.0
