@@ -101,9 +101,16 @@ class Fleet:
                 self._names[self._single :], self._joint, places
             )
 
-    def move(self, elapsed: float) -> None:
-        """Computes where the units are some time after the frame [s]."""
+    def move(self, elapsed: float, known: VehicleFrame | None = None) -> None:
+        """Computes where the units are some time after the frame [s].
+
+        Args:
+          elapsed: that time [s].
+          known: vehicles whose places then are known; all others are moved on.
+        """
         now = self._moved(elapsed) if elapsed != 0.0 else self._state[:6]
+        if known is not None:
+            now = self._corrected(now, known)
         k, count = self._single, now.shape[1]
         self.position[:k] = now[:3, :k].T
         self.quaternion[:k] = quaternions(now[3:, :k]).T
@@ -123,6 +130,14 @@ class Fleet:
         if self._trend is None:
             self._trend = trend(self._state, self._before, self._step_length)
         return moved(self._state, self._trend, elapsed, self._step_length)
+
+    def _corrected(self, now: FloatArray, known: VehicleFrame) -> FloatArray:
+        """Poses, shape (6, n), with those of the vehicles of a frame put in."""
+        places = {name: place for place, name in enumerate(known.ids)}
+        rows = np.array([places.get(name, -1) for name in self._names], dtype=np.intp)
+        now, there = now.copy(), rows >= 0
+        now[:, there] = known.values.T[: len(now), rows[there]]
+        return now
 
     def _trailer(self, number: int, elapsed: float, pose: Pose) -> float:
         """Yaw of a semitrailer whose box has moved since the frame [rad]."""

@@ -26,7 +26,7 @@ from iits_mj.simulation.parts import load_map, make_stack, make_traffic
 from iits_mj.simulation.start import check_start
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
 from iits_mj.truck import Truck
-from traffic_bridge import Mirror, Recorder, Traffic, VehicleFrame
+from traffic_bridge import Mirror, MixedSim, Recorder, RepSim, Traffic, VehicleFrame
 
 TIMESTEP = 0.002
 CONTROL_STEPS = 10
@@ -303,11 +303,15 @@ class Simulation(Closing):
         """
         ego_xy = self.truck.data.body("tractor").xpos[:2]
         elapsed = self._steps % CYCLE_STEPS * TIMESTEP
+        known = None
+        if elapsed > 0.0 and isinstance(self.traffic, RepSim | MixedSim):
+            known = self.traffic.replay.at(self.time)
         self.mirror.update(
             self.truck.data,
             self.vehicles if new else None,
             (float(ego_xy[0]), float(ego_xy[1])),
             elapsed,
+            known,
         )
         if new:
             self._watching = self.mirror.may_touch(self.truck.data, CYCLE_PERIOD)

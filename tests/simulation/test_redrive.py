@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import os
 import subprocess
 import sys
@@ -15,7 +16,7 @@ import pytest
 
 from iits_mj import cli
 from iits_mj.errors import InputError
-from iits_mj.simulation import DriveConfig, Simulation
+from iits_mj.simulation import DriveConfig, Frame, Simulation
 from iits_mj.simulation import drive_log as drive_log_module
 from iits_mj.simulation.redrive import RedriveError, check_options, redrive
 from traffic_bridge import Recording, RepSim
@@ -205,3 +206,26 @@ def test_options_are_stored_as_plain_values(recorded: Path) -> None:
     )
     assert options["map"] == "road.xodr"
     assert json.loads(json.dumps(options)) == options
+
+
+def test_replayed_bodies_are_where_the_replay_has_them_between_two_frames(recorded: Path) -> None:
+    config = DriveConfig(recording=recorded, duration=1.0, start_station=2500.0)
+    apart: list[float] = []
+
+    class Watch:
+        period = 0.02
+
+        def observe(self, simulation: Simulation, frame: Frame) -> None:
+            assert isinstance(simulation.traffic, RepSim)
+            vehicles = simulation.traffic.at(frame.time)
+            for name in simulation.mirror.shown:
+                vehicle, bodies = vehicles.find(name), simulation.mirror.bodies_of(name)
+                if vehicle is not None and len(bodies) == 1:
+                    body = simulation.truck.model.body(bodies[0])
+                    place = simulation.truck.data.mocap_pos[body.mocapid[0]]
+                    apart.append(math.dist(place, (vehicle.x, vehicle.y, vehicle.z)))
+
+    with Simulation(config, visuals=False) as simulation:
+        simulation.run([Watch()])
+    assert len(apart) > 100
+    assert max(apart) < 1e-9
