@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,8 @@ from merge_map import BANK, GRADE, SIDE, WIDTH, merge_map, write_merge_map
 
 from iits_mj.errors import Error, InputError, MapError, TrafficError
 from iits_mj.road import RoadMap, Route
+from iits_mj.road.elements import OpenDriveMap, RoadType
+from iits_mj.road.writer import write
 from traffic_bridge import MapNetwork, Network
 
 XODR = Path(__file__).resolve().parents[2] / "../shared/data/xodr"
@@ -173,6 +176,20 @@ def test_limits_of_roads_hold_on_every_lane(merge):
     for lane in driving(merge):
         if not lane.internal:
             assert lane.speed == (16.0 if lane.road == "5" else 25.0)
+
+
+def test_a_limit_that_changes_along_a_road_holds_from_there_on(tmp_path):
+    (road,) = Route.straight(length=1000.0).road_map.content.roads
+    (section,) = road.sections
+    lanes = tuple(replace(lane, speeds=()) for lane in section.lanes)
+    types = (RoadType(0.0, "motorway", math.inf), RoadType(400.0, "motorway", 20.0))
+    changed = replace(road, sections=(replace(section, lanes=lanes),), types=types)
+    path = write(OpenDriveMap(roads=(changed,)), tmp_path / "map.xodr")
+    network = MapNetwork.of(RoadMap.from_opendrive(path))
+    limits = {(lane.begin < 395.0, lane.speed) for lane in driving(network) if not lane.internal}
+    # SUMO needs a limit: 70 m/s is none.
+    assert limits == {(True, 70.0), (False, 20.0)}
+    assert network.place("1", -1, 405.0).sumo_lane != network.place("1", -1, 390.0).sumo_lane
 
 
 def test_a_lane_that_closes_is_nobody_s_once_it_is_narrow(merge):
