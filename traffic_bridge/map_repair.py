@@ -58,7 +58,8 @@ def _check_unchanged(road_map: RoadMap, content: bytes) -> None:
 def _set_speeds(item: Element, road: Road) -> None:
     """Writes the limit of every driving lane into the lane itself, in m/s."""
     sections = sorted(item.iter("laneSection"), key=lambda section: float(section.get("s", "0")))
-    for element, (start, end, section) in zip(sections, road.section_spans(), strict=True):
+    # A section that begins beyond the road's end is in the file only.
+    for element, (start, end, section) in zip(sections, road.section_spans(), strict=False):
         for lane_item in element.iter("lane"):
             lane = section.lane(int(lane_item.get("id", "0")))
             if lane is None or not lane.is_driving or lane.id == 0:
