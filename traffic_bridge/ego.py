@@ -76,7 +76,7 @@ class EgoInTraffic:
         reach = self._footprint.front_overhang
         x = ego.x + reach * math.cos(ego.yaw)
         y = ego.y + reach * math.sin(ego.yaw)
-        return x, y, *self._route.locate(x, y, ego.station)
+        return x, y, *self._route.locate(x, y, ego.station + reach)
 
     def boxes(self, ego: EgoState) -> tuple[Box, Box]:
         """Where the truck is on the road: with the tractor's offset and with the trailer's."""

@@ -30,7 +30,8 @@ SIDE_MARGIN = 0.3  # [m]
 HELD_GAP = 0.7  # [m] kept to who stands before a vehicle that swings out
 HELD_SPEED = 1.5  # [m/s]: who is slower than it may be by more than this is not held
 CREEP = 0.3  # [m/s]: nobody who swings out is held for ever
-REACH = 150.0  # [m] within which another vehicle matters to a lane change
+# Within these distances between centres a vehicle of another lane can matter to a change [m].
+REACH, SIDEWAYS = 100.0, 3.2
 CLEARED_BY = 0.62  # fraction of the change after which the old lane is free (quintic: 3/4 done)
 
 
@@ -265,7 +266,7 @@ class LateralSmoother:
 
 
 class _Boxes:
-    """Who may be touched, as boxes on the route; made one by one, for few are asked for."""
+    """Who may be touched, as boxes on the route; made where they are asked for."""
 
     def __init__(
         self,
@@ -275,29 +276,30 @@ class _Boxes:
         shifts: list[Shift],
         obstacles: Sequence[Box],
     ) -> None:
-        self._road = road
-        self._speed = speed
-        self._size = size
-        self._residual = {shift.number: shift.offset for shift in shifts}
+        self._station, self._aim, self._direction = road
+        self._shown = self._aim.copy()
+        for shift in shifts:
+            self._shown[shift.number] += self._direction[shift.number] * shift.offset
+        self._columns = (self._station, self._shown, self._direction * speed, size[0], size[1])
         self._obstacles = obstacles
 
     def aim(self, number: int) -> float:
         """Offset on the route to which a vehicle goes [m]."""
-        return float(self._road[1][number])
+        return float(self._aim[number])
 
     def box(self, number: int) -> Box:
         """The box of a vehicle as it is shown."""
-        station, offset, direction = (float(row[number]) for row in self._road)
-        shown = offset + direction * self._residual.get(number, 0.0)
-        length, width = float(self._size[0, number]), float(self._size[1, number])
-        return Box(station, shown, direction * float(self._speed[number]), length, width)
+        return Box(*(float(column[number]) for column in self._columns))
 
     def near(self, number: int) -> list[Box]:
         """The boxes on the route within reach of a vehicle, without its own."""
-        station, _, direction = self._road
-        within = (np.abs(station - station[number]) < REACH) & (direction != 0.0)
-        found = [self.box(k) for k in np.flatnonzero(within).tolist() if k != number]
-        return found + list(self._obstacles)
+        within = np.abs(self._shown - self._shown[number]) < SIDEWAYS
+        within &= np.abs(self._station - self._station[number]) < REACH
+        within &= self._direction != 0
+        within[number] = False
+        index = np.flatnonzero(within)
+        columns = (column.take(index).tolist() for column in self._columns)
+        return [*map(Box, *columns), *self._obstacles]
 
 
 def _gap(own: Box, other: Box) -> tuple[float, float]:
