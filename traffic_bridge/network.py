@@ -49,13 +49,10 @@ class Network:
     Attributes:
       path: of the `.net.xml` file.
       offset: what SUMO adds to the map's x and y [m].
-      route_edges: ids of the edges along the route where the caller knows them; by default empty,
-        the edges are found by the road's ids.
     """
 
     path: Path
     offset: tuple[float, float]
-    route_edges: tuple[str, ...] = ()
 
 
 def cache_dir() -> Path:
