@@ -187,6 +187,50 @@ def test_bodies_do_not_jump_on_maps_of_others(name):
     assert up < (7e-3 if name == "crest-curve" else 1e-3)
 
 
+@pytest.mark.parametrize("map_name", ["built-in", "curves_elevation", "velodrome"])
+def test_bodies_are_tangent_to_the_road_in_both_directions(map_name, highway):
+    route = highway
+    if map_name != "built-in":
+        path = MAPS / f"esmini_{map_name}.xodr"
+        if not path.exists():
+            pytest.skip(f"{path} is not there")
+        route = RoadMap.from_opendrive(path).route()
+    mirror = Mirror({"car": 40}, view_range=1e5, visuals=False)
+    model, data = scene(mirror)
+    config = TrafficConfig(density=0.2, scope="both", mix={"car": 1.0}, fill_ahead=4000.0)
+    checked, senses = 0, set()
+    with PureSim(route, config, seed=3) as traffic:
+        traffic.reset()
+        for k in range(100):
+            vehicles = traffic.step()
+            if k % 10:
+                continue
+            mirror.update(data, vehicles, (0.0, 0.0))
+            for name in mirror.shown:
+                v = vehicles.find(name)
+                if v.lateral_speed != 0.0 or not 5.0 < v.station < route.length - 5.0:
+                    continue
+                places = [(-1.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.0, 0.0)]
+                p = [route.evaluate(v.station + s, v.offset + d) for s, d in places]
+                back, front, left, here = (
+                    np.array([float(q.x), float(q.y), float(q.z)]) for q in p
+                )
+                along, across = front - back, left - here
+                normal = np.cross(along, across) / np.linalg.norm(np.cross(along, across))
+                position, axes = pose(model, data, mirror, name)
+                sense = math.copysign(1.0, axes[:, 0] @ along)
+                assert np.linalg.norm(position - here) < 0.05
+                # The frame's pitch is the reference line's: beside it the way is up to 2 % steeper
+                # where the cross slope changes.
+                assert sense * axes[:, 0] @ along > math.cos(0.02) * np.linalg.norm(along)
+                assert axes[:, 2] @ normal > math.cos(0.02)
+                checked += 1
+                senses.add(sense)
+    assert checked > 100
+    # The other two maps have lanes in one direction only.
+    assert senses == ({1.0, -1.0} if map_name == "curves_elevation" else {1.0})
+
+
 def test_bodies_follow_a_crest_and_a_changing_cross_slope(straight):
     # Grade falls by 1 in 500 m; beside the reference line the road climbs by another 1 %.
     def car(k):
