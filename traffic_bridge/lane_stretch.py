@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from traffic_bridge.net_file import NetConnection
-from traffic_bridge.road_frames import RoadFrame
+from traffic_bridge.road_frames import RoadFrame, SurfacePoint
 
 FloatArray = NDArray[np.float64]
 
@@ -60,9 +60,14 @@ class Stretch:
         row = Row(min(near, far), max(near, far), lane, parts if rising else parts[::-1])
         return (self.frame.road.id, self.lanes[section]), row
 
+    def road_end(self, end: int) -> SurfacePoint:
+        """The lane's centre where its road begins (0) or ends (-1) in travel, columns (1,)."""
+        ends = (0.0, self.frame.length) if self.sense > 0 else (self.frame.length, 0.0)
+        return self.frame.evaluate(self.lanes, ends[end])
+
     def s_at(self, part: ArrayLike) -> FloatArray:
         """Stations of the road at fractions of the lane."""
-        return np.interp(part, self.part, self.s)
+        return np.interp(np.asarray(part, dtype=float), self.part, self.s)
 
     def part_at(self, s: float) -> float:
         """Fraction of the lane at a station, 0 to 1."""

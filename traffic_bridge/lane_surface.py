@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from iits_mj.errors import InputError, TrafficError
 from traffic_bridge.lane_joints import joint, moved
+from traffic_bridge.lane_seams import LaneSeams, blended, half_step
 from traffic_bridge.lane_stretch import Inside, Stretch
 from traffic_bridge.net_file import NetEdge, NetFile, NetLane
 from traffic_bridge.road_frames import RoadFrame, RoadFrames, SurfacePoint
@@ -71,6 +72,9 @@ class LaneSurfaces:
         self._edges: dict[str, NetEdge] = {edge.id: edge for edge in net.edges}
         self._stretches: dict[str, Stretch | None] = {}
         self.inside = self._find_inside()
+        joints = (name for name in self.inside if self.lanes[name].origin is None)
+        self._seams = LaneSeams(net, frozenset(joints))
+        self._found_steps: dict[str, tuple[FloatArray | None, FloatArray | None]] = {}
         for lane in self.lanes.values():
             if lane.origin is not None:
                 self._check(lane, *lane.origin)
@@ -119,7 +123,13 @@ class LaneSurfaces:
         stretch = self.stretch(name)
         if stretch is None:
             raise InputError(f"lane {name!r} belongs to no road of the map")
-        return stretch.frame.evaluate(stretch.lanes, stretch.s_at(part), offset)
+        point = stretch.frame.evaluate(stretch.lanes, stretch.s_at(part), offset)
+        start, end = self._steps(name, stretch)
+        if start is not None:
+            point = blended(point, part * lane.length, lane.length, start, at_end=False)
+        if end is not None:
+            point = blended(point, part * lane.length, lane.length, end, at_end=True)
+        return point
 
     def stretch(self, name: str) -> Stretch | None:
         """The part of a road that a lane covers; None for SUMO's own joints."""
@@ -210,14 +220,32 @@ class LaneSurfaces:
         sense = 1.0 if lane.origin is not None and lane.origin[1] < 0 else -1.0
         # From the middle outwards: where a loop closes, begin and end are at one place.
         middle = frame.locate(x, y)[0]
-        first = frame.locate(*map(float, shape[0]), middle - sense * half)[0]
-        last = frame.locate(*map(float, shape[-1]), middle + sense * half)[0]
+        (x0, y0), (x1, y1) = shape[0].tolist(), shape[-1].tolist()
+        first = frame.locate(x0, y0, middle - sense * half)[0]
+        last = frame.locate(x1, y1, middle + sense * half)[0]
         if sense * (last - first) <= 0.0:
             last = first + sense * max(float(way[-1]), 1e-3)
         return first, last
 
     def _map_shape(self, lane: NetLane) -> FloatArray:
         return lane.shape - np.asarray(self._net.offset)
+
+    def _steps(self, name: str, stretch: Stretch) -> tuple[FloatArray | None, FloatArray | None]:
+        """What the lane's beginning and end move by to meet their neighbors; None for nothing."""
+        if name not in self._found_steps:
+            before, after = self._seams.before.get(name), self._seams.after.get(name)
+            self._found_steps[name] = (
+                self._half_step(stretch, before, 0),
+                self._half_step(stretch, after, -1),
+            )
+        return self._found_steps[name]
+
+    def _half_step(self, stretch: Stretch, neighbor: str | None, end: int) -> FloatArray | None:
+        other = None if neighbor is None else self.stretch(neighbor)
+        if other is None or other.frame is stretch.frame:
+            return None
+        # SUMO's lanes end some metres before the roads do: the roads' ends are what meets.
+        return half_step(stretch.road_end(end), other.road_end(-1 - end))
 
     def _at_inside(self, lane: NetLane, part: FloatArray, offset: FloatArray) -> SurfacePoint:
         connection, low, high = self.inside[lane.id]
@@ -230,8 +258,7 @@ class LaneSurfaces:
         else:
             way = [name for name, other in self.inside.items() if other.connection is connection]
             point = stretch.frame.evaluate(stretch.lanes, stretch.s_at(part))
-            begun = self._raw_end(way[0], 0.0)
-            ended = self._raw_end(way[-1], 1.0)
+            begun, ended = _end(self.stretch(way[0]), 0), _end(self.stretch(way[-1]), -1)
             point = moved(point, u, start, begun, end, ended)
         if not np.any(offset):
             return point
@@ -242,11 +269,12 @@ class LaneSurfaces:
             z=point.z + offset * np.tan(point.bank),
         )
 
-    def _raw_end(self, name: str, part: float) -> SurfacePoint | None:
-        stretch = self.stretch(name)
-        if stretch is None:
-            return None
-        return stretch.frame.evaluate(stretch.lanes, stretch.s_at([part]))
+
+def _end(stretch: Stretch | None, end: int) -> SurfacePoint | None:
+    """The point at the beginning (0) or end (-1) of a stretch as its road has it."""
+    if stretch is None:
+        return None
+    return stretch.frame.evaluate(stretch.lanes, stretch.s[[end]])
 
 
 def _lengths(shape: FloatArray) -> FloatArray:

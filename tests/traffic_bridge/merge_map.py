@@ -128,3 +128,30 @@ def section(s, count, behind=0, ahead=0, closing=0.0, shift=0):
             )
         )
     return LaneSection(s, tuple(lanes))
+
+
+def dirty_map():
+    """Three roads in a row: the second one overlaps, lies aside, higher, and turned a little."""
+    first = road("1", 300.0, 0.0, (section(0.0, 2, ahead=2),), successor=Link("road", "2", "start"))
+    second = Road(
+        id="2",
+        length=200.0,
+        geometries=(Line(0.0, 299.5, 0.2, 0.01, 200.0),),
+        sections=(section(0.0, 2, behind=2, ahead=2),),
+        predecessor=Link("road", "1", "end"),
+        successor=Link("road", "3", "start"),
+        types=(RoadType(0.0, "motorway", LIMIT),),
+        elevations=(Cubic(0.0, GRADE * 300.0 + 0.15),),
+        superelevations=(Cubic(0.0, BANK),),
+    )
+    x, y = 299.5 + 200.0 * math.cos(0.01), 0.2 + 200.0 * math.sin(0.01)
+    third = Road(
+        id="3",
+        length=300.0,
+        geometries=(Line(0.0, x, y, 0.01, 300.0),),
+        sections=(section(0.0, 2, behind=2),),
+        predecessor=Link("road", "2", "end"),
+        types=(RoadType(0.0, "motorway", LIMIT),),
+        elevations=(Cubic(0.0, GRADE * 300.0 + 0.15, 0.03),),
+    )
+    return OpenDriveMap(roads=(first, second, third), name="dirty")

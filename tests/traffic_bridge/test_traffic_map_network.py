@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from merge_map import BANK, GRADE, SIDE, WIDTH, merge_map, write_merge_map
+from merge_map import BANK, GRADE, SIDE, WIDTH, dirty_map, merge_map, write_merge_map
 
 from iits_mj.errors import Error, InputError, MapError, TrafficError
 from iits_mj.road import RoadMap, Route
@@ -114,6 +114,33 @@ def test_surface_of_an_oncoming_lane_slopes_the_other_way():
     assert np.allclose(along.grade, -against.grade[::-1][: along.grade.size], atol=0.02)
     turn = np.cos(along.heading[0] - against.heading[-1])
     assert turn == pytest.approx(-1.0, abs=1e-3)
+
+
+def test_steps_between_roads_are_shared_by_both_and_fade(tmp_path):
+    network = MapNetwork.of(RoadMap.from_opendrive(write(dirty_map(), tmp_path / "dirty.xodr")))
+    assert_continuous(network)
+    lanes = ("-1_0", "-2_0", "-3_0")
+    surfaces = [network.surface(lane, 1.0) for lane in lanes]
+    joined = [np.concatenate([getattr(s, name) for s in surfaces]) for name in ("x", "y", "z")]
+    x, y, z = joined
+    way = np.hypot(np.diff(x), np.diff(y))
+    # Overlaps are shared out along the lane, nobody jumps.
+    assert np.all(way < 1.1)
+    assert np.all(np.abs(np.diff(z)) < 0.05)
+    assert np.all(np.abs(np.diff(np.concatenate([s.heading for s in surfaces]))) < 0.012)
+    for surface, road in zip(surfaces, ("1", "2", "3"), strict=True):
+        k = surface.x.size // 2
+        place = network.locate(surface.x[k], surface.y[k], surface.heading[k])
+        assert place.road == road
+        assert network.point(place).z == pytest.approx(surface.z[k], abs=1e-9)
+        path = np.arctan2(np.diff(surface.y), np.diff(surface.x))
+        middle = 0.5 * (surface.heading[1:] + surface.heading[:-1])
+        # At the ends each takes half of the other's turn of 0.01 rad.
+        assert np.all(np.abs(path - middle) < 0.006)
+    step = 0.5 * (0.15 - 0.2 * math.tan(BANK))
+    assert surfaces[0].z[-1] - GRADE * 300.0 + 1.5 * WIDTH * math.tan(BANK) == pytest.approx(
+        step, abs=0.02
+    )
 
 
 def test_cross_slopes_are_scaled_as_on_the_route():
