@@ -45,6 +45,8 @@ def make_traffic(
     """
     if config.reactive and config.recording is None:
         raise InputError("reactive traffic is around a recording; name one, or leave it out")
+    if config.reactive and config.traffic_mode != "inter":
+        raise InputError("reactive traffic is SUMO's and sees the truck; use traffic-mode inter")
     replayed = config.recording is not None and not config.reactive
     without_sumo = replayed or config.traffic_mode == "none"
     if config.events is not None and without_sumo:

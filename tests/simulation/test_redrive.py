@@ -176,13 +176,20 @@ def test_live_traffic_joins_the_recorded_one_on_request(recorded: Path) -> None:
     ("words", "reason"),
     [
         (["--truck"], "--verify --truck"),
+        (["--reactive", "--traffic-mode", "none", "--out", "out"], "use traffic-mode inter"),
         (["--verify", "--density", "sparse"], "made with density dense"),
         (["--verify", "--truck", "--payload", "1000"], "made with payload 36000.0, asked"),
     ],
 )
 def test_wrong_use_is_one_line(
-    recorded: Path, words: list[str], reason: str, capsys: pytest.CaptureFixture[str]
+    recorded: Path,
+    words: list[str],
+    reason: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     assert cli.main(["replay", str(recorded), *words]) == 2
     said = capsys.readouterr().err.strip().splitlines()
     assert len(said) == 1
