@@ -66,7 +66,10 @@ class MixedSim(PureSim):
 
     @property
     def conflicts(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of a replayed and a SUMO vehicle that SUMO had in one place since the reset."""
+        """Pairs of a replayed and a SUMO vehicle that touched since the reset, as SUMO sees it.
+
+        SUMO counts who is nearer to the one ahead than the gap it keeps at standstill.
+        """
         return tuple(sorted(self._conflicts))
 
     def reset(self, ego: EgoState | None = None) -> VehicleFrame:
