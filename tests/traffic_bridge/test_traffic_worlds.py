@@ -1,4 +1,5 @@
 import math
+import multiprocessing
 import os
 import pickle
 import signal
@@ -160,26 +161,14 @@ def test_a_killed_process_is_named_and_its_world_can_be_reset(worlds, alone):
     assert worlds.step(egos(2))[0] == alone[0][2]
 
 
-def test_a_process_that_hangs_is_ended_and_named():
-    with TrafficWorlds(SPECS[:1]) as worlds:
-        worlds.reset([ego(0, 0)])
-        worlds.timeout = 0.5
-        (pid,) = worlds.pids
-        os.kill(pid, signal.SIGSTOP)
-        with pytest.raises(TrafficError, match=r"world 0: gave no answer for 0\.5 s"):
-            worlds.step([ego(0, 1)])
-        assert not is_running(pid)
-
-
-def test_closing_leaves_no_process_and_closed_worlds_say_so():
-    worlds = TrafficWorlds(SPECS[:1])
-    pids = worlds.pids
-    assert all(map(is_running, pids))
-    worlds.close()
-    worlds.close()
-    assert not any(map(is_running, pids))
-    with pytest.raises(TrafficError, match="are closed"):
-        worlds.reset()
+def test_a_process_that_hangs_is_ended_and_named(worlds, monkeypatch):
+    worlds.reset(egos(0))
+    monkeypatch.setattr(worlds, "timeout", 0.5)
+    pid = worlds.pids[0]
+    os.kill(pid, signal.SIGSTOP)
+    with pytest.raises(TrafficError, match=r"world 0: gave no answer for 0\.5 s"):
+        worlds.step([ego(0, 1)], worlds=[0])
+    assert not is_running(pid)
 
 
 def test_what_is_no_world_is_refused():
@@ -232,6 +221,7 @@ def test_worlds_end_when_their_owner_is_killed(tmp_path):
     assert not is_running(pid)
 
 
+@pytest.mark.slow
 def test_a_script_without_a_guarded_main_part_is_told_so(tmp_path):
     script = tmp_path / "careless.py"
     script.write_text(
@@ -242,3 +232,16 @@ def test_a_script_without_a_guarded_main_part_is_told_so(tmp_path):
     result = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
     assert result.returncode == 1
     assert "__main__" in result.stderr.splitlines()[-1]
+
+
+def test_closing_leaves_no_process_and_closed_worlds_say_so(worlds):
+    # The last test of the file: the others share these worlds.
+    worlds.reset(egos(0))
+    pids = worlds.pids
+    assert all(map(is_running, pids))
+    worlds.close()
+    worlds.close()
+    assert not any(map(is_running, pids))
+    assert not multiprocessing.active_children()
+    with pytest.raises(TrafficError, match="are closed"):
+        worlds.reset()
