@@ -185,6 +185,11 @@ def test_ways_through_a_town_turn_at_its_light(town):
     assert len(lights) == 12
     assert {link.turn for link in lights} == {"s", "l", "r"}
     assert {town.light_of(link) for link in lights} >= {"r"}
+    node = town.junctions["4"]
+    assert node.kind == "traffic_light"
+    assert town.locate(node.x, node.y).junction == "4"
+    assert town.roads["5"].junction == "4"
+    assert town.roads["2"].edges == ("-2", "2")
     assert town.reachable("-2") == {"-2", "3", "-0", "-1"}
 
 

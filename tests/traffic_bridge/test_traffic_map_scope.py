@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from merge_map import LIMIT, write_merge_map
-from scripted_truck import ego_at, overlap, vehicle_box
+from scripted_truck import ego_at, ego_box, overlap, vehicle_box
 
 from iits_mj.errors import InputError
 from iits_mj.road import RoadMap
@@ -142,6 +142,26 @@ def test_traffic_turns_at_a_junction_in_every_direction():
     assert len(ways) >= 7
     assert all(start != end for start, end in ways)
     assert {start for start, _ in ways} == {"0", "1", "2", "3"}
+
+
+def test_nobody_drives_through_a_truck_that_stands_in_a_junction():
+    town = foreign("fabriksgatan_traffic_lights")
+    route = town.route()
+    station, speed = 70.0, 8.0
+    with InterSim(route, config(mix={"car": 1.0}), seed=1) as traffic:
+        traffic.reset(ego_at(route, 0.0, station, speed, route.lane_offset(0, station)))
+        waiting = 0
+        for k in range(500):
+            speed = 8.0 if station < 123.0 else 0.0
+            station += speed * STEP
+            ego = ego_at(route, (k + 1) * STEP, station, speed, route.lane_offset(0, station))
+            frame = traffic.step(ego)
+            near = [v for v in frame if math.dist((v.x, v.y), (ego.x, ego.y)) < 25.0]
+            assert not any(overlap(ego_box(ego), vehicle_box(v)) for v in near)
+            waiting = sum(v.speed < 0.1 for v in frame)
+    place = MapNetwork.of(town).locate(ego.x, ego.y, ego.yaw)
+    assert place.junction == "4"
+    assert waiting >= 2
 
 
 def test_flow_along_the_route_does_not_hang_on_the_scope(merge):
