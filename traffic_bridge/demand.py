@@ -9,6 +9,7 @@ import numpy as np
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.lane_ways import LaneWays
 from traffic_bridge.lanes import LaneTable, RouteLanes
+from traffic_bridge.limits import SpeedLimits
 from traffic_bridge.map_demand import MapDemand
 from traffic_bridge.net_file import NetFile, NetLane
 from traffic_bridge.network import Network
@@ -38,6 +39,7 @@ class Demand:
       config: density, mix and speeds.
       rng: the source of randomness.
       network: of the map.
+      limits: that were set in the run.
     """
 
     def __init__(
@@ -48,8 +50,10 @@ class Demand:
         config: TrafficConfig,
         rng: np.random.Generator,
         network: Network,
+        limits: SpeedLimits,
     ) -> None:
         self._session = session
+        self._limits = limits
         self._api = session.api
         self._lanes = lanes
         self._vehicles = vehicles
@@ -244,7 +248,10 @@ class Demand:
         position: str,
         ahead: float = math.inf,
     ) -> None:
-        limit = min(self._api.lane.getMaxSpeed(table.id), ahead)
+        front = 0.0 if position == "base" else float(position)
+        slowing = self._config.type_of(kind).deceleration
+        sign = self._limits.entering(table, front, slowing)
+        limit = min(self._api.lane.getMaxSpeed(table.id), ahead, sign)
         # A speed above the lane's limit would inflate the vehicle's speed factor for life.
         self._insert(kind, desired, route, table.index, position, limit)
 

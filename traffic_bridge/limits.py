@@ -1,15 +1,18 @@
 """Variable speed limits on stretches of the route, exact to the station.
 
-SUMO knows one limit a lane, and its lanes end where the map's roads or lane sections do. A stretch
-that covers whole lanes becomes their limit. Where it begins or ends inside a lane, every vehicle
-is held to what the stretch allows where it is, and before the stretch to the speed from which it
-reaches the limit at the sign with a part of its comfortable deceleration, as drivers do who see it.
+SUMO knows one limit a lane; its lanes end where the map's roads or lane sections do, and vehicles
+brake as hard as they can when it is lowered. So every vehicle is held, by its own maximum speed,
+to what the stretch allows where it is, and before the stretch to the speed from which it reaches
+the limit at the sign with a part of its comfortable deceleration, as drivers do who see it. A
+vehicle on a stretch whose limit comes into force slows down with that deceleration. SUMO's own
+limit is raised where a stretch allows more than the map.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +28,7 @@ from traffic_bridge.vehicles import Vehicles
 # Part of the comfortable deceleration that drivers take before a sign (judgement).
 APPROACH = 0.75
 SIGHT = 400.0  # [m] before a sign in which drivers may begin to brake
-SEAM = 1.0  # [m] by which a stretch may miss a lane's end and still cover it
+SEAM = 10.0  # [m] between SUMO's lanes, at most
 
 
 @dataclass(frozen=True)
@@ -150,6 +153,20 @@ class SpeedLimits:
         own = self._of_map.get(table.id)
         return float(self._api.lane.getMaxSpeed(table.id)) if own is None else own
 
+    def entering(self, table: LaneTable, position: float, deceleration: float) -> float:
+        """Highest speed for a vehicle that appears on a SUMO lane [m/s]; infinite: any.
+
+        Args:
+          table: of the lane.
+          position: of the front bumper along the lane [m].
+          deceleration: the vehicle's comfortable one [m/s2].
+        """
+        watch = next((watch for watch in self._watched if watch.lane == table.id), None)
+        if watch is None:
+            return math.inf
+        station, slowing = np.array([table.at(position)[0]]), APPROACH * deceleration
+        return float(_allowed(watch.pieces, station, np.array([slowing]))[0])
+
     def step(self) -> None:
         """Holds the vehicles on and before stretches that begin or end inside a lane."""
         if not self._watched and not self._held:
@@ -171,23 +188,14 @@ class SpeedLimits:
     # Inside ------------------------------------------------------------------------------------
 
     def _allowed(self, names: list[str], watch: _Watch) -> FloatArray:
-        """Highest speeds at the end of the coming step [m/s], shape (n,); infinite: any.
-
-        v^2 = limit^2 + 2 b distance before a sign, whose distance is that at the end of the step.
-        """
+        """Highest speeds at the end of the coming step [m/s], shape (n,); infinite: any."""
         vehicle, of = self._api.vehicle, self._vehicles
         position = np.array([vehicle.getLanePosition(name) for name in names])
         speed = np.array([vehicle.getSpeed(name) for name in names])
         slowing = APPROACH * np.array([of.type_of(name).deceleration for name in names])
-        station = np.interp(position, watch.positions, watch.stations)
-        allowed = np.full(len(names), math.inf)
-        for piece in watch.pieces:
-            before = piece.start - station
-            seen = (piece.end > station) & (before <= SIGHT)
-            distance = np.maximum(before - speed * self._step, 0.0)
-            reached = np.sqrt(piece.limit**2 + 2.0 * slowing * distance)
-            allowed = np.where(seen, np.minimum(allowed, reached), allowed)
-        return allowed
+        station = np.interp(position, watch.positions, watch.stations) + speed * self._step
+        # Who is faster, because the limit has just come into force, slows down as for a sign.
+        return np.maximum(_allowed(watch.pieces, station, slowing), speed - slowing * self._step)
 
     def _apply(self) -> None:
         """Sets the limits of the SUMO lanes, and notes which vehicles must be held by station."""
@@ -200,53 +208,46 @@ class SpeedLimits:
             touched = sorted({t.lane for r in self._rules.values() for t in self._tables(r)})
             for lane in touched:
                 pieces = self._cut(lane)
-                gaps: list[LimitPiece] = []
+                rest: list[LimitPiece] = []
                 for table in self._lanes.within(pieces[0].start, pieces[-1].end, lane):
-                    inside, between = self._limit_lane(table, pieces)
-                    gaps += between
-                    if inside:
-                        watched.setdefault(table.id, []).extend(inside)
-                        self._watch_before(table, inside, watched)
-                self._pieces[lane] = sorted(pieces + gaps, key=lambda piece: piece.start)
+                    over = [p for p in pieces if _overlaps(p, table)]
+                    between = self._raise_lane(table, over)
+                    rest += between
+                    watched.setdefault(table.id, []).extend(over + between)
+                    self._watch_before(table, over + between, watched)
+                self._pieces[lane] = sorted(pieces + rest, key=lambda piece: piece.start)
         self._watched = [
             _Watch.of(self._lanes.tables[lane_id], pieces) for lane_id, pieces in watched.items()
         ]
 
     def _watch_before(
-        self, table: LaneTable, inside: list[LimitPiece], watched: dict[str, list[LimitPiece]]
+        self, table: LaneTable, pieces: list[LimitPiece], watched: dict[str, list[LimitPiece]]
     ) -> None:
-        """Lets the lanes that lead onto one know the signs inside it, as far as they are seen."""
+        """Lets the lanes that lead onto one know the signs on it, as far as they are seen."""
         begin = float(table.station[0])
-        signs = [piece for piece in inside if begin < piece.start < begin + SIGHT]
+        signs = [piece for piece in pieces if begin - SEAM < piece.start < begin + SIGHT]
         for before in upstream(self._lanes, [table], SIGHT) if signs else ():
             watched.setdefault(before.id, []).extend(signs)
 
-    def _limit_lane(
-        self, table: LaneTable, pieces: list[LimitPiece]
-    ) -> tuple[list[LimitPiece], list[LimitPiece]]:
-        """Sets the highest limit that holds anywhere on a SUMO lane.
+    def _raise_lane(self, table: LaneTable, over: list[LimitPiece]) -> list[LimitPiece]:
+        """Raises SUMO's limit of a lane to the highest that holds anywhere on it.
 
         Returns:
-          All its pieces where vehicles have to be held by station (a piece begins or ends inside
-          the lane, or the map's limit holds on the rest, below SUMO's now), else none; and of
-          these the ones with the map's limit.
+          Where the map's limit holds on the rest of the lane and is below SUMO's now.
         """
         own = self._of_map.setdefault(table.id, float(self._api.lane.getMaxSpeed(table.id)))
-        low, high = float(table.station[0]), float(table.station[-1])
-        over = [p for p in pieces if p.start < high and p.end > low]
-        partial = [p for p in over if p.start > low + SEAM or p.end < high - SEAM]
-        between, free = [], low
+        ceiling = max((piece.limit for piece in over), default=own)
+        # A turn inside a junction keeps the low speed that its bend asks for.
+        if ceiling <= own or table.id.startswith(":"):
+            return []
+        self._api.lane.setMaxSpeed(table.id, ceiling)
+        free, high = float(table.station[0]), float(table.station[-1])
+        between = []
         for start, end in [*((p.start, p.end) for p in over), (high, high)]:
-            if start > free + SEAM:
+            if start > free:
                 between.append(LimitPiece(free, start, own))
             free = max(free, end)
-        ceiling = max(piece.limit for piece in over + between)
-        # A turn inside a junction keeps the low speed that its bend asks for.
-        if table.id.startswith(":"):
-            ceiling = min(ceiling, own)
-        self._api.lane.setMaxSpeed(table.id, ceiling)
-        between = between if ceiling > own else []
-        return (over + between if partial or between else []), between
+        return between
 
     def _cut(self, lane: int) -> list[LimitPiece]:
         """The stretches of a lane without overlap, in driving order."""
@@ -261,3 +262,24 @@ class SpeedLimits:
 
     def _tables(self, rule: SpeedLimit) -> list[LaneTable]:
         return self._lanes.within(rule.start, rule.end, rule.lane)
+
+
+def _overlaps(piece: LimitPiece, table: LaneTable) -> bool:
+    return piece.start < table.station[-1] and piece.end > table.station[0]
+
+
+def _allowed(pieces: Sequence[LimitPiece], station: FloatArray, slowing: FloatArray) -> FloatArray:
+    """Highest speeds at stations: v^2 = limit^2 + 2 b distance before a sign, shape (n,) [m/s].
+
+    Args:
+      pieces: what holds there and ahead.
+      station: of the front bumpers [m], shape (n,).
+      slowing: b, the decelerations before signs [m/s2], shape (n,).
+    """
+    allowed = np.full(len(station), math.inf)
+    for piece in pieces:
+        before = piece.start - station
+        seen = (piece.end > station) & (before <= SIGHT)
+        reached = np.sqrt(piece.limit**2 + 2.0 * slowing * np.maximum(before, 0.0))
+        allowed = np.where(seen, np.minimum(allowed, reached), allowed)
+    return allowed

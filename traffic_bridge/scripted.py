@@ -17,6 +17,7 @@ from traffic_bridge.vehicles import Vehicles
 
 REACTION = 1.0  # [s] in which a driver does not brake yet (judgement)
 HARD_BRAKING = 3.0  # [m/s2] that a vehicle appearing may ask of others (judgement)
+BESIDE = 5.0  # [m] before and behind a place that are to be free on the lanes beside it
 LOOK = 250.0  # [m] behind and ahead of a place in which others matter
 
 # SUMO's lane-change modes (its manual, "lane change mode").
@@ -155,13 +156,18 @@ class ScriptedVehicles:
                 return False
         vehicle = self._api.vehicle
         for table in self._lanes.within(rear - LOOK, front + LOOK):
-            if table.lane != placement.lane:
+            aside = abs(table.lane - placement.lane)
+            if aside > 1:
                 continue
             for name in self._api.lane.getLastStepVehicleIDs(table.id):
                 other_front, _ = table.at(vehicle.getLanePosition(name))
                 other_rear = other_front - vehicle.getLength(name)
                 speed = vehicle.getSpeed(name)
-                if other_front > front:
+                if aside:
+                    # It may just have left this lane for SUMO and still be seen on it.
+                    if other_rear < front + BESIDE and other_front > rear - BESIDE:
+                        return False
+                elif other_front > front:
                     if other_rear - front < _room(placement.speed, speed):
                         return False
                 elif rear - other_front < _room(speed, placement.speed):

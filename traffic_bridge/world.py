@@ -63,7 +63,9 @@ class World:
             self.vehicles = Vehicles(self.session, config.types)
             self.signals = TrafficController(self.session, lanes, self.vehicles, config)
             rng = np.random.default_rng(seed)
-            self._demand = Demand(self.session, lanes, self.vehicles, config, rng, network)
+            self._demand = Demand(
+                self.session, lanes, self.vehicles, config, rng, network, self.signals.limits
+            )
         self._ego = EgoInTraffic(self.session, lanes, route, config.footprint, config.step_length)
         self._with_ego = with_ego
         self._held: set[str] = set()

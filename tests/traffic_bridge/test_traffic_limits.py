@@ -43,6 +43,23 @@ def test_a_limit_inside_a_sumo_lane_holds_from_its_station_to_its_end(model, roa
     assert max(past) > 11.0
 
 
+def test_a_limit_that_comes_into_force_slows_those_on_it_as_drivers_brake(road):
+    with PureSim(road, TrafficConfig(density=0.1), seed=2) as traffic:
+        traffic.reset()
+        for _ in range(50):
+            traffic.step()
+        traffic.signals.set_speed_limit(6.0, 500.0, 1500.0)
+        hardest = 0.0
+        for _ in range(200):
+            frame = traffic.step()
+            hardest = min(hardest, frame.column("acceleration").min())
+        inside = (frame.column("station") > 510.0) & (frame.column("station") < 1490.0)
+        assert inside.sum() > 10
+        assert frame.column("speed")[inside].max() < 6.0 + 1e-6
+    # Three quarters of the comfortable 2 m/s2, and what following another one asks for.
+    assert -2.5 < hardest < -1.4
+
+
 def test_a_limit_on_one_lane_leaves_the_others_alone_and_the_later_one_holds(road):
     with PureSim(road, TrafficConfig(density=0.1), seed=1) as traffic:
         traffic.reset()
