@@ -85,7 +85,7 @@ class LaneWays:
         return reach[lane]
 
     def _of_edge(self, edge: str) -> list[str]:
-        found = []
+        found: list[str] = []
         while (name := f"{edge}_{len(found)}") in self._lanes:
             found.append(name)
         return found
