@@ -36,7 +36,8 @@ class LaneChanger:
         self._graph = LaneGraph.read(session.api)
         self._vehicles = vehicles
         self._config = config
-        self._changed: dict[str, float] = {}
+        # When a vehicle was told to change lanes, and to which side (+1 left).
+        self._changed: dict[str, tuple[float, int]] = {}
         self._until = PERIOD
         self._ways: dict[str, Onward] = {}
         self._obstacle = lru_cache(maxsize=64)(self._obstacle_of_length)
@@ -59,16 +60,22 @@ class LaneChanger:
         permitted: dict[str, bool] = {}
 
         def may_change(place: Place, target: Lane) -> bool:
-            if time - self._changed.get(place.driver.name, -math.inf) < REST:
+            if time - self._changed.get(place.driver.name, (-math.inf, 0))[0] < REST:
                 return False
             if target.id not in permitted:
                 permitted[target.id] = self._is_open(target)
             return permitted[target.id] and self._goes_on(place, target)
 
-        occupancy = Occupancy(self._graph, self._places())
+        duration = self._config.lane_change_duration
+        occupancy = Occupancy(self._graph, self._places(), duration)
+        before = {name: place.lane.index for name, place in occupancy.places.items()}
+        for name, (begun, side) in self._changed.items():
+            left = begun + duration - time
+            if left > 0.0 and name in occupancy.places:
+                occupancy.note_leaving(name, occupancy.places[name].lane.beside(-side), left)
         for name, lane in decide(self._graph, occupancy, may_change).items():
             vehicle.changeLane(name, lane.index, PERIOD)
-            self._changed[name] = time
+            self._changed[name] = time, lane.index - before[name]
 
     def _places(self) -> list[Place]:
         vehicle, lanes = self._api.vehicle, self._graph.lanes

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from traffic_bridge.mobil import Driver, Surroundings, gain
+from traffic_bridge.mobil import MARGIN, Driver, Surroundings, gain
 
 REACH = 300.0  # [m]: a vehicle farther away does not matter
 # The edge that follows an edge on a vehicle's way; None where its way ends.
@@ -100,23 +100,49 @@ class Occupancy:
     Args:
       graph: of the net.
       places: of the vehicles.
+      duration: in which a lane change is carried out sideways [s].
 
     Attributes:
       places: by vehicle name.
     """
 
-    def __init__(self, graph: LaneGraph, places: Iterable[Place]) -> None:
+    def __init__(self, graph: LaneGraph, places: Iterable[Place], duration: float = 3.5) -> None:
         self._graph = graph
+        self._duration = duration
         self.places = {place.driver.name: place for place in places}
+        self._leaving: list[tuple[str, Place, float]] = []
         self._rows: dict[str, list[tuple[float, str]]] = {}
         for name, place in self.places.items():
             self._rows.setdefault(place.lane.id, []).append((place.position, name))
         for row in self._rows.values():
             row.sort()
 
+    def note_leaving(self, name: str, lane: str, time: float) -> None:
+        """Notes that a vehicle still has a part of its body in a lane that it has left, for a time.
+
+        Args:
+          name: of the vehicle.
+          lane: id of the lane that it leaves.
+          time: until it is out of it [s].
+        """
+        self._leaving.append((lane, self.places[name], time))
+
+    def is_clear(self, place: Place, lane: Lane) -> bool:
+        """Whether a vehicle on a lane beside its own would not meet who is still leaving that."""
+        for left, other, time in self._leaving:
+            if left != lane.id or other is place:
+                continue
+            ahead = other.position - other.driver.type.length - place.position
+            behind = place.position - place.driver.type.length - other.position
+            used = time * (place.driver.speed - other.driver.speed)
+            if max(ahead - max(used, 0.0), behind + min(used, 0.0)) < MARGIN:
+                return False
+        return True
+
     def move(self, name: str, lane: Lane) -> None:
-        """Puts a vehicle onto another lane of its edge."""
+        """Puts a vehicle onto another lane of its edge, which it leaves in the time of a change."""
         place = self.places[name]
+        self.note_leaving(name, place.lane.id, self._duration)
         self._rows[place.lane.id].remove((place.position, name))
         insort(self._rows.setdefault(lane.id, []), (place.position, name))
         place.lane = lane
@@ -187,8 +213,9 @@ def decide(
     """Lane changes of one round: name -> the lane to go to.
 
     The vehicles are asked in the order of their names, and each sees the changes decided before
-    it, so the result does not hang on SUMO's order and two never take the same gap. Of two lanes
-    that gain the same the right one is taken.
+    it, so the result does not hang on SUMO's order and two never take the same gap. Nobody goes to
+    a place that another one is about to leave. Of two lanes that gain the same the right one is
+    taken.
 
     Args:
       graph: of the net.
@@ -205,6 +232,8 @@ def decide(
         for side in (-1, 1):
             target = graph.lanes.get(place.lane.beside(side))
             if target is None or not may_change(place, target):
+                continue
+            if not occupancy.is_clear(place, target):
                 continue
             here = here or occupancy.surroundings(place, place.lane)
             there = occupancy.surroundings(place, target)

@@ -67,6 +67,18 @@ def may_enter(truck, offset, vehicles):
     return True
 
 
+def keep_distance(truck, vehicles, desired=8.0):
+    """Acceleration of a truck that drives no faster than those ahead of it allow."""
+    wanted = min(0.5, desired - truck.speed)
+    for v in vehicles:
+        gap = v.station - 0.5 * v.length - (truck.station + 1.4)
+        if gap > -3.0 and abs(v.offset - truck.offset) < 2.9:
+            room = max(gap - 3.0 - truck.speed, 0.1)
+            closing = max(truck.speed - v.speed, 0.0)
+            wanted = min(wanted, -0.5 * closing * closing / room, 0.3 * room)
+    return max(wanted, -6.0)
+
+
 class LaneChanges:
     """Goes to and fro between the lanes when there is room, fast and slowly by turns."""
 
@@ -74,8 +86,12 @@ class LaneChanges:
         self.lane, self.durations, self.begun, self.next = lane, durations, 0, 4.0
 
     def __call__(self, truck, vehicles):
+        self._change(truck, vehicles)
+        return keep_distance(truck, vehicles)
+
+    def _change(self, truck, vehicles):
         if truck.changing or truck.time < self.next:
-            return 0.0
+            return
         sides = (1, -1) if self.begun % 2 else (-1, 1)
         for lane in (self.lane + side for side in sides):
             if not 0 <= lane < truck.route.lane_count(truck.station):
@@ -87,7 +103,6 @@ class LaneChanges:
                 self.lane, self.next = lane, truck.time + duration + 2.0
                 self.begun += 1
                 break
-        return 0.0
 
 
 @both_models

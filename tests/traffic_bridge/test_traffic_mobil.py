@@ -243,3 +243,29 @@ def test_a_later_driver_sees_the_place_that_an_earlier_one_left():
     occupancy = Occupancy(graph, places)
     decide(graph, occupancy, lambda place, lane: place.driver.name == "a")
     assert occupancy.surroundings(occupancy.places["b"], graph.lanes["A_0"]).gap_ahead == 45.0
+
+
+def test_nobody_goes_to_a_place_that_another_one_is_about_to_leave():
+    graph = straight_road()
+    places = [
+        on(graph, "A_1", 100.0, driver("a")),
+        on(graph, "A_1", 120.0, driver("slow.a", speed=5.0, movable=False)),
+        on(graph, "A_2", 103.0, driver("b")),
+        on(graph, "A_2", 123.0, driver("slow.b", speed=2.0, movable=False)),
+    ]
+
+    def to_the_right(place, lane):
+        return lane.index < place.lane.index
+
+    occupancy = Occupancy(graph, places)
+    assert list(decide(graph, occupancy, to_the_right)) == ["a"]
+    assert not occupancy.is_clear(occupancy.places["b"], graph.lanes["A_1"])
+    # Who comes from behind too fast would meet it as well, 3 s or 1 s before it is gone.
+    fast = Occupancy(graph, [*places, on(graph, "A_2", 80.0, driver("fast", speed=15.0))])
+    for time, clear in ((3.0, False), (1.0, True)):
+        fast._leaving.clear()
+        fast.note_leaving("a", "A_1", time)
+        assert fast.is_clear(fast.places["fast"], graph.lanes["A_1"]) is clear
+    # Then it is gone.
+    later = Occupancy(graph, occupancy.places.values())
+    assert later.is_clear(later.places["b"], graph.lanes["A_1"])
