@@ -146,7 +146,7 @@ def test_nobody_touches_either_unit_while_the_truck_changes_lanes_to_and_fro(lan
     changes = LaneChanges(1)
     most = 0.0
     truck = in_lane(route, 1, 1000.0, 8.0)
-    for _, vehicles in drive(crowd(lane_change, density=0.1), 0, truck, 60.0, changes):
+    for _, vehicles in drive(crowd(lane_change, density=0.15), 1, truck, 70.0, changes):
         most = max(most, abs(truck.yaw - truck.trailer_yaw))
         for v in vehicles:
             if v.station < rear(truck) - 10.0:
