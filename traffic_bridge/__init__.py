@@ -9,6 +9,15 @@
 libsumo is imported when a simulation starts, not before.
 """
 
+from traffic_bridge.calibrated import calibrated_types
+from traffic_bridge.calibration import (
+    Calibration,
+    calibrate,
+    calibrate_each,
+    calibrate_headways,
+    evaluate,
+    trimmed,
+)
 from traffic_bridge.config import DENSITIES, LANE_CHANGE_MODELS, TrafficConfig
 from traffic_bridge.datasets import Trajectories, lay, read_trajectories
 from traffic_bridge.departures import Departure
@@ -25,6 +34,7 @@ from traffic_bridge.events import (
     VehicleChange,
 )
 from traffic_bridge.frame import VehicleFrame
+from traffic_bridge.idm import IdmParameters
 from traffic_bridge.lights import LightAhead, LightPhase
 from traffic_bridge.map_lookup import MapPoint, Place
 from traffic_bridge.map_network import MapLane, MapNetwork, MapRoad
@@ -44,8 +54,10 @@ __all__ = [
     "DENSITIES",
     "KINDS",
     "LANE_CHANGE_MODELS",
+    "Calibration",
     "Departure",
     "Event",
+    "IdmParameters",
     "InterSim",
     "LaneClosure",
     "LightAhead",
@@ -80,10 +92,16 @@ __all__ = [
     "WorldSpec",
     "build_network",
     "cache_dir",
+    "calibrate",
+    "calibrate_each",
+    "calibrate_headways",
+    "calibrated_types",
     "default_types",
+    "evaluate",
     "find_netconvert",
     "lay",
     "read_events",
     "read_trajectories",
     "read_types",
+    "trimmed",
 ]

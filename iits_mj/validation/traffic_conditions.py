@@ -1,25 +1,29 @@
-"""PureSim on a recorded road: recorded lanes and downstream speed, IDM drivers upstream of it.
+"""PureSim on a recorded road: downstream speed as recorded, IDM drivers in a queue before it.
 
-The road is straight, with the recorded lanes. Lane by lane
+Each recorded lane is a straight road of its own, because no recorded pair changes lanes:
 
-- at the beginning there is a column of vehicles at the distances they keep at the recorded mean
-  speed, long enough to feed the recorded stretch to the end: the stretch lies
-  inside a queue, so the drivers decide how many come in, and how many did is compared;
-- who has come to the last fifth of the stretch drives at the mean speed recorded there at that
-  time.
+- a column of vehicles, each at the distance it keeps at the recorded mean speed, is long enough to
+  feed the stretch to the end: the recorded stretch lies inside a queue, so its drivers decide how
+  many come in, and the flow is a result that is compared with the recorded one;
+- who has come to the last fifth drives at the mean speed recorded there at that time.
 
-Nothing else is prescribed: everybody on the stretch and before it follows its leader by the
-Intelligent Driver Model. Nobody changes lanes, as in the recorded pairs. The last fifth is left out
-when flows are compared, because the speed recorded there went into the boundary. A
-long recording is simulated window by window, each from a beginning of its own.
+On the four fifths before, on which flows are compared, nothing is prescribed: everybody follows its
+leader by the Intelligent Driver Model. A long recording is simulated window by window, each from a
+beginning of its own.
+
+Prescribing the recorded inflow instead does not work: a little less flow than the drivers could
+take at the downstream speed, and the queue dissolves into free traffic; a little more, and nothing
+changes. In a queue information travels upstream.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +33,7 @@ from iits_mj.road import Route
 from iits_mj.validation.traffic_flow import FlowLog, FlowSamples
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.departures import Departure
-from traffic_bridge.frame import VehicleFrame
-from traffic_bridge.idm import PARAMETERS, IdmParameters, equilibrium_gap
+from traffic_bridge.idm import IdmParameters, equilibrium_gap
 from traffic_bridge.modes import PureSim
 from traffic_bridge.vehicle_types import VehicleType, default_types
 
@@ -38,17 +41,21 @@ FloatArray = NDArray[np.float64]
 # The driver of a vehicle of a lane, drawn with a generator.
 Drivers = Callable[[int, np.random.Generator], IdmParameters]
 
-EXIT_SHARE = 0.8  # of the recorded stretch; what is beyond gives the downstream speed
+EXIT_SHARE = 0.8  # of the stretch; what is beyond gives the downstream speed
 RUN_OUT = 100.0  # [m] beyond the stretch
 WARM_UP = 60.0  # [s] before a window begins, under its first conditions
 WINDOW = 150.0  # [s]
-RESERVE = 1.25  # length of the column over what the recorded flow would use up
+RESERVE = 1.15  # length of the column over what the recorded flow would use up
 CLOSE = 0.3  # [s]: time headway on the last fifth
 BIN = 2.0  # [s] over which recorded speeds are averaged
 SAMPLE_PERIOD = 0.5  # [s] between samples of the simulated flow
 SPEED_CAP = 40.0  # [m/s]: limit of the simulated road, above every desired speed
+TYPE = "car"
+RESOLUTION = 0.05  # [m/s] of the speeds that are told
+SLOWEST = 0.5  # [m/s]: nobody is told to stand
+# Who drives at a recorded speed keeps close, so that the others' distances do not slow it down.
+DRIVEN = {"time_headway": CLOSE, "acceleration": 2.0}
 LANE_WIDTH = 3.66  # [m]
-NO_CHANGE = 1e3  # [m/s2]: a MOBIL threshold that nothing reaches
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,27 +107,23 @@ class Conditions:
         length = float(recorded.station.max())
         start, end = float(recorded.time.min()), float(recorded.time.max())
         edges = np.arange(start, end + BIN, BIN)
+        whole = FlowSamples.joined([recorded, others])
+        whole = whole.select((whole.time >= start) & (whole.time <= end))
         exit_speed, covered, speed, spacing = [], [], [], []
         for lane in range(int(recorded.lane.max()) + 1):
-            here = recorded.select((recorded.lane == lane) & np.isfinite(recorded.spacing))
-            last = [
-                flow.select((flow.lane == lane) & (flow.station > EXIT_SHARE * length))
-                for flow in (recorded, others)
-            ]
-            time = np.concatenate([flow.time for flow in last])
-            if not len(here) or not len(time):
+            mine = whole.select(whole.lane == lane)
+            last = mine.select(mine.station > EXIT_SHARE * length)
+            known = mine.select(np.isfinite(mine.spacing))
+            if not (len(last) and len(known)):
                 raise InputError(
-                    f"lane {lane}: nobody with a leader was recorded, or nobody on the last fifth "
-                    f"of the stretch of {length:.0f} m"
+                    f"lane {lane}: nobody behind a leader, or nobody on the last fifth of the "
+                    f"stretch of {length:.0f} m, was recorded"
                 )
-            inside = (time >= start) & (time <= end)
-            values, share = _binned(
-                time[inside], np.concatenate([flow.speed for flow in last])[inside], edges
-            )
+            values, share = _binned(last.time, last.speed, edges)
             exit_speed.append(values)
             covered.append(share)
-            speed.append(float(here.speed.mean()))
-            spacing.append(float(here.spacing.mean()))
+            speed.append(float(known.speed.mean()))
+            spacing.append(float(known.spacing.mean()))
         return cls(
             start,
             end,
@@ -133,41 +136,39 @@ class Conditions:
             vehicle_length,
         )
 
-    def lead_in(self, duration: float) -> float:
-        """Length of the road before the stretch that holds the columns [m]."""
-        return float(self.speed.max()) * duration * RESERVE
+    def lead_in(self, lane: int, duration: float) -> float:
+        """Length of the road before the stretch that holds a lane's column [m]."""
+        return float(self.speed[lane]) * duration * RESERVE
 
     def column(
-        self, type_name: str, duration: float, drivers: Drivers, rng: np.random.Generator
+        self, lane: int, duration: float, drivers: Drivers, rng: np.random.Generator
     ) -> tuple[tuple[Departure, ...], list[IdmParameters]]:
         """The vehicles of a simulation of some duration [s], all there at its beginning.
-
-        Each keeps its own equilibrium distance at its lane's mean speed.
 
         Returns:
           The departures, and the driver of each.
         """
-        end = self.lead_in(duration) + self.length
         departures, found = [], []
-        for lane in range(self.lanes):
-            mean = float(self.speed[lane])
-            # Half the speed: who is put on the road wants at least a second's distance there.
-            begin = 0.5 * mean
-            station, last = end - 1.0, end - self.length - mean * duration * RESERVE
-            while station > max(last, self.vehicle_length + 1.0):
-                driver = drivers(lane, rng)
-                departures.append(
-                    Departure(time=0.0, type=type_name, lane=lane, station=station, speed=begin)
-                )
-                found.append(driver)
-                even = min(mean, 0.9 * driver.desired_speed)
-                gap = max(float(equilibrium_gap(driver.as_array(), even)), begin + 2.5)
-                station -= gap + self.vehicle_length
+        mean = float(self.speed[lane])
+        # Half the speed: who is put on the road wants at least a second's distance there.
+        begin = 0.5 * mean
+        station = self.lead_in(lane, duration) + self.length - 1.0
+        while station > self.vehicle_length + 1.0:
+            driver = drivers(lane, rng)
+            departures.append(Departure(time=0.0, type=TYPE, lane=0, station=station, speed=begin))
+            found.append(driver)
+            even = min(mean, 0.9 * driver.desired_speed)
+            gap = max(float(equilibrium_gap(driver.as_array(), even)), begin + 2.5)
+            station -= gap + self.vehicle_length
         return tuple(departures), found
 
-    def exit_speed_at(self, lane: int, time: float) -> float:
+    def speed_at(self, lane: int, time: float) -> float:
         """Speed on the last fifth at a recorded time [m/s]."""
-        return float(np.interp(time, self.time, self.exit_speed[lane]))
+        return max(float(np.interp(time, self.time, self.exit_speed[lane])), SLOWEST)
+
+    def before_exit(self, station: Any) -> Any:
+        """True for stations on which nothing is prescribed."""
+        return station < EXIT_SHARE * self.length
 
     def windows(self) -> list[tuple[float, float]]:
         """Beginnings and ends of the windows to simulate [s]."""
@@ -177,7 +178,7 @@ class Conditions:
 
 
 def entering_type(length: float) -> VehicleType:
-    """Of a vehicle until it is on the road, where it gets a driver; it never changes lanes."""
+    """Of a vehicle until it is on the road, where it gets a driver."""
     return dataclasses.replace(
         default_types()[0],
         length=length,
@@ -185,14 +186,13 @@ def entering_type(length: float) -> VehicleType:
         time_headway=CLOSE,
         acceleration=1.5,
         deceleration=2.0,
-        change_threshold=NO_CHANGE,
     )
 
 
 def drive(
     conditions: Conditions, drivers: Drivers, window: tuple[float, float], seed: int = 0
 ) -> FlowSamples:
-    """Runs PureSim under recorded conditions.
+    """Runs PureSim under recorded conditions, lane by lane.
 
     Args:
       conditions: see the module.
@@ -203,67 +203,69 @@ def drive(
     Returns:
       The simulated flow at the recording's times, lanes and stations.
     """
+    rng = np.random.default_rng(seed)
+    parts = [
+        _drive_lane(conditions, drivers, window, lane, rng) for lane in range(conditions.lanes)
+    ]
+    return FlowSamples.joined(parts)
+
+
+def _drive_lane(
+    conditions: Conditions,
+    drivers: Drivers,
+    window: tuple[float, float],
+    lane: int,
+    rng: np.random.Generator,
+) -> FlowSamples:
     begin, end = window
     total = WARM_UP + end - begin
-    before = conditions.lead_in(total)
-    length = before + conditions.length + RUN_OUT
+    before = conditions.lead_in(lane, total)
     route = Route.straight(
-        length, lanes=conditions.lanes, lane_width=LANE_WIDTH, speed_limit=SPEED_CAP
+        before + conditions.length + RUN_OUT, 1, lane_width=LANE_WIDTH, speed_limit=SPEED_CAP
     )
-    kind = entering_type(conditions.vehicle_length)
-    departures, found = conditions.column(kind.name, total, drivers, np.random.default_rng(seed))
+    departures, found = conditions.column(lane, total, drivers, rng)
     config = TrafficConfig(
         density="empty",
         speed_limit=SPEED_CAP,
-        lane_change="mobil",
         lane_change_duration=0.0,
-        types=(kind,),
-        mix=((kind.name, 1.0),),
+        types=(entering_type(conditions.vehicle_length),),
+        mix=((TYPE, 1.0),),
         departures=departures,
     )
     log = FlowLog()
-    known: set[str] = set()
-    with PureSim(route, config, seed) as traffic:
+    told: dict[str, float] = {}
+    with PureSim(route, config) as traffic:
         frame = traffic.reset()
         stride = round(SAMPLE_PERIOD / config.step_length)
         for step in range(round(total / config.step_length) + 1):
-            for name in sorted(set(frame.ids) - known):
-                # Vehicles of the list are named by their place in it.
-                _become(traffic, name, found[int(name.rpartition(".d")[2])])
-            known.update(frame.ids)
             if step % stride == 0:
                 time = traffic.time - WARM_UP + begin
-                _leave(traffic, frame, conditions, before, time)
+                speed = conditions.speed_at(lane, time)
+                station = frame.column("station") + 0.5 * frame.column("length") - before
+                free = conditions.before_exit(station)
+                for i, name in enumerate(frame.ids):
+                    if free[i] and name not in told:
+                        told[name] = math.inf
+                        # Vehicles of the list are named by their place in it.
+                        driver = found[int(name.rpartition(".d")[2])]
+                        traffic.vehicles.change(name, **dataclasses.asdict(driver))
+                    elif not free[i] and abs(told.get(name, math.inf) - speed) > RESOLUTION:
+                        told[name] = speed
+                        traffic.vehicles.change(name, desired_speed=speed, **DRIVEN)
                 if time >= begin:
                     log.add(time, frame, before)
             frame = traffic.step()
     samples = log.samples
-    return dataclasses.replace(samples, station=samples.station - before)
+    return dataclasses.replace(
+        samples,
+        station=samples.station - before,
+        lane=np.full(len(samples), lane, dtype=np.int64),
+    )
 
 
 def compared(samples: FlowSamples, conditions: Conditions) -> FlowSamples:
     """The part of the stretch on which flows are compared: without its last fifth."""
-    return samples.select(
-        (samples.station >= 0.0) & (samples.station < EXIT_SHARE * conditions.length)
-    )
-
-
-def _become(traffic: PureSim, name: str, parameters: IdmParameters) -> None:
-    values = {entry: getattr(parameters, entry) for entry in PARAMETERS}
-    traffic.vehicles.change(name, **values)
-
-
-def _leave(
-    traffic: PureSim, frame: VehicleFrame, conditions: Conditions, before: float, time: float
-) -> None:
-    """Lets everybody on the last fifth drive at the recorded speed, closely behind."""
-    station = frame.column("station") + 0.5 * frame.column("length")
-    beyond = station >= before + EXIT_SHARE * conditions.length
-    for i in np.flatnonzero(beyond & (frame.lanes >= 0)):
-        speed = max(conditions.exit_speed_at(int(frame.lanes[i]), time), 0.5)
-        traffic.vehicles.change(
-            frame.ids[i], desired_speed=speed, time_headway=CLOSE, acceleration=2.0
-        )
+    return samples.select((samples.station >= 0.0) & conditions.before_exit(samples.station))
 
 
 def _binned(time: FloatArray, values: FloatArray, edges: FloatArray) -> tuple[FloatArray, float]:
