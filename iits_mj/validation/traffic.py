@@ -206,7 +206,8 @@ def _compare_flows(
 
     drivers: dict[str, conditions_of.Drivers] = {
         "default": lambda _lane, _rng: fit.default,
-        "calibrated": own,
+        "calibrated": lambda _lane, _rng: fit.common.parameters,
+        "own headways": own,
     }
     flows = {
         name: conditions_of.compared(
