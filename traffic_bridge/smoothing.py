@@ -28,6 +28,7 @@ URGENT_PACE = 0.5
 SHORTEST = 1.0  # [s]
 SIDE_MARGIN = 0.3  # [m]
 HELD_GAP = 0.7  # [m] kept to who stands before a vehicle that swings out
+TAIL_GAP = 2.0  # [m] kept behind who swings out
 HELD_SPEED = 1.5  # [m/s]: who is slower than it may be by more than this is not held
 CREEP = 0.3  # [m/s]: nobody who swings out is held for ever
 # Within these distances between centres a vehicle of another lane can matter to a change [m].
@@ -93,13 +94,17 @@ class Shift(NamedTuple):
 
 
 class Box(NamedTuple):
-    """Something on the route: station and offset of its centre [m], speed [m/s], size [m]."""
+    """Something on the route: station and offset of its centre [m], speed [m/s], size [m].
+
+    The number is the vehicle's, -1 for what is none.
+    """
 
     station: float
     offset: float
     speed: float
     length: float
     width: float
+    number: int = -1
 
 
 class LateralSmoother:
@@ -252,17 +257,26 @@ class LateralSmoother:
         return wanted <= SHORTEST or name in self.held
 
     def _hold(self, name: str, change: _Change, own: Box, conflicts: list[Box]) -> None:
-        """Notes the speed at which a vehicle is clear of those before it when it reaches them."""
+        """Notes at which speed nobody touches: the vehicle those before it, nor those behind it.
+
+        Who is behind in the old lane stays off the tail, which swings out while the box turns.
+        """
         way = 1.0 if own.speed >= 0.0 else -1.0
         time = CLEARED_BY * max(change.duration - change.age, 0.1) / URGENT_PACE
-        limit = math.inf
         for other in conflicts:
             gap, sign = _gap(own, other)
             if sign * way > 0.0:
                 room = max(gap - HELD_GAP, 0.0) / time
-                limit = min(limit, max(other.speed * way, 0.0) + room)
-        if max(limit, CREEP) < abs(own.speed) + HELD_SPEED:
-            self.held[name] = max(limit, CREEP)
+                self._limit(name, own.speed * way, other.speed * way, room)
+            elif other.number >= 0:
+                room = max(gap - TAIL_GAP, 0.0) / time
+                self._limit(self._names[other.number], other.speed * way, own.speed * way, room)
+
+    def _limit(self, name: str, speed: float, ahead: float, room: float) -> None:
+        """Holds a vehicle behind another one of a given speed, with room to close up [m/s]."""
+        limit = max(max(ahead, 0.0) + room, CREEP)
+        if limit < speed + HELD_SPEED:
+            self.held[name] = min(limit, self.held.get(name, limit))
 
 
 class _Boxes:
@@ -289,7 +303,8 @@ class _Boxes:
 
     def box(self, number: int) -> Box:
         """The box of a vehicle as it is shown."""
-        return Box(*(float(column[number]) for column in self._columns))
+        station, offset, speed, length, width = (float(c[number]) for c in self._columns)
+        return Box(station, offset, speed, length, width, number)
 
     def near(self, number: int) -> list[Box]:
         """The boxes on the route within reach of a vehicle, without its own."""
@@ -299,7 +314,7 @@ class _Boxes:
         within[number] = False
         index = np.flatnonzero(within)
         columns = (column.take(index).tolist() for column in self._columns)
-        return [*map(Box, *columns), *self._obstacles]
+        return [*map(Box, *columns, index.tolist()), *self._obstacles]
 
 
 def _gap(own: Box, other: Box) -> tuple[float, float]:

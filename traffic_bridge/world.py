@@ -138,9 +138,9 @@ class World:
             for name in sorted(self._held - held.keys()):
                 if name in self.vehicles:
                     set_speed(name, -1.0)
-            for name, limit in sorted(held.items()):
-                set_speed(name, limit)
-            self._held = set(held)
+            self._held = {name for name in held if not self.vehicles.is_scripted(name)}
+            for name in sorted(self._held):
+                set_speed(name, held[name])
         return frame
 
     def close(self) -> None:
