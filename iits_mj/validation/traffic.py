@@ -69,18 +69,22 @@ class Fit:
 
 
 def run(config: ValidateConfig) -> Results:
-    """Theory and replay always; the recorded set where there is one."""
+    """Theory and replay always; the recorded set where there is one.
+
+    Raises:
+      InputError: the recorded set cannot be read, or has no pairs to calibrate to.
+    """
     results = Results("validate traffic")
+    data = None if config.data is None else read_trajectories(config.data)
     checks, diagram, stability = traffic_theory.compare(config.quick)
     results.checks += checks
     results.figures["fundamental_diagram"] = diagram
     results.figures["string_stability"] = stability
     results.checks += traffic_replay.own_recording()
     results.checks += traffic_replay.lane_changes(config.quick)
-    if config.data is None:
+    if data is None:
         results.notes.append(MISSING)
         return results
-    data = read_trajectories(config.data)
     results.notes += [f"data: {note}" for note in data.notes]
     _recorded(results, data, config.quick)
     return results
