@@ -40,7 +40,7 @@ class WorldSpec:
       mode: "InterSim" or "PureSim".
 
     Raises:
-      InputError: an unknown mode or a seed that is not usable.
+      InputError: no route or configuration, an unknown mode, or a seed that is not usable.
     """
 
     route: Route
@@ -50,6 +50,11 @@ class WorldSpec:
 
     def __post_init__(self) -> None:
         """Checks what a process would find out late."""
+        if not isinstance(self.route, Route) or not isinstance(self.config, TrafficConfig):
+            raise InputError(
+                f"a world needs a Route and a TrafficConfig, not {type(self.route).__name__} and "
+                f"{type(self.config).__name__}"
+            )
         if self.mode not in MODES:
             raise InputError(f"mode {self.mode!r} of a world: allowed are {', '.join(MODES)}")
         self()
@@ -80,10 +85,10 @@ class TrafficWorlds(Closing):
     """
 
     def __init__(self, specs: Iterable[WorldSpec], timeout: float = 120.0) -> None:
-        self.specs = tuple(specs)
+        self.specs = tuple(specs) if isinstance(specs, Iterable) else ()
         if not self.specs or not all(isinstance(spec, WorldSpec) for spec in self.specs):
             raise InputError("TrafficWorlds needs at least one WorldSpec, and nothing else")
-        if not (math.isfinite(timeout) and timeout > 0.0):
+        if not (isinstance(timeout, (int, float)) and math.isfinite(timeout) and timeout > 0.0):
             raise InputError(f"timeout {timeout!r} s: must be positive and finite")
         self.timeout = timeout
         self._worlds: list[WorldProcess] = []

@@ -174,10 +174,14 @@ def test_a_process_that_hangs_is_ended_and_named(worlds, monkeypatch):
 def test_what_is_no_world_is_refused():
     with pytest.raises(InputError, match="at least one WorldSpec"):
         TrafficWorlds([])
-    with pytest.raises(InputError, match="at least one WorldSpec"):
-        TrafficWorlds([SPECS[0], "world"])
-    with pytest.raises(InputError, match="timeout"):
-        TrafficWorlds(SPECS, timeout=math.nan)
+    for wrong in ([SPECS[0], "world"], SPECS[0], 3):
+        with pytest.raises(InputError, match="at least one WorldSpec"):
+            TrafficWorlds(wrong)
+    for wrong in (math.nan, 0.0, "a"):
+        with pytest.raises(InputError, match="timeout"):
+            TrafficWorlds(SPECS, timeout=wrong)
+    with pytest.raises(InputError, match="needs a Route and a TrafficConfig, not str"):
+        WorldSpec("road")
     with pytest.raises(InputError, match="mode"):
         WorldSpec(SPECS[0].route, mode="ReSim")
     with pytest.raises(InputError, match="seed -1"):
