@@ -96,16 +96,19 @@ class TrafficWorlds(Closing):
         try:
             # All are started before the first is waited for: they import side by side.
             self._worlds += (WorldProcess(spec) for spec in self.specs)
+            self._begin()
+        except BaseException:
+            self.close()
+            raise
+
+    def _begin(self) -> None:
+        try:
             self._collect(range(len(self.specs)), START_TIME)
         except TrafficError as error:
-            self.close()
             raise TrafficError(
                 f"{error} (a script that makes worlds does so under "
                 '`if __name__ == "__main__":`, since each process reads it again)'
             ) from error
-        except BaseException:
-            self.close()
-            raise
 
     def __len__(self) -> int:
         """Number of worlds."""

@@ -18,6 +18,15 @@ from iits_mj.errors import Error, InputError, TrafficError
 if TYPE_CHECKING:
     from traffic_bridge.modes import PureSim
 
+# What starting a process may raise; an assertion in a daemon, which may have no children.
+_NOT_STARTED = (
+    OSError,
+    RuntimeError,
+    AssertionError,
+    pickle.PicklingError,
+    AttributeError,
+    TypeError,
+)
 END_TIME = 5.0  # [s] for a process to end by itself
 
 
@@ -62,7 +71,7 @@ class WorldProcess:
         self._working = False
         try:
             self._process.start()
-        except (OSError, pickle.PicklingError, AttributeError, TypeError, RuntimeError) as error:
+        except _NOT_STARTED as error:
             self._link.close()
             raise TrafficError(f"the process of a world cannot be started: {error}") from error
         finally:

@@ -189,6 +189,13 @@ def test_what_is_no_world_is_refused():
     assert pickle.loads(pickle.dumps(WorldSpec(SPECS[0].route, mode="PureSim")))().mode == "PureSim"
 
 
+def test_a_process_that_may_have_no_children_is_told_so(monkeypatch):
+    # Workers of vector environments are such processes.
+    monkeypatch.setitem(multiprocessing.current_process()._config, "daemon", True)
+    with pytest.raises(TrafficError, match=r"cannot be started: daemonic"):
+        TrafficWorlds(SPECS)
+
+
 def test_worlds_beside_a_simulation_of_this_process_do_not_disturb_it(worlds, alone):
     with PureSim(route_of(0), CROWDED, seed=1) as own:
         first = own.reset()
