@@ -2,8 +2,9 @@
 
 In the stretch before an obstacle of which drivers are warned, nobody overtakes, and who is on the
 lane of the obstacle is asked to leave it for the nearest open lane, as soon as others leave the
-room. This holds with both lane-change models: the vehicles are under these orders until they are
-past the obstacle, then they go back to their model.
+room. Who waits at the end of the lane is let in by one driver after the other, as at a zip (see
+`courtesy`). This holds with both lane-change models: the vehicles are under these orders until they
+are past the obstacle, then they go back to their model.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import itertools
 from dataclasses import dataclass
 
 from iits_mj.errors import InputError
+from traffic_bridge.courtesy import WAITING_SPEED, Courtesy, Waiting
 from traffic_bridge.lanes import LaneTable, RouteLanes
 from traffic_bridge.session import Session
 from traffic_bridge.upstream import upstream
@@ -19,7 +21,7 @@ from traffic_bridge.vehicles import Vehicles
 
 PERIOD = 0.5  # [s] between rounds of requests
 # SUMO's lane-change mode in the stretch: away from lanes that end, room for others, our requests
-# where others' gaps are respected; no overtaking, no keeping right.
+# where others' gaps are respected, at a speed that fits a gap; no overtaking, no keeping right.
 MERGING = 0b10_0000_0101
 
 
@@ -56,12 +58,15 @@ class MergeGuide:
         self._lanes = lanes
         self._vehicles = vehicles
         self._every = max(1, round(PERIOD / step_length))
+        self._step_length = step_length
+        self._period = self._every * step_length
         self._duration = self._every * step_length + step_length
         self._steps = 0
         self._obstacles: dict[int, Obstacle] = {}
         self._leading: dict[int, frozenset[str]] = {}
         self._numbers = itertools.count()
         self._former_modes: dict[str, int] = {}
+        self._courtesy = Courtesy(session, vehicles)
 
     def add(self, obstacle: Obstacle) -> int:
         """Warns of an obstacle; returns a number to give to `remove`."""
@@ -90,27 +95,42 @@ class MergeGuide:
             return
         due = self._steps % self._every == 0
         self._steps += 1
-        if not due:
-            return
         with self._session.guard("guiding vehicles past an obstacle"):
-            inside: set[str] = set()
-            for number, obstacle in self._obstacles.items():
-                first = obstacle.start - obstacle.notice
-                for table in self._lanes.within(first, obstacle.end):
-                    leads = table.id in self._leading[number] and not table.id.startswith(":")
-                    inside |= self._guide(table, obstacle, leads)
-            for name in sorted(set(self._former_modes) - inside):
-                mode = self._former_modes.pop(name)
-                if name in self._vehicles:
-                    self._api.vehicle.setLaneChangeMode(name, mode)
+            if due:
+                self._round()
+            self._courtesy.step(self._step_length)
 
-    def _guide(self, table: LaneTable, obstacle: Obstacle, leads: bool) -> set[str]:
+    # Inside ------------------------------------------------------------------------------------
+
+    def _round(self) -> None:
+        inside: set[str] = set()
+        waiting: dict[int, Waiting] = {}
+        for number, obstacle in self._obstacles.items():
+            first = obstacle.start - obstacle.notice
+            for table in self._lanes.within(first, obstacle.end):
+                leads = table.id in self._leading[number] and not table.id.startswith(":")
+                inside |= self._guide(table, number, leads, waiting)
+        self._courtesy.choose(waiting, self._period)
+        for name in sorted(set(self._former_modes) - inside):
+            mode = self._former_modes.pop(name)
+            if name in self._vehicles:
+                self._api.vehicle.setLaneChangeMode(name, mode)
+
+    def _guide(
+        self, table: LaneTable, number: int, leads: bool, waiting: dict[int, Waiting]
+    ) -> set[str]:
         """Orders to the vehicles on a SUMO lane, out of it where it leads to the obstacle.
+
+        Args:
+          table: of the lane.
+          number: of the obstacle.
+          leads: whether the lane leads to it.
+          waiting: the foremost vehicle that waits before each obstacle, to be completed.
 
         Returns:
           Who is in the stretch.
         """
-        vehicle = self._api.vehicle
+        vehicle, obstacle = self._api.vehicle, self._obstacles[number]
         first = obstacle.start - obstacle.notice
         inside = set()
         for name in self._api.lane.getLastStepVehicleIDs(table.id):
@@ -123,10 +143,14 @@ class MergeGuide:
             if name not in self._former_modes:
                 self._former_modes[name] = int(vehicle.getLaneChangeMode(name))
                 vehicle.setLaneChangeMode(name, MERGING)
-            if leads:
-                index = self._way_out(table, station, obstacle.end)
-                if index is not None:
-                    vehicle.changeLane(name, index, self._duration)
+            index = self._way_out(table, station, obstacle.end) if leads else None
+            if index is None:
+                continue
+            vehicle.changeLane(name, index, self._duration)
+            foremost = number not in waiting or waiting[number].station < station
+            if foremost and station < obstacle.start and vehicle.getSpeed(name) < WAITING_SPEED:
+                beside = self._lanes.tables[f"{table.edge}_{index}"]
+                waiting[number] = Waiting(name, station, beside)
         return inside
 
     def _way_out(self, table: LaneTable, station: float, end: float) -> int | None:

@@ -40,7 +40,7 @@ class Vehicles:
         self._of_vehicle: dict[str, VehicleType] = {}
         self._drawn: dict[str, float] = {}
         self._desired: dict[str, float] = {}
-        self._ceiling: dict[str, float] = {}
+        self._ceilings: dict[str, dict[str, float]] = {}
         self._class_speed: dict[str, float] = {}
         self._colors: dict[str, Color] = {}
         self._scripted: set[str] = set()
@@ -87,7 +87,7 @@ class Vehicles:
 
     def forget(self, name: str) -> None:
         """Drops a vehicle that has left."""
-        for table in (self._of_vehicle, self._drawn, self._desired, self._ceiling, self._colors):
+        for table in (self._of_vehicle, self._drawn, self._desired, self._ceilings, self._colors):
             table.pop(name, None)
         self._scripted.discard(name)
 
@@ -130,8 +130,8 @@ class Vehicles:
         return self._desired[name]
 
     def present_speed(self, name: str) -> float:
-        """Desired speed of a vehicle where it is: at most what a limit by station allows [m/s]."""
-        return min(self.desired_speed(name), self._ceiling.get(name, math.inf))
+        """Desired speed where it is: at most what limits by station and courtesy allow [m/s]."""
+        return min(self.desired_speed(name), *self._ceilings.get(name, {}).values(), math.inf)
 
     def color(self, name: str) -> Color:
         """Paint of a vehicle, red, green, blue from 0 to 1: by its name from its type's colors."""
@@ -207,15 +207,19 @@ class Vehicles:
 
         return undo
 
-    def hold_below(self, name: str, speed: float | None) -> None:
-        """Keeps a vehicle at or below a speed [m/s], whatever it desires; None lets it go."""
+    def hold_below(self, name: str, speed: float | None, why: str = "limit") -> None:
+        """Keeps a vehicle at or below a speed [m/s], whatever it desires; None lets it go.
+
+        Of several reasons the lowest speed holds; each is let go by itself.
+        """
+        reasons = self._ceilings.setdefault(name, {})
         if speed is None:
-            if self._ceiling.pop(name, None) is None or name not in self._of_vehicle:
+            if reasons.pop(why, None) is None or name not in self._of_vehicle:
                 return
-        elif abs(self._ceiling.get(name, math.inf) - speed) < 1e-9:
+        elif abs(reasons.get(why, math.inf) - speed) < 1e-9:
             return
         else:
-            self._ceiling[name] = speed
+            reasons[why] = speed
         self._session.api.vehicle.setMaxSpeed(name, max(self.present_speed(name), 0.01))
 
     # Inside ------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ import math
 from itertools import combinations
 from pathlib import Path
 
+import numpy as np
 import pytest
 from scripted_truck import ego_at, overlap, vehicle_box
 
@@ -85,6 +86,24 @@ def test_others_go_around_a_stopped_vehicle_which_drives_on_in_the_end(model, ro
         assert standing.speed > 5.0
     assert len(passed) > 5
     assert all(v.speed > 1.0 for v in vehicles)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_who_waits_before_a_closure_is_let_in_by_a_dense_flow(model):
+    # More than one lane can take: without courtesy the closed lane waits for minutes.
+    config = TrafficConfig(
+        density=0.3, lane_change=model, events=(LaneClosure(lane=0, start=500.0, end=560.0),)
+    )
+    waiting, let_in = set(), set()
+    with PureSim(Route.straight(length=900.0, lanes=2), config, seed=3) as traffic:
+        traffic.reset()
+        for _ in range(1500):
+            frame = traffic.step()
+            fronts = frame.column("station") + 0.5 * frame.column("length")
+            standing = (fronts > 90.0) & (fronts < 500.0) & (frame.column("speed") < 0.5)
+            waiting |= {frame.ids[k] for k in np.flatnonzero(standing & (frame.lanes == 0))}
+            let_in |= waiting & {frame.ids[k] for k in np.flatnonzero(fronts > 510.0)}
+    assert len(let_in) >= 3
 
 
 def test_on_a_single_lane_they_queue_behind_a_stopped_vehicle_and_go_on_after_it():
