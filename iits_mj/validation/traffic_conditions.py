@@ -2,9 +2,9 @@
 
 Each recorded lane is a straight road of its own, because no recorded pair changes lanes:
 
-- a column of vehicles, each at the distance it keeps at the recorded mean speed, is long enough to
-  feed the stretch to the end: the recorded stretch lies inside a queue, so its drivers decide how
-  many come in, and the flow is a result that is compared with the recorded one;
+- a column of vehicles, each at the distance it keeps at the first speeds at the exit, is long
+  enough to feed the stretch to the end: the recorded stretch lies inside a queue, so its drivers
+  decide how many come in, and the flow is a result that is compared with the recorded one;
 - who has come to the last fifth drives at the mean speed recorded there at that time.
 
 On the four fifths before, on which flows are compared, nothing is prescribed: everybody follows its
@@ -141,24 +141,26 @@ class Conditions:
         return float(self.speed[lane]) * duration * RESERVE
 
     def column(
-        self, lane: int, duration: float, drivers: Drivers, rng: np.random.Generator
+        self, lane: int, begin: float, end: float, drivers: Drivers, rng: np.random.Generator
     ) -> tuple[tuple[Departure, ...], list[IdmParameters]]:
-        """The vehicles of a simulation of some duration [s], all there at its beginning.
+        """The vehicles of a simulation of a window [s], all there at its beginning.
 
         Returns:
           The departures, and the driver of each.
         """
         departures, found = [], []
-        mean = float(self.speed[lane])
+        # Only the exit's speeds are used: what is upstream of it is to be found, not given.
+        times = np.arange(begin - WARM_UP, begin, BIN)
+        mean = float(np.mean([self.speed_at(lane, float(time)) for time in times]))
         # Half the speed: who is put on the road wants at least a second's distance there.
-        begin = 0.5 * mean
-        station = self.lead_in(lane, duration) + self.length - 1.0
+        first = 0.5 * mean
+        station = self.lead_in(lane, WARM_UP + end - begin) + self.length - 1.0
         while station > self.vehicle_length + 1.0:
             driver = drivers(lane, rng)
-            departures.append(Departure(time=0.0, type=TYPE, lane=0, station=station, speed=begin))
+            departures.append(Departure(time=0.0, type=TYPE, lane=0, station=station, speed=first))
             found.append(driver)
             even = min(mean, 0.9 * driver.desired_speed)
-            gap = max(float(equilibrium_gap(driver.as_array(), even)), begin + 2.5)
+            gap = max(float(equilibrium_gap(driver.as_array(), even)), first + 2.5)
             station -= gap + self.vehicle_length
         return tuple(departures), found
 
@@ -223,7 +225,7 @@ def _drive_lane(
     route = Route.straight(
         before + conditions.length + RUN_OUT, 1, lane_width=LANE_WIDTH, speed_limit=SPEED_CAP
     )
-    departures, found = conditions.column(lane, total, drivers, rng)
+    departures, found = conditions.column(lane, begin, end, drivers, rng)
     config = TrafficConfig(
         density="empty",
         speed_limit=SPEED_CAP,
