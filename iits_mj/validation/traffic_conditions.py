@@ -136,9 +136,11 @@ class Conditions:
             vehicle_length,
         )
 
-    def lead_in(self, lane: int, duration: float) -> float:
-        """Length of the road before the stretch that holds a lane's column [m]."""
-        return float(self.speed[lane]) * duration * RESERVE
+    def lead_in(self, lane: int, begin: float, end: float) -> float:
+        """Length of the road before the stretch that holds a lane's column for a window [m]."""
+        times = np.arange(begin - WARM_UP, end, BIN)
+        driven = float(sum(self.speed_at(lane, float(time)) * BIN for time in times))
+        return driven * RESERVE
 
     def column(
         self, lane: int, begin: float, end: float, drivers: Drivers, rng: np.random.Generator
@@ -154,7 +156,7 @@ class Conditions:
         mean = float(np.mean([self.speed_at(lane, float(time)) for time in times]))
         # Half the speed: who is put on the road wants at least a second's distance there.
         first = 0.5 * mean
-        station = self.lead_in(lane, WARM_UP + end - begin) + self.length - 1.0
+        station = self.lead_in(lane, begin, end) + self.length - 1.0
         while station > self.vehicle_length + 1.0:
             driver = drivers(lane, rng)
             departures.append(Departure(time=0.0, type=TYPE, lane=0, station=station, speed=first))
@@ -221,7 +223,7 @@ def _drive_lane(
 ) -> FlowSamples:
     begin, end = window
     total = WARM_UP + end - begin
-    before = conditions.lead_in(lane, total)
+    before = conditions.lead_in(lane, begin, end)
     route = Route.straight(
         before + conditions.length + RUN_OUT, 1, lane_width=LANE_WIDTH, speed_limit=SPEED_CAP
     )
