@@ -35,6 +35,9 @@ class LanePoses:
         # Of each lane: first piece, last piece, number on the route, direction on it.
         self._of_lane: IntArray = np.zeros((4, 0), dtype=np.intp)
         self._scale: FloatArray = np.zeros(0)
+        # Of the lanes asked for last: most often they are the same again.
+        self._asked: IntArray | None = None
+        self._answer = self._of_lane, self._scale
 
     def number(self, lane: str) -> int:
         """Number of a lane; its table is made when it is new."""
@@ -48,16 +51,19 @@ class LanePoses:
         """Where the lanes' centres are at positions along them; beyond their ends straight on.
 
         Args:
-          lane: numbers, shape (n,).
+          lane: numbers, shape (n,); not to be changed afterwards.
           position: as SUMO counts them [m], shape (n,).
 
         Returns:
           Rows `POSE_ROWS`, shape (9, n); index on the route (-1 off it) and direction (see
           `LaneTable`) of the lanes, shape (2, n).
         """
-        if self._stacked != len(self.tables):
-            self._stack()
-        of_lane, scale = self._of_lane.take(lane, axis=1), self._scale.take(lane)
+        if lane is not self._asked:
+            if self._stacked != len(self.tables):
+                self._stack()
+            self._asked = lane
+            self._answer = self._of_lane.take(lane, axis=1), self._scale.take(lane)
+        of_lane, scale = self._answer
         place = position * scale
         piece = np.minimum(np.maximum(place, 0.0).astype(np.intp), of_lane[1])
         inside = place - piece
@@ -71,7 +77,7 @@ class LanePoses:
             slope = c[3:6] + t * (2.0 * c[6:9] + 3.0 * t * c[9:12])
             result[:3] += beyond * slope
             result[3] += of_lane[3] * beyond / scale
-        return result, of_lane[2:]
+        return result, of_lane[2:].copy()
 
     def _stack(self) -> None:
         new = self.tables[self._stacked :]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -53,32 +55,43 @@ class LaneTable:
         """Whether it is a lane of the route, in the route's direction."""
         return self.direction > 0
 
+    @cached_property
+    def _plain(self) -> tuple[list[float], list[float]]:
+        """Stations, increasing, and offsets in the order of the samples, as plain numbers."""
+        stations = self.station if self.direction >= 0 else self.station[::-1]
+        return stations.tolist(), self.offset.tolist()
+
     def at(self, position: float) -> tuple[float, float]:
         """Station and offset at a position along the lane; beyond its ends straight on.
 
         An internal lane of some centimetres has no slope to go by: outside, a metre is a metre.
         """
+        s, d = self._plain
+        last = len(d) - 1
         inside = min(max(position, 0.0), self.length)
         place = inside / self.spacing
-        i = min(max(int(place), 0), len(self.station) - 2)
+        i = min(int(place), last - 1)
         part = place - i
-        s, d = self.station, self.offset
+        if self.direction >= 0:
+            low, high = s[i], s[i + 1]
+        else:
+            low, high = s[last - i], s[last - i - 1]
         return (
-            float(s[i] + part * (s[i + 1] - s[i])) + self.direction * (position - inside),
-            float(d[i] + part * (d[i + 1] - d[i])),
+            low + part * (high - low) + self.direction * (position - inside),
+            d[i] + part * (d[i + 1] - d[i]),
         )
 
     def position_of(self, station: float) -> float:
         """Position along the lane of a station, clipped to the lane [m]."""
-        ordered = self.station if self.direction >= 0 else self.station[::-1]
-        i = int(np.searchsorted(ordered, station, side="right")) - 1
-        if i < 0 or i >= len(ordered) - 1:
-            place = 0.0 if i < 0 else float(len(ordered) - 1)
+        s, _ = self._plain
+        i = bisect_right(s, station) - 1
+        last = len(s) - 1
+        if i < 0 or i >= last:
+            place = 0.0 if i < 0 else float(last)
         else:
-            low, high = float(ordered[i]), float(ordered[i + 1])
-            place = i + (station - low) / (high - low)
+            place = i + (station - s[i]) / (s[i + 1] - s[i])
         if self.direction < 0:
-            place = len(ordered) - 1 - place
+            place = last - place
         return place * self.spacing
 
 

@@ -69,6 +69,7 @@ class Observation:
         self._get_speed = session.getter("vehicle", "getSpeed")
         self._get_acceleration = session.getter("vehicle", "getAcceleration")
         self._get_position = session.getter("vehicle", "getLanePosition")
+        self._get_lane = session.getter("vehicle", "getLaneID")
         self._get_ids = session.getter("lane", "getLastStepVehicleIDs")
         self._lanes = lanes
         self._vehicles = vehicles
@@ -81,6 +82,9 @@ class Observation:
         self._history: dict[str, tuple[str, ...]] = {}
         self._view_place: tuple[float, float] | None = None
         self._view: list[str] = []
+        # Vehicles of each lane in view at the last reading, and of which view.
+        self._lists: list[tuple[str, ...]] = []
+        self._listed: list[str] = []
         # Of the last reading: names, lanes and what they are; most often they are the same now.
         self._names: list[str] = []
         self._on: list[str] = []
@@ -107,13 +111,11 @@ class Observation:
           ego: the truck.
           obstacles: boxes that the vehicles have to mind beside each other, see `LateralSmoother`.
         """
-        on = self._on_lanes(ego)
-        names = sorted(on.keys() & self._vehicles.names())
+        same = self._who(ego)
+        names, on = self._names, self._on
         if not names:
             self._smoother.clear()
             return VehicleFrame.empty()
-        same = names == self._names
-        self._note(names, [on[name] for name in names])
         columns = np.empty((len(COLUMNS), len(names)))
         columns[_SIZE] = self._size
         speed, acceleration = columns[_SPEED], columns[_ACCELERATION]
@@ -130,7 +132,7 @@ class Observation:
         if middle.min() < 0.0:
             lane = lane.copy()
             for k in np.flatnonzero(middle < 0.0).tolist():
-                lane[k], middle[k] = self._behind(names[k], on[names[k]], float(middle[k]))
+                lane[k], middle[k] = self._behind(names[k], on[k], float(middle[k]))
         pose, (route_lane, direction) = self._lanes.poses.evaluate(lane, middle)
         x, y, z, station, offset, heading, pitch, roll, curvature = pose
         columns[0], columns[1], columns[2], columns[3] = x, y, z, heading
@@ -174,19 +176,31 @@ class Observation:
 
     # Which vehicles ----------------------------------------------------------------------------
 
-    def _on_lanes(self, ego: EgoState | None) -> dict[str, str]:
-        """Lane of every vehicle that may be in view."""
-        api = self._api
-        if ego is not None:
-            view = self._lanes_in_view(ego.x, ego.y)
-            if LANE_COST * len(view) <= api.vehicle.getIDCount():
-                ids = self._get_ids
-                return {name: lane for lane in view for name in ids(lane)}
-            near = set(view)
-            where = api.vehicle.getLaneID
-            return {name: lane for name in api.vehicle.getIDList() if (lane := where(name)) in near}
-        where = api.vehicle.getLaneID
-        return {name: lane for name in api.vehicle.getIDList() if (lane := where(name))}
+    def _who(self, ego: EgoState | None) -> bool:
+        """Finds who is there on which lane; whether they are the same vehicles as last time."""
+        count = self._api.vehicle.getIDCount()
+        view = [] if ego is None else self._lanes_in_view(ego.x, ego.y)
+        if view and LANE_COST * len(view) <= count:
+            lists = list(map(self._get_ids, view))
+            if view is self._listed and lists == self._lists:
+                return True
+            self._listed, self._lists = view, lists
+            where: dict[str, str] = {}
+            for lane, ids in zip(view, lists, strict=True):
+                where.update(dict.fromkeys(ids, lane))
+        else:
+            self._listed = []
+            ids = self._api.vehicle.getIDList()
+            where = dict(zip(ids, map(self._get_lane, ids), strict=True))
+            if ego is not None:
+                near = set(view)
+                where = {name: lane for name, lane in where.items() if lane in near}
+            else:
+                where = {name: lane for name, lane in where.items() if lane}
+        names = sorted(where.keys() & self._vehicles.names())
+        same = names == self._names
+        self._note(names, list(map(where.__getitem__, names)))
+        return same
 
     def _lanes_in_view(self, x: float, y: float) -> list[str]:
         if self._view_place is not None:

@@ -42,6 +42,8 @@ class PlacedVehicle:
         self._api = session.api
         self._lanes = lanes
         self._step = step
+        self._get_lane = session.getter("vehicle", "getLaneID")
+        self._get_position = session.getter("vehicle", "getLanePosition")
         vehicle = self._api.vehicle
         vehicle.add(name, "along.0", typeID=EGO_TYPE, departSpeed="0")
         vehicle.setSpeedMode(name, 0)
@@ -64,10 +66,10 @@ class PlacedVehicle:
           speed: its own [m/s].
         """
         vehicle = self._api.vehicle
-        here = vehicle.getLaneID(self.name)
+        here = self._get_lane(self.name)
         way = None
         if here:
-            way = self._lanes.way(here, vehicle.getLanePosition(self.name), table, position)
+            way = self._lanes.way(here, self._get_position(self.name), table, position)
         if way is None or not -ROLLBACK <= way <= FASTEST * self._step:
             way = min(speed * self._step, position)
             vehicle.moveTo(self.name, table.id, position - way)

@@ -203,6 +203,8 @@ class LateralSmoother:
         """Vehicles whose lane's centre has leapt sideways, and how far to the left [m]."""
         if not self._names:
             return []
+        if lane is self._lane:
+            return []
         if names == self._names:
             now = before = np.flatnonzero(lane != self._lane)
         else:
