@@ -9,21 +9,24 @@
 libsumo is imported when a simulation starts, not before.
 """
 
-from traffic_bridge.calibrated import calibrated_types
-from traffic_bridge.calibration import (
-    Calibration,
-    calibrate,
-    calibrate_each,
-    calibrate_headways,
-    evaluate,
-    trimmed,
-)
 from traffic_bridge.config import DENSITIES, LANE_CHANGE_MODELS, TrafficConfig
 from traffic_bridge.datasets import Trajectories, lay, read_trajectories
-from traffic_bridge.departures import Departure
-from traffic_bridge.digest import PoseDigest
-from traffic_bridge.event_files import read_events
-from traffic_bridge.events import (
+from traffic_bridge.frame import VehicleFrame
+from traffic_bridge.mirror.mirror import Mirror
+from traffic_bridge.modes.mixed import MixedSim
+from traffic_bridge.modes.parallel import TrafficWorlds, WorldSpec
+from traffic_bridge.modes.repsim import RepSim
+from traffic_bridge.modes.resim import ReSim
+from traffic_bridge.modes.sumo_modes import InterSim, PureSim, Traffic
+from traffic_bridge.network.map_lookup import MapPoint, Place
+from traffic_bridge.network.map_network import MapLane, MapNetwork, MapRoad
+from traffic_bridge.network.map_paths import MapPath
+from traffic_bridge.network.nets import Network, build_network, cache_dir, find_netconvert
+from traffic_bridge.recording.digest import PoseDigest
+from traffic_bridge.recording.recorder import Recorder
+from traffic_bridge.recording.recording import Recording
+from traffic_bridge.signals.event_files import read_events
+from traffic_bridge.signals.events import (
     Event,
     LaneClosure,
     LightProgramRun,
@@ -33,22 +36,19 @@ from traffic_bridge.events import (
     StoppedVehicle,
     VehicleChange,
 )
-from traffic_bridge.frame import VehicleFrame
-from traffic_bridge.idm import IdmParameters
-from traffic_bridge.lights import LightAhead, LightPhase
-from traffic_bridge.map_lookup import MapPoint, Place
-from traffic_bridge.map_network import MapLane, MapNetwork, MapRoad
-from traffic_bridge.map_paths import MapPath
-from traffic_bridge.mirror import Mirror
-from traffic_bridge.mixed import MixedSim
-from traffic_bridge.modes import InterSim, PureSim, Traffic
-from traffic_bridge.network import Network, build_network, cache_dir, find_netconvert
-from traffic_bridge.parallel import TrafficWorlds, WorldSpec
-from traffic_bridge.recorder import Recorder
-from traffic_bridge.recording import Recording
-from traffic_bridge.repsim import RepSim
-from traffic_bridge.resim import ReSim
-from traffic_bridge.vehicle_types import KINDS, VehicleType, default_types, read_types
+from traffic_bridge.signals.lights import LightAhead, LightPhase
+from traffic_bridge.vehicles.calibrated import calibrated_types
+from traffic_bridge.vehicles.calibration import (
+    Calibration,
+    calibrate,
+    calibrate_each,
+    calibrate_headways,
+    evaluate,
+    trimmed,
+)
+from traffic_bridge.vehicles.departures import Departure
+from traffic_bridge.vehicles.idm import IdmParameters
+from traffic_bridge.vehicles.types import KINDS, VehicleType, default_types, read_types
 
 __all__ = [
     "DENSITIES",

@@ -10,9 +10,9 @@ from typing import Any
 from iits_mj.errors import InputError
 from iits_mj.messages import EgoFootprint
 from traffic_bridge.checks import in_range, is_number
-from traffic_bridge.departures import Departure
-from traffic_bridge.events import Event, SlowConvoy, StoppedVehicle, VehicleChange, event_of
-from traffic_bridge.vehicle_types import VehicleType, default_types, type_from_dict
+from traffic_bridge.signals.events import Event, SlowConvoy, StoppedVehicle, VehicleChange, event_of
+from traffic_bridge.vehicles.departures import Departure
+from traffic_bridge.vehicles.types import VehicleType, default_types, type_from_dict
 
 # Spawn probability per second and lane of the paper's three densities (section VI-C).
 DENSITIES = {"dense": 0.05, "medium": 0.02, "sparse": 0.005, "empty": 0.0}
@@ -31,7 +31,7 @@ class TrafficConfig:
         A mapping from type to probability gives each type its own; it takes `mix`'s place.
       speed_limit: maximum speed of the traffic [m/s]; every vehicle's desired speed is a fraction
         of it (see `VehicleType`). The paper uses 12.5 and 15.
-      lane_change: "lc2013" (SUMO's model) or "mobil" (ours, see `traffic_bridge.mobil`).
+      lane_change: "lc2013" (SUMO's model) or "mobil" (ours, see `traffic_bridge.vehicles.mobil`).
       mix: name and weight of each type of vehicle that comes by chance.
       types: the `VehicleType`s there are, each with a name of its own.
       view_range: vehicles within this distance of the ego are reported [m].
@@ -45,7 +45,7 @@ class TrafficConfig:
         its roads too; "map" from every entrance of the map to exits drawn by chance, turning at
         junctions, beside the flow along the route.
       footprint: size of the ego combination.
-      events: what happens at a time or station, see `traffic_bridge.events`.
+      events: what happens at a time or station, see `traffic_bridge.signals.events`.
       departures: vehicles that come by a list, beside those that come by chance.
 
     Raises:

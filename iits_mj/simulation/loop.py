@@ -239,7 +239,7 @@ class Simulation(Closing):
         self.ended = self.ended or reason
 
     def save_recording(self, path: Path) -> Path:
-        """Writes the traffic and the truck's way through it; see `traffic_bridge.recording`.
+        """Writes the traffic and the truck's way through it, for `Recording.load`.
 
         Raises:
           InputError: the simulation does not record, or the file cannot be written.

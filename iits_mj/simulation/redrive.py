@@ -20,9 +20,9 @@ from iits_mj.simulation.loop import Simulation
 from iits_mj.simulation.parts import load_map
 from iits_mj.truck import Truck
 from traffic_bridge import PoseDigest, Recording, VehicleFrame
-from traffic_bridge.provenance import demand_same
-from traffic_bridge.recording_rows import EGO_COLUMNS, ego_row
-from traffic_bridge.resim import difference, traffic_of
+from traffic_bridge.modes.resim import difference, traffic_of
+from traffic_bridge.recording.provenance import demand_same
+from traffic_bridge.recording.rows import EGO_COLUMNS, ego_row
 
 # Files whose content the recording holds itself or checks by its hash.
 _FILES = ("map", "recording", "events")

@@ -26,7 +26,8 @@ from iits_mj.validation.traffic_flow import (
     wasserstein,
     weighted_mean,
 )
-from traffic_bridge.calibration import (
+from traffic_bridge.datasets import Pair, Trajectories, pairs, read_trajectories
+from traffic_bridge.vehicles.calibration import (
     Calibration,
     calibrate,
     calibrate_each,
@@ -35,9 +36,8 @@ from traffic_bridge.calibration import (
     parameter_table,
     trimmed,
 )
-from traffic_bridge.datasets import Pair, Trajectories, pairs, read_trajectories
-from traffic_bridge.idm import PARAMETERS, IdmParameters
-from traffic_bridge.vehicle_types import default_types
+from traffic_bridge.vehicles.idm import PARAMETERS, IdmParameters
+from traffic_bridge.vehicles.types import default_types
 
 MISSING = (
     "recorded traffic was not compared: give --data FILE, trajectories that the data-set readers "

@@ -32,10 +32,10 @@ from iits_mj.errors import InputError
 from iits_mj.road import Route
 from iits_mj.validation.traffic_flow import FlowLog, FlowSamples
 from traffic_bridge.config import TrafficConfig
-from traffic_bridge.departures import Departure
-from traffic_bridge.idm import IdmParameters, equilibrium_gap
-from traffic_bridge.modes import PureSim
-from traffic_bridge.vehicle_types import VehicleType, default_types
+from traffic_bridge.modes.sumo_modes import PureSim
+from traffic_bridge.vehicles.departures import Departure
+from traffic_bridge.vehicles.idm import IdmParameters, equilibrium_gap
+from traffic_bridge.vehicles.types import VehicleType, default_types
 
 FloatArray = NDArray[np.float64]
 # The driver of a vehicle of a lane, drawn with a generator.

@@ -10,9 +10,9 @@ from iits_mj.validation.traffic_flow import LEVELS, FlowLog, FlowSamples, wasser
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.datasets import Lay, Trajectories, lay
 from traffic_bridge.frame import VehicleFrame
-from traffic_bridge.modes import PureSim
-from traffic_bridge.recorder import Recorder
-from traffic_bridge.repsim import RepSim
+from traffic_bridge.modes.repsim import RepSim
+from traffic_bridge.modes.sumo_modes import PureSim
+from traffic_bridge.recording.recorder import Recorder
 
 # Knoop, Hoogendoorn, Shiomi and Buisson, "Quantifying the number of lane changes in traffic:
 # empirical analysis", Transportation Research Record 2278 (2012): about one change in 2 km on two

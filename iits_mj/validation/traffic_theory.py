@@ -16,10 +16,10 @@ from iits_mj.results import Check, Line, Panel
 from iits_mj.road import Route
 from iits_mj.validation.metrics import harmonic
 from traffic_bridge.config import TrafficConfig
-from traffic_bridge.departures import Departure
-from traffic_bridge.idm import IdmParameters, equilibrium_flow, equilibrium_gap, gain
-from traffic_bridge.modes import PureSim
-from traffic_bridge.vehicle_types import VehicleType, default_types
+from traffic_bridge.modes.sumo_modes import PureSim
+from traffic_bridge.vehicles.departures import Departure
+from traffic_bridge.vehicles.idm import IdmParameters, equilibrium_flow, equilibrium_gap, gain
+from traffic_bridge.vehicles.types import VehicleType, default_types
 
 FloatArray = NDArray[np.float64]
 

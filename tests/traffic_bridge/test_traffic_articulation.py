@@ -6,7 +6,7 @@ import pytest
 
 from iits_mj.messages import TrackedVehicle
 from traffic_bridge import Mirror, VehicleFrame
-from traffic_bridge.articulation import Articulation, TrailerMemory
+from traffic_bridge.mirror.articulation import Articulation, TrailerMemory
 
 TRUCK = Articulation.of_length(16.5)
 KINGPIN, AXLES = TRUCK.kingpin, TRUCK.axles

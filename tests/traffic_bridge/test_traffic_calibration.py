@@ -6,7 +6,8 @@ import pytest
 from iits_mj.errors import InputError
 from iits_mj.road import Route
 from traffic_bridge import PureSim, TrafficConfig, calibrated_types, default_types
-from traffic_bridge.calibration import (
+from traffic_bridge.datasets import Pair
+from traffic_bridge.vehicles.calibration import (
     PairBlock,
     calibrate,
     calibrate_each,
@@ -14,9 +15,8 @@ from traffic_bridge.calibration import (
     evaluate,
     trimmed,
 )
-from traffic_bridge.datasets import Pair
-from traffic_bridge.departures import Departure
-from traffic_bridge.idm import (
+from traffic_bridge.vehicles.departures import Departure
+from traffic_bridge.vehicles.idm import (
     IdmParameters,
     acceleration,
     equilibrium_flow,

@@ -12,8 +12,8 @@ from iits_mj.messages import TrackedVehicle, VehicleCommand
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, Simulation, gaps
 from traffic_bridge import Mirror, VehicleFrame
-from traffic_bridge.contact import Outline, may_touch, separation
-from traffic_bridge.mirror import DEFAULT_POOL
+from traffic_bridge.mirror.contact import Outline, may_touch, separation
+from traffic_bridge.mirror.mirror import DEFAULT_POOL
 
 
 def test_contact_names_the_pair_and_exerts_no_force(straight):

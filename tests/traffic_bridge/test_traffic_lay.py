@@ -17,7 +17,7 @@ from traffic_bridge.datasets import (
     read_trajectories,
     write_fcd,
 )
-from traffic_bridge.recording import COLUMNS
+from traffic_bridge.recording.recording import COLUMNS
 
 THREE_LANES = 2900.0  # [m]: where the built-in highway has three lanes, in a bend and on a slope
 XODR = Path(__file__).parents[3] / "shared/data/xodr"

@@ -4,8 +4,8 @@ import math
 import pytest
 
 from traffic_bridge import default_types
-from traffic_bridge.lane_graph import Lane, LaneGraph, Occupancy, Place, decide
-from traffic_bridge.mobil import Driver, Surroundings, gain, idm_acceleration
+from traffic_bridge.vehicles.lane_graph import Lane, LaneGraph, Occupancy, Place, decide
+from traffic_bridge.vehicles.mobil import Driver, Surroundings, gain, idm_acceleration
 
 CAR = default_types()[0]
 TRUCK = next(t for t in default_types() if t.kind == "articulated")

@@ -10,7 +10,7 @@ from iits_mj.errors import Error, MapError, TrafficError
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.writer import to_xml
 from traffic_bridge import MapNetwork, PureSim, TrafficConfig, build_network, cache_dir
-from traffic_bridge.lanes import RouteLanes
+from traffic_bridge.network.lanes import RouteLanes
 from traffic_bridge.session import Session, load_libsumo
 
 XODR = Path(__file__).resolve().parents[2] / "../shared/data/xodr"
@@ -167,7 +167,7 @@ def test_a_net_of_another_map_is_refused(straight, highway):
 
 
 def test_a_broken_netconvert_run_says_why(straight, tmp_path):
-    from traffic_bridge.netconvert import run_netconvert
+    from traffic_bridge.network.netconvert import run_netconvert
 
     bad = tmp_path / "bad.xodr"
     bad.write_text("<OpenDRIVE><road id='1'/></OpenDRIVE>")

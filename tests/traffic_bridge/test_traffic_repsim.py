@@ -15,7 +15,7 @@ from iits_mj.errors import InputError
 from iits_mj.messages import EgoState, TrackedVehicle
 from iits_mj.road import Route
 from traffic_bridge import Recording, RepSim, ReSim, VehicleFrame
-from traffic_bridge.replay import Replay
+from traffic_bridge.recording.replay import Replay
 
 
 @pytest.fixture(scope="module")

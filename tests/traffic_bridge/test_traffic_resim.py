@@ -12,7 +12,7 @@ from scripted_truck import ego_at
 from iits_mj.errors import InputError, TrafficError
 from iits_mj.road import Route
 from traffic_bridge import Recording, ReSim, TrafficConfig
-from traffic_bridge.resim import difference
+from traffic_bridge.modes.resim import difference
 
 AGAIN = """
 import sys

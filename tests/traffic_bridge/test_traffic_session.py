@@ -11,7 +11,7 @@ import pytest
 
 from iits_mj.errors import TrafficError
 from traffic_bridge import PureSim, TrafficConfig
-from traffic_bridge.network import build_network
+from traffic_bridge.network.nets import build_network
 from traffic_bridge.session import Session, load_libsumo
 
 CROWDED = TrafficConfig(density=0.2, fill_ahead=500.0, fill_behind=500.0)

@@ -21,7 +21,7 @@ from iits_mj.validation.traffic_replay import own_recording
 from traffic_bridge import VehicleFrame
 from traffic_bridge.datasets import Trajectories
 from traffic_bridge.frame import COLUMNS
-from traffic_bridge.idm import IdmParameters, equilibrium_gap
+from traffic_bridge.vehicles.idm import IdmParameters, equilibrium_gap
 
 DATA = Path(__file__).parents[3] / "shared" / "data" / "trajectories"
 DATA /= "ngsim_i80_1600_1615_reconstructed_pairs.parquet"

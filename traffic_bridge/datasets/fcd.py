@@ -21,7 +21,7 @@ from traffic_bridge.datasets.assemble import Rows, assemble
 from traffic_bridge.datasets.fcd_road import lay_out
 from traffic_bridge.datasets.table import Table
 from traffic_bridge.datasets.trajectories import Trajectories
-from traffic_bridge.vehicle_types import KINDS, default_types
+from traffic_bridge.vehicles.types import KINDS, default_types
 
 FloatArray = NDArray[np.float64]
 Size = tuple[str, float, float]

@@ -13,7 +13,7 @@ import numpy as np
 from iits_mj.errors import InputError
 
 if TYPE_CHECKING:
-    from traffic_bridge.recording import Recording
+    from traffic_bridge.recording.recording import Recording
 
 EDGE = "route"
 # Names and decimals of the figures of a row, after which comes `pos`.

@@ -19,10 +19,10 @@ from iits_mj.errors import InputError
 from iits_mj.road import Route
 from traffic_bridge.datasets.motion import Motion, calm, fit, split_jumps, transitions
 from traffic_bridge.datasets.trajectories import Trajectories
-from traffic_bridge.vehicle_types import default_types
+from traffic_bridge.vehicles.types import default_types
 
 if TYPE_CHECKING:
-    from traffic_bridge.recording import Recording
+    from traffic_bridge.recording.recording import Recording
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -103,7 +103,7 @@ def lay(trajectories: Trajectories, route: Route, how: Lay | None = None) -> Rec
     Raises:
       InputError: the map does not have a lane that is needed, or nobody comes to lie on the route.
     """
-    from traffic_bridge.recording import Recording
+    from traffic_bridge.recording.recording import Recording
 
     how = how or Lay()
     lanes = _lane_map(trajectories, how.lane_map)
@@ -250,7 +250,7 @@ def _taper(route: Route, cross: FloatArray, station: FloatArray, highest: int) -
 
 def _columns(laid: Laid, route: Route, step: float) -> FloatArray:
     """The figures of a recording's rows, in the order of its columns."""
-    from traffic_bridge.recording import COLUMNS
+    from traffic_bridge.recording.recording import COLUMNS
 
     station, offset = laid.station.value, laid.offset.value
     point = route.evaluate(station, offset)

@@ -9,8 +9,8 @@ from iits_mj.errors import InputError
 from iits_mj.road import Route
 from traffic_bridge.datasets.assemble import Rows, assemble
 from traffic_bridge.datasets.trajectories import Trajectories
-from traffic_bridge.recording import COLUMNS, Recording
-from traffic_bridge.resim import check_map
+from traffic_bridge.modes.resim import check_map
+from traffic_bridge.recording.recording import COLUMNS, Recording
 
 FloatArray = NDArray[np.float64]
 

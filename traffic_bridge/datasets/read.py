@@ -39,7 +39,7 @@ def read_trajectories(path: str | Path, **options: Any) -> Trajectories:
     head = _head(path)
     if head.startswith(b"PK"):
         from traffic_bridge.datasets.own import of_recording
-        from traffic_bridge.recording import Recording
+        from traffic_bridge.recording.recording import Recording
 
         route = given.pop("route", None)
         _refuse(given, path, "a recording of ours")

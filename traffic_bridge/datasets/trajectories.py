@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from iits_mj.errors import InputError
-from traffic_bridge.vehicle_types import KINDS
+from traffic_bridge.vehicles.types import KINDS
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -1,0 +1,1 @@
+"""Mirror: the nearest vehicles as mocap bodies in the truck's MuJoCo model."""

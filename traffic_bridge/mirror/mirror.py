@@ -1,0 +1,264 @@
+"""Mirror: the nearest vehicles as mocap bodies in the truck's MuJoCo model.
+
+A small pool of bodies is added before the model is compiled. Every 0.1 s the nearest vehicles get a
+slot and keep it while they are near; between two traffic steps they move on as they moved. Poses
+come from the traffic's frames alone: who makes a frame knows the road.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.errors import InputError
+from iits_mj.messages import TrackedVehicle
+from traffic_bridge.frame import VehicleFrame
+from traffic_bridge.mirror.bodies import PREFIX, add_assets, add_unit, unit_name
+from traffic_bridge.mirror.contact import ContactFinder, may_touch
+from traffic_bridge.mirror.fleet import Fleet
+from traffic_bridge.mirror.looks import LOOKS
+from traffic_bridge.mirror.slots import Slot, Slots
+from traffic_bridge.vehicles.registry import VehicleType, default_types
+
+FloatArray = NDArray[np.float64]
+
+DEFAULT_POOL = {"car": 14, "van": 5, "truck": 4, "articulated": 4}
+LARGEST_POOL = 500
+PARKING_DEPTH = -500.0  # [m]: unused bodies wait here, out of every camera's reach
+PARKING_SPACING = 25.0  # [m]: stacked bodies would be slow in collision detection
+# Whoever is farther from the truck than what two vehicles can do at this relative speed, and
+# `NEARBY` more, is not looked at closely.
+SPEED_MAX = 100.0  # [m/s]
+NEARBY = 1.0  # [m]
+
+
+class Mirror:
+    """Shows tracked vehicles in a MuJoCo model and detects contact with the truck.
+
+        mirror = Mirror()
+        truck = Truck.load(route=route, edit_spec=mirror.add_to)
+        mirror.bind(truck.model)
+        mirror.update(truck.data, vehicles, (ego.x, ego.y))
+        mirror.contacts(truck.data)     # [("car.00012", "trailer")]
+
+    Args:
+      pool: number of slots by the name of a vehicle type; vehicles beyond it (the farthest) are not
+        shown. Default: 14 cars, 5 vans, 4 trucks, 4 articulated trucks; types of your own share
+        the number of their look.
+      view_range: vehicles farther away than this are not shown [m].
+      types: dimensions, looks and colors; default: the shipped ones.
+      step_length: of the traffic [s].
+      visuals: adds what is seen; without, the bodies only take part in contact detection.
+
+    Raises:
+      InputError: an unknown type or an impossible number in the pool, or one of the other
+        figures.
+    """
+
+    def __init__(
+        self,
+        pool: Mapping[str, int] | None = None,
+        *,
+        view_range: float = 400.0,
+        types: Sequence[VehicleType] | None = None,
+        step_length: float = 0.1,
+        visuals: bool = True,
+    ) -> None:
+        # Those of two units are the last, as the fleet wants them.
+        types = sorted(types or default_types(), key=lambda kind: kind.look == "articulated")
+        names = [kind.name for kind in types]
+        if len(set(names)) != len(names):
+            raise InputError(f"types {', '.join(names)}: each name may be there once")
+        counts = _counts(DEFAULT_POOL if pool is None else pool, types, shared=pool is None)
+        for name, value in (("view_range", view_range), ("step_length", step_length)):
+            if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0.0):
+                raise InputError(f"{name} {value!r}: must be positive and finite")
+        self.view_range = float(view_range)
+        self._types = types
+        self._visuals = visuals
+        self._looks = [LOOKS[kind.look](kind) for kind in types]
+        self._slots = Slots(types, counts, self.view_range)
+        self._fleet = Fleet(types, self._looks, step_length)
+        numbers = [k for count in counts for k in range(count)]
+        self._bodies = [
+            tuple(
+                unit_name(f"{PREFIX}_{types[slot.type].name}_{number}", unit)
+                for unit in self._looks[slot.type]
+            )
+            for slot, number in zip(self._slots.all, numbers, strict=True)
+        ]
+        self._mocap: list[tuple[int, ...]] = []
+        self._index = np.zeros(0, dtype=np.intp)
+        self._finder: ContactFinder | None = None
+
+    # Building ----------------------------------------------------------------------------------
+
+    def add_to(self, spec: mujoco.MjSpec) -> None:
+        """Adds the pool to a specification, parked."""
+        used = {slot.type for slot in self._slots.all}
+        if self._visuals:
+            add_assets(spec, {self._types[k]: self._looks[k] for k in sorted(used)})
+        for slot, names in zip(self._slots.all, self._bodies, strict=True):
+            kind = self._types[slot.type]
+            for number, unit in enumerate(self._looks[slot.type]):
+                place = _parking(slot, number)
+                add_unit(spec, names[number], kind, unit, slot.paint, place, self._visuals)
+
+    def bind(self, model: mujoco.MjModel) -> None:
+        """Finds the pool in a compiled model; nobody is shown yet.
+
+        Raises:
+          InputError: the model was compiled without `add_to`.
+        """
+        owner = {}
+        self._mocap = []
+        for slot, names in zip(self._slots.all, self._bodies, strict=True):
+            bodies = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) for name in names]
+            for name, body in zip(names, bodies, strict=True):
+                if body < 0:
+                    raise InputError(
+                        f"the model has no body {name!r}: give mirror.add_to to Truck.load as "
+                        "edit_spec before it is compiled"
+                    )
+                owner[name] = slot.place
+            self._mocap.append(tuple(int(model.body_mocapid[body]) for body in bodies))
+        self._finder = ContactFinder(model, owner)
+        self._slots.clear()
+        self._fleet.clear()
+        self._show_others()
+
+    # Showing -----------------------------------------------------------------------------------
+
+    def update(
+        self,
+        data: mujoco.MjData,
+        vehicles: Iterable[TrackedVehicle] | None,
+        ego_xy: tuple[float, float],
+        elapsed: float = 0.0,
+        now: VehicleFrame | None = None,
+    ) -> int:
+        """Puts the bodies where the vehicles are.
+
+        Args:
+          data: of the bound model; its `mocap_pos` and `mocap_quat` are written.
+          vehicles: of the newest traffic step, best a `VehicleFrame`; None leaves those of the last
+            call and only moves them on (cheap, for every physics step or picture).
+          ego_xy: of the truck, in the map frame [m]; the nearest vehicles are shown.
+          elapsed: time since that traffic step [s]; see `motion.moved`. Minus one step to 0 gives
+            what was before.
+          now: who is known to be where at this very instant, as of a replay; others are moved on.
+
+        Returns:
+          The number of vehicles shown.
+
+        Raises:
+          InputError: the mirror is not bound, or a figure is not finite.
+        """
+        if self._finder is None:
+            raise InputError("call mirror.bind(model) before update")
+        if not math.isfinite(elapsed + ego_xy[0] + ego_xy[1]):
+            raise InputError(f"ego_xy {ego_xy!r}, elapsed {elapsed!r}: must be finite")
+        if vehicles is not None:
+            frame = VehicleFrame.of(vehicles)
+            changed = self._slots.assign(frame, *ego_xy)
+            for slot in changed:
+                if slot.vehicle is None:
+                    self._park(data, slot)
+            if changed:
+                self._show_others()
+            self._fleet.take(frame, self._slots.rows)
+        if self._index.size:
+            self._fleet.move(elapsed, now)
+            data.mocap_pos[self._index] = self._fleet.position
+            data.mocap_quat[self._index] = self._fleet.quaternion
+        return len(self._slots.taken)
+
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """Ids of the vehicles that are shown, sorted."""
+        return tuple(sorted(slot.vehicle for slot in self._slots.taken if slot.vehicle))
+
+    def bodies_of(self, vehicle: str) -> tuple[str, ...]:
+        """Names of the bodies that show a vehicle: one, tractor and semitrailer, or none."""
+        for slot in self._slots.taken:
+            if slot.vehicle == vehicle:
+                return self._bodies[slot.place]
+        return ()
+
+    def _show_others(self) -> None:
+        self._fleet.set_slots(self._slots.taken)
+        self._index = np.array(
+            [
+                self._mocap[slot.place][unit]
+                for slot, unit in zip(self._fleet.slots, self._fleet.units, strict=True)
+            ],
+            dtype=np.intp,
+        )
+
+    def _park(self, data: mujoco.MjData, slot: Slot) -> None:
+        for unit, mocap in enumerate(self._mocap[slot.place]):
+            data.mocap_pos[mocap] = _parking(slot, unit)
+            data.mocap_quat[mocap] = (1.0, 0.0, 0.0, 0.0)
+
+    # Contact -----------------------------------------------------------------------------------
+
+    def contacts(self, data: mujoco.MjData) -> list[tuple[str, str]]:
+        """(vehicle id, truck body) of every pair in contact, sorted; no force comes from it.
+
+        They are those of the positions last computed: of the state before the last `mj_step`, of
+        the present one after `mj_forward`.
+        """
+        if self._finder is None:
+            return []
+        slots = self._slots.all
+        pairs = {(slots[place].vehicle, body) for place, body in self._finder.pairs(data)}
+        return sorted((vehicle, body) for vehicle, body in pairs if vehicle is not None)
+
+    def may_touch(self, data: mujoco.MjData, within: float) -> bool:
+        """Whether the truck may meet a shown vehicle within a time, however both brake and steer.
+
+        False spares the look at every physics step; see `contact.may_touch`.
+
+        Args:
+          data: of the bound model, its positions and velocities computed (`mj_forward`).
+          within: [s].
+        """
+        if self._finder is None or not self._index.size or not self._finder.hull:
+            return False
+        fleet, truck = self._fleet, self._finder.truck_outlines(data)
+        center = np.array([(part.x, part.y) for part in truck])
+        apart = np.linalg.norm(fleet.position[:, None, :2] - center, axis=-1)
+        reach = np.array([math.hypot(part.half_length, part.half_width) for part in truck])
+        reach += SPEED_MAX * within + NEARBY
+        near = np.flatnonzero((apart - reach).min(axis=1) < fleet.radius).tolist()
+        return any(
+            may_touch(part, outline, within)
+            for outline in map(fleet.outline, near)
+            for part in truck
+        )
+
+
+def _parking(slot: Slot, unit: int) -> tuple[float, float, float]:
+    return PARKING_SPACING * slot.place, PARKING_SPACING * unit, PARKING_DEPTH
+
+
+def _counts(pool: Mapping[str, int], types: Sequence[VehicleType], *, shared: bool) -> list[int]:
+    """Number of slots of each type; `shared` splits the pool's among the types of a look."""
+    if shared:
+        looks = [kind.look for kind in types]
+        return [-(-pool[kind.look] // looks.count(kind.look)) for kind in types]
+    if not isinstance(pool, Mapping):
+        raise InputError(f"pool {pool!r}: give numbers of slots by name of type, {{'car': 14}}")
+    known = [kind.name for kind in types]
+    for name, count in pool.items():
+        whole = isinstance(count, int) and not isinstance(count, bool)
+        if name not in known or not whole or not 0 <= count <= LARGEST_POOL:
+            raise InputError(
+                f"pool {name!r}: {count!r}; types are {', '.join(known)}, "
+                f"counts 0 to {LARGEST_POOL}"
+            )
+    return [pool.get(kind.name, 0) for kind in types]

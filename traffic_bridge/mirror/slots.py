@@ -1,0 +1,179 @@
+"""Who is shown in which body: the nearest of each type, who keep it while they are near."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from traffic_bridge.frame import VehicleFrame
+from traffic_bridge.vehicles.registry import VehicleType
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+# A vehicle with a slot counts as this much nearer, so that two at the edge do not take turns.
+LOYALTY = 0.85
+APART = 1e12  # [m2] between the types in a common ranking by squared distance
+
+
+@dataclass
+class Slot:
+    """Place for one vehicle in the model.
+
+    Attributes:
+      place: in the pool; type: number of the vehicle type; paint: number of its color.
+      vehicle: who is shown there.
+      row: of the vehicle in the newest frame.
+    """
+
+    place: int
+    type: int
+    paint: int
+    vehicle: str | None = None
+    row: int = -1
+
+
+class Slots:
+    """The pool of slots and who has them.
+
+    A type's slots go to its nearest vehicles within range. Who has one keeps it until another
+    without one is nearer by the factor `LOYALTY`, or until it is out of range by that factor. A
+    free slot of the vehicle's own color is preferred, and one that was empty already to one that
+    loses its vehicle in the same frame.
+
+    Args:
+      types: of vehicles.
+      counts: slots of each type.
+      view_range: beyond it nobody gets a slot [m].
+
+    Attributes:
+      all: every slot, by type; taken: those that have a vehicle, in the same order.
+      rows: of the vehicles in the newest frame, in the order of `taken`.
+    """
+
+    def __init__(
+        self, types: Sequence[VehicleType], counts: Sequence[int], view_range: float
+    ) -> None:
+        self.types = tuple(types)
+        pool = [
+            (number, k % len(kind.colors))
+            for number, (kind, count) in enumerate(zip(types, counts, strict=True))
+            for k in range(count)
+        ]
+        self.all = [Slot(place, number, paint) for place, (number, paint) in enumerate(pool)]
+        self._limit = view_range**2
+        # The last place is for vehicles that no type fits.
+        self._capacity = np.array([*counts, 0], dtype=np.intp)
+        self._sizes = {
+            look: [
+                (number, np.array([kind.length, kind.width, kind.height]))
+                for number, kind in enumerate(types)
+                if kind.look == look
+            ]
+            for look in {kind.look for kind in types}
+        }
+        self.clear()
+
+    def clear(self) -> None:
+        """Takes everybody's slot."""
+        for slot in self.all:
+            slot.vehicle, slot.row = None, -1
+        self.taken: list[Slot] = []
+        self.rows = np.zeros(0, dtype=np.intp)
+        self._ids: tuple[str, ...] = ()
+        self._type_of: dict[str, int] = {}
+        self._types = np.zeros(0, dtype=np.intp)
+        self._held = np.zeros(0, dtype=bool)
+        self._missing = False
+        self._rank()
+
+    def assign(self, frame: VehicleFrame, x: float, y: float) -> list[Slot]:
+        """Gives the slots to the nearest vehicles of a frame.
+
+        Args:
+          frame: of the traffic.
+          x: where the truck is [m].
+          y: as x.
+
+        Returns:
+          Slots that changed hands or were left; `taken` and `rows` are new as well.
+        """
+        if frame.ids != self._ids:
+            self._read(frame)
+        dx, dy = frame.column("x") - x, frame.column("y") - y
+        # The types one after another, each by distance; equally near ones by their ids.
+        key = (dx * dx + dy * dy) * self._weight + self._base
+        order = key.argsort(kind="stable")
+        chosen = np.empty(order.size, dtype=bool)
+        chosen[order] = key[order] <= self._limits
+        if not self._missing and (chosen == self._held).all():
+            return []
+        gone = [slot for slot in self.taken if slot.row < 0 or not chosen[slot.row]]
+        return self._hand_over(frame, gone, np.flatnonzero(chosen & ~self._held).tolist())
+
+    def _hand_over(self, frame: VehicleFrame, gone: list[Slot], rows: list[int]) -> list[Slot]:
+        for slot in gone:
+            slot.vehicle, slot.row = None, -1
+        changed = {slot.place: slot for slot in gone}
+        for row in rows:
+            slot = self._free_slot(int(self._types[row]), frame.ids[row], changed)
+            slot.vehicle, slot.row = frame.ids[row], row
+            changed[slot.place] = slot
+        self.taken = [slot for slot in self.all if slot.vehicle is not None]
+        self._missing = False
+        self._take_rows()
+        return list(changed.values())
+
+    def _free_slot(self, number: int, vehicle: str, changed: dict[int, Slot]) -> Slot:
+        kind = self.types[number]
+        paint = kind.colors.index(kind.color_of(vehicle))
+        free = [slot for slot in self.all if slot.vehicle is None and slot.type == number]
+        return min(
+            free,
+            key=lambda slot: (slot.place in changed, (slot.paint - paint) % len(kind.colors)),
+        )
+
+    def _take_rows(self) -> None:
+        """Notes where the holders are in the frame, and that they count as nearer."""
+        self.rows = np.array([slot.row for slot in self.taken], dtype=np.intp)
+        self._held = np.zeros(self._types.size, dtype=bool)
+        self._held[self.rows[self.rows >= 0]] = True
+        self._weight = np.where(self._held, LOYALTY**2, 1.0)
+
+    def _read(self, frame: VehicleFrame) -> None:
+        """Takes a frame of other vehicles than the last one."""
+        place = {name: row for row, name in enumerate(frame.ids)}
+        known = self._type_of
+        if not known.keys() >= place.keys():
+            known.update(
+                (name, self._type(frame, row)) for name, row in place.items() if name not in known
+            )
+        self._type_of = {name: known[name] for name in place}
+        self._types = np.fromiter(self._type_of.values(), dtype=np.intp, count=len(place))
+        self._ids = frame.ids
+        for slot in self.taken:
+            slot.row = place.get(slot.vehicle or "", -1)
+            self._missing = self._missing or slot.row < 0
+        self._rank()
+        self._take_rows()
+
+    def _rank(self) -> None:
+        """Prepares the ranking: which places of each type's ranking have a slot."""
+        self._weight = np.ones(self._types.size)
+        self._base = APART * self._types
+        ranked = np.sort(self._types)
+        place = np.arange(ranked.size) - np.searchsorted(ranked, ranked)
+        self._limits = np.where(place < self._capacity[ranked], APART * ranked + self._limit, -1.0)
+
+    def _type(self, frame: VehicleFrame, row: int) -> int:
+        """The type of a vehicle's look whose size is the nearest to its own."""
+        candidates = self._sizes.get(frame.kinds[row], ())
+        size = frame.columns("length", "width", "height")[:, row]
+        return min(
+            candidates,
+            key=lambda entry: float(np.abs(entry[1] - size).sum()),
+            default=(len(self.types), size),
+        )[0]

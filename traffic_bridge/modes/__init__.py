@@ -1,0 +1,1 @@
+"""PureSim, InterSim, ReSim, RepSim and their mix; many of them at once."""

@@ -1,0 +1,256 @@
+"""What SUMO has on its lanes, as a frame of vehicles on the road: read and computed by columns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.messages import EgoState
+from iits_mj.road import Route
+from traffic_bridge.frame import COLUMNS, VehicleFrame
+from traffic_bridge.modes.smoothing import Box, LateralSmoother, Shift
+from traffic_bridge.network.lanes import RouteLanes
+from traffic_bridge.session import Session
+from traffic_bridge.vehicles.registry import Vehicles
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+VIEW_MARGIN = 30.0  # [m]: lanes are chosen by their ends and bends, vehicles by their centres
+VIEW_KEPT = 50.0  # [m] the ego moves before the lanes in view are chosen again
+HISTORY = 4  # lanes a vehicle remembers: a long one can stand on several short ones
+TIGHT_TURN = 2.0  # [m/s] below which a sideways motion turns the box no further
+_TURN = 2.0 * np.pi
+# Rows of a frame's columns.
+_SPEED, _ACCELERATION, _LATERAL, _STATION, _OFFSET = (
+    COLUMNS.index(name) for name in ("speed", "acceleration", "lateral_speed", "station", "offset")
+)
+_SIZE = slice(COLUMNS.index("length"), COLUMNS.index("height") + 1)
+# Reading a lane's list of vehicles costs about as much as reading the lane of three vehicles.
+LANE_COST = 3
+
+
+@dataclass(frozen=True)
+class _Body:
+    """What does not change of a vehicle: its kind and length, width, height [m]."""
+
+    kind: str
+    size: tuple[float, float, float]
+
+
+class Observation:
+    """Reads the traffic of a running simulation after each step.
+
+    Args:
+      session: the running SUMO.
+      lanes: of the route.
+      vehicles: what each vehicle is.
+      route: the ego's road.
+      view_range: vehicles within this distance of the ego are read [m].
+      step_length: time between two readings [s].
+      lane_change_duration: see `LateralSmoother` [s].
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        lanes: RouteLanes,
+        vehicles: Vehicles,
+        route: Route,
+        view_range: float,
+        step_length: float,
+        lane_change_duration: float,
+    ) -> None:
+        self._api = session.api
+        self._get_speed = session.getter("vehicle", "getSpeed")
+        self._get_acceleration = session.getter("vehicle", "getAcceleration")
+        self._get_position = session.getter("vehicle", "getLanePosition")
+        self._get_lane = session.getter("vehicle", "getLaneID")
+        self._get_ids = session.getter("lane", "getLastStepVehicleIDs")
+        self._lanes = lanes
+        self._vehicles = vehicles
+        self._route = route
+        self._range = view_range
+        self._step = step_length
+        self._smoother = LateralSmoother(lane_change_duration)
+        self._bodies: dict[str, _Body] = {}
+        self._last_lane: dict[str, str] = {}
+        self._history: dict[str, tuple[str, ...]] = {}
+        self._view_place: tuple[float, float] | None = None
+        self._view: list[str] = []
+        # Vehicles of each lane in view at the last reading, and of which view.
+        self._lists: list[tuple[str, ...]] = []
+        self._listed: list[str] = []
+        # Of the last reading: names, lanes and what they are; most often they are the same now.
+        self._names: list[str] = []
+        self._on: list[str] = []
+        self._kinds: list[str] = []
+        self._size: FloatArray = np.zeros((3, 0))
+        self._lane: IntArray = np.zeros(0, dtype=np.intp)
+        self._speed: FloatArray = np.zeros(0)
+
+    def forget(self, name: str) -> None:
+        """Drops a vehicle that has left."""
+        self._bodies.pop(name, None)
+        self._last_lane.pop(name, None)
+        self._history.pop(name, None)
+
+    @property
+    def held(self) -> dict[str, float]:
+        """Speed limits of vehicles that swing out, see `LateralSmoother` [m/s]."""
+        return self._smoother.held
+
+    def read(self, ego: EgoState | None, obstacles: Sequence[Box] = ()) -> VehicleFrame:
+        """The vehicles now, near the ego; all of them without one.
+
+        Args:
+          ego: the truck.
+          obstacles: boxes that the vehicles have to mind beside each other, see `LateralSmoother`.
+        """
+        same = self._who(ego)
+        names, on = self._names, self._on
+        if not names:
+            self._smoother.clear()
+            return VehicleFrame.empty()
+        columns = np.empty((len(COLUMNS), len(names)))
+        columns[_SIZE] = self._size
+        speed, acceleration = columns[_SPEED], columns[_ACCELERATION]
+        speed[:] = list(map(self._get_speed, names))
+        if same:
+            # SUMO's own definition; reading it would take as long as the speed.
+            np.divide(speed - self._speed, self._step, out=acceleration)
+        else:
+            acceleration[:] = list(map(self._get_acceleration, names))
+        self._speed = speed
+        middle = np.array(list(map(self._get_position, names)))
+        middle -= 0.5 * self._size[0]
+        lane = self._lane
+        if middle.min() < 0.0:
+            lane = lane.copy()
+            for k in np.flatnonzero(middle < 0.0).tolist():
+                lane[k], middle[k] = self._behind(names[k], on[k], float(middle[k]))
+        pose, (route_lane, direction) = self._lanes.poses.evaluate(lane, middle)
+        x, y, z, station, offset, heading, pitch, roll, curvature = pose
+        columns[0], columns[1], columns[2], columns[3] = x, y, z, heading
+        columns[4], columns[5] = pitch, roll
+        np.multiply(curvature, speed, out=columns[6])
+        columns[_LATERAL] = 0.0
+        columns[_STATION], columns[_OFFSET] = station, offset
+        shifts = self._smoother.update(
+            names,
+            lane,
+            (x, y, heading),
+            speed,
+            self._size,
+            (station, offset, direction),
+            self._step,
+            obstacles,
+        )
+        for shift in shifts:
+            self._set_aside(columns, shift, route_lane, int(direction[shift.number]))
+        columns[3] -= _TURN * np.round(columns[3] / _TURN)
+        frame = VehicleFrame(names, self._kinds, route_lane, columns)
+        return frame if ego is None else frame.near(ego.x, ego.y, self._range)
+
+    def _set_aside(
+        self, columns: FloatArray, shift: Shift, route_lane: IntArray, direction: int
+    ) -> None:
+        """Shows a vehicle beside its lane's centre, its box pointing where it moves."""
+        k = shift.number
+        heading, speed = float(columns[3, k]), float(columns[_SPEED, k])
+        forward = max(speed, TIGHT_TURN)
+        columns[0, k] -= shift.offset * math.sin(heading)
+        columns[1, k] += shift.offset * math.cos(heading)
+        columns[2, k] += shift.offset * math.tan(columns[5, k])
+        columns[3, k] += math.atan2(shift.speed, forward)
+        columns[6, k] += shift.acceleration * forward / (forward**2 + shift.speed**2)
+        columns[_LATERAL, k] = shift.speed
+        columns[_OFFSET, k] += direction * shift.offset
+        if direction > 0:
+            station, offset = float(columns[_STATION, k]), float(columns[_OFFSET, k])
+            route_lane[k] = self._route.lane_at(station, offset)
+
+    # Which vehicles ----------------------------------------------------------------------------
+
+    def _who(self, ego: EgoState | None) -> bool:
+        """Finds who is there on which lane; whether they are the same vehicles as last time."""
+        count = self._api.vehicle.getIDCount()
+        view = [] if ego is None else self._lanes_in_view(ego.x, ego.y)
+        if view and LANE_COST * len(view) <= count:
+            lists = list(map(self._get_ids, view))
+            if view is self._listed and lists == self._lists:
+                return True
+            self._listed, self._lists = view, lists
+            where: dict[str, str] = {}
+            for lane, ids in zip(view, lists, strict=True):
+                where.update(dict.fromkeys(ids, lane))
+        else:
+            self._listed = []
+            ids = self._api.vehicle.getIDList()
+            where = dict(zip(ids, map(self._get_lane, ids), strict=True))
+            if ego is not None:
+                near = set(view)
+                where = {name: lane for name, lane in where.items() if lane in near}
+            else:
+                where = {name: lane for name, lane in where.items() if lane}
+        names = sorted(where.keys() & self._vehicles.names())
+        same = names == self._names
+        self._note(names, list(map(where.__getitem__, names)))
+        return same
+
+    def _lanes_in_view(self, x: float, y: float) -> list[str]:
+        if self._view_place is not None:
+            dx, dy = x - self._view_place[0], y - self._view_place[1]
+            if dx * dx + dy * dy < VIEW_KEPT * VIEW_KEPT:
+                return self._view
+        names, boxes = self._lanes.boxes()
+        sumo_x, sumo_y = self._lanes.to_sumo(x, y)
+        reach = self._range + VIEW_MARGIN + VIEW_KEPT
+        dx = np.maximum(np.maximum(boxes[0] - sumo_x, sumo_x - boxes[2]), 0.0)
+        dy = np.maximum(np.maximum(boxes[1] - sumo_y, sumo_y - boxes[3]), 0.0)
+        self._view = [names[k] for k in np.flatnonzero(np.hypot(dx, dy) < reach).tolist()]
+        self._view_place = (x, y)
+        return self._view
+
+    def _note(self, names: list[str], on: list[str]) -> None:
+        """Looks up what each vehicle is and where it came from, where that is not as before."""
+        if names == self._names and on == self._on:
+            return
+        if names != self._names:
+            bodies = [self._body(name) for name in names]
+            self._kinds = [body.kind for body in bodies]
+            self._size = np.array([body.size for body in bodies]).T
+        before = self._last_lane
+        for name, lane in zip(names, on, strict=True):
+            last = before.get(name)
+            if last != lane:
+                before[name] = lane
+                if last is not None:
+                    history = self._history.get(name, ())
+                    self._history[name] = (last, *history)[:HISTORY]
+        number = self._lanes.poses.number
+        self._lane = np.array([number(lane) for lane in on], dtype=np.intp)
+        self._names, self._on = names, on
+
+    def _behind(self, name: str, lane: str, position: float) -> tuple[int, float]:
+        """Lane and position of a place before the beginning of a vehicle's lane."""
+        came_from = self._history.get(name, ())
+        while position < 0.0:
+            before = self._lanes.before(lane)
+            if not before:
+                break
+            lane = next((known for known in came_from if known in before), before[0])
+            position += self._lanes.table(lane).length
+        return self._lanes.poses.number(lane), position
+
+    def _body(self, name: str) -> _Body:
+        found = self._bodies.get(name)
+        if found is None:
+            kind = self._vehicles.type_of(name)
+            found = _Body(kind.kind, (kind.length, kind.width, kind.height))
+            self._bodies[name] = found
+        return found

@@ -1,0 +1,118 @@
+"""RepSim: recorded vehicles drive again exactly as they did, without SUMO."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+
+from iits_mj.errors import InputError
+from iits_mj.messages import EgoState
+from iits_mj.road import Route
+from traffic_bridge.frame import VehicleFrame
+from traffic_bridge.modes.resim import check_map
+from traffic_bridge.modes.sumo_modes import Mode
+from traffic_bridge.recording.recording import COLUMNS, Recording
+from traffic_bridge.recording.replay import Replay
+
+
+class RepSim(Mode):
+    """Replays recorded vehicles exactly, whatever the truck does, without SUMO.
+
+    Args:
+      route: the ego's road.
+      recording: file written by `Recorder.save`, or the recording itself.
+      view_range: report only vehicles within this distance of the ego [m].
+      step_length: time of a step [s].
+      other_map: allow a recording that was made on another map, as when only the road's furniture
+        has changed: vehicles are then where they were, wherever the road is.
+
+    Attributes:
+      replay: the recording as a function of time.
+
+    Raises:
+      InputError: the file or an argument cannot be used, or the map is another one.
+    """
+
+    def __init__(
+        self,
+        route: Route,
+        recording: str | Path | Recording,
+        view_range: float = math.inf,
+        step_length: float = 0.1,
+        *,
+        other_map: bool = False,
+    ) -> None:
+        if not (view_range > 0.0 and 0.0 < step_length <= 1.0):
+            raise InputError(
+                f"view_range {view_range!r}, step_length {step_length!r}: "
+                "must be positive, the step at most 1 s"
+            )
+        loaded = recording if isinstance(recording, Recording) else Recording.load(recording)
+        name = "recording" if isinstance(recording, Recording) else f"recording {recording}"
+        if not other_map:
+            check_map(loaded, name, route)
+        if loaded.meta.get("schema") == 1:
+            loaded = on_road(loaded, route)
+        self.route = route
+        self.view_range = view_range
+        self.step_length = step_length
+        self.replay = Replay(loaded)
+        self._steps = 0
+
+    @property
+    def time(self) -> float:
+        """Time since the reset [s]."""
+        return self._steps * self.step_length
+
+    @property
+    def duration(self) -> float:
+        """Length of the recording [s]."""
+        return self.replay.duration
+
+    def reset(self, ego: EgoState | None = None) -> VehicleFrame:
+        """Goes back to the beginning."""
+        self._steps = 0
+        return self.at(0.0, ego)
+
+    def step(self, ego: EgoState | None = None) -> VehicleFrame:
+        """Advances one step; after the end of the recording there are no vehicles."""
+        self._steps += 1
+        return self.at(self.time, ego)
+
+    def at(self, time: float, ego: EgoState | None = None) -> VehicleFrame:
+        """The vehicles at any time, between recorded frames by interpolation; see `Replay`.
+
+        Args:
+          time: since the recording's beginning [s].
+          ego: when given, only vehicles within the view range of it are returned.
+
+        Raises:
+          InputError: the time is not finite.
+        """
+        frame = self.replay.at(time)
+        if ego is None or math.isinf(self.view_range):
+            return frame
+        return frame.near(ego.x, ego.y, self.view_range)
+
+
+def on_road(recording: Recording, route: Route) -> Recording:
+    """A recording with the road's slopes under its vehicles, which version 1 did not store.
+
+    Args:
+      recording: with stations and offsets on the route.
+      route: the ego's road.
+    """
+    place = {name: k for k, name in enumerate(COLUMNS)}
+    columns = np.array(recording.columns)
+    point = route.evaluate(columns[place["station"]], columns[place["offset"]])
+    turned = columns[place["yaw"]] - point.heading
+    rise, bank = point.grade, np.tan(point.superelevation)
+    # Slopes along and across the vehicle, positive up and up to the left.
+    along = np.cos(turned) * rise + np.sin(turned) * bank
+    across = np.cos(turned) * bank - np.sin(turned) * rise
+    columns[place["pitch"]] = -np.arctan(along)
+    columns[place["roll"]] = np.arctan(across)
+    return dataclasses.replace(recording, columns=columns)

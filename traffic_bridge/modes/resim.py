@@ -1,0 +1,185 @@
+"""ReSim: runs a recorded traffic again from its settings, its seed and the truck's log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from iits_mj.errors import InputError, TrafficError
+from iits_mj.messages import EgoState
+from iits_mj.road import Route
+from traffic_bridge.config import TrafficConfig
+from traffic_bridge.frame import VehicleFrame
+from traffic_bridge.modes.sumo_modes import InterSim, Mode, PureSim
+from traffic_bridge.network.nets import build_network
+from traffic_bridge.recording.digest import PoseDigest
+from traffic_bridge.recording.provenance import demand_same, net_hash, versions
+from traffic_bridge.recording.recording import COLUMNS, Recording
+
+MODES: dict[str, type[PureSim]] = {"PureSim": PureSim, "InterSim": InterSim}
+
+
+def check_map(recording: Recording, name: str, route: Route) -> None:
+    """Refuses another map than that of the recording.
+
+    Raises:
+      InputError: names both.
+    """
+    then, now = str(recording.meta.get("map_hash")), route.road_map.content_hash
+    if then != now:
+        raise InputError(
+            f"{name}: made on map {recording.meta.get('map_name')!r} of hash {then[:12]}, not on "
+            f"{route.road_map.path.name!r} of hash {now[:12]}"
+        )
+
+
+def traffic_of(recording: Recording, name: str, route: Route) -> PureSim:
+    """The traffic that a recording was made of, ready for a reset.
+
+    Args:
+      recording: with the settings.
+      name: how messages call it.
+      route: the ego's road.
+
+    Raises:
+      InputError: it was made with another map, net or version, or cannot be re-run at all.
+    """
+    meta = recording.meta
+    mode = meta.get("mode")
+    if mode not in MODES:
+        raise InputError(f"{name}: mode {mode!r} cannot be re-run; RepSim replays it")
+    if len(recording) == 0:
+        raise InputError(f"{name}: has no frames")
+    check_map(recording, name, route)
+    advice = "; a re-run would not be identical (RepSim replays it anyway)"
+    found = _texts(meta.get("versions"))
+    if meta.get("schema") == 1:
+        found["schema"] = "1"
+    demand_same(found, versions(), name, advice)
+    net = {"a SUMO net of hash": net_hash(build_network(route).path)}
+    demand_same({"a SUMO net of hash": str(meta.get("net_hash"))}, net, name, advice)
+    config, seed = meta.get("config"), meta.get("seed")
+    if not isinstance(config, dict) or not isinstance(seed, int):
+        raise InputError(f"{name}: has no settings or no seed")
+    return MODES[mode](route, TrafficConfig.from_dict(config), seed)
+
+
+def _texts(values: Any) -> dict[str, str]:
+    return {str(k): str(v) for k, v in values.items()} if isinstance(values, dict) else {}
+
+
+def difference(recorded: VehicleFrame, found: VehicleFrame) -> str:
+    """What is not alike in two frames, in words; "" where every bit is."""
+    if recorded.ids != found.ids:
+        who = sorted(set(recorded.ids) ^ set(found.ids))[0]
+        return f"vehicle {who!r} is {'missing' if who in recorded.ids else 'there in addition'}"
+    if recorded.kinds != found.kinds or not np.array_equal(recorded.lanes, found.lanes):
+        return "kinds or lanes differ"
+    apart = recorded.values.view(np.uint64) != found.values.view(np.uint64)
+    if not apart.any():
+        return ""
+    row, column = np.argwhere(apart)[0]
+    name = (*COLUMNS, "length", "width", "height")[column]
+    return (
+        f"{name} of vehicle {recorded.ids[row]!r} is {float(found.values[row, column])!r}, "
+        f"recorded {float(recorded.values[row, column])!r}"
+    )
+
+
+class ReSim(Mode):
+    """Runs a recorded simulation again from its configuration, its seed and the truck's log.
+
+    Args:
+      route: the same road as then.
+      path: file written by `Recorder.save`, or the recording itself.
+      config: expected settings; None takes those of the file.
+
+    Attributes:
+      recording: of then; config: its settings.
+
+    Raises:
+      InputError: the file cannot be used, or was made with another map, version or option; the
+        message says which.
+    """
+
+    def __init__(
+        self, route: Route, path: str | Path | Recording, config: TrafficConfig | None = None
+    ) -> None:
+        self.recording = path if isinstance(path, Recording) else Recording.load(path)
+        self._name = "recording" if isinstance(path, Recording) else f"recording {path}"
+        self.route = route
+        self._traffic = traffic_of(self.recording, self._name, route)
+        self.config = self._traffic.config
+        if config is not None and config != self.config:
+            then = self.config.as_dict()
+            names = [n for n, v in config.as_dict().items() if v != then[n]]
+            raise InputError(f"{self._name}: made with other options: {', '.join(names)}")
+        self._digest = PoseDigest()
+        self._frame = 0
+        self._apart = ""
+
+    @property
+    def time(self) -> float:
+        """Traffic time since the reset [s]."""
+        return self._traffic.time
+
+    def __len__(self) -> int:
+        """Number of recorded frames, the reset included."""
+        return len(self.recording)
+
+    def reset(self, ego: EgoState | None = None) -> VehicleFrame:  # noqa: ARG002
+        """Begins the re-run. The truck's state comes from the log, not from the argument."""
+        self._digest = PoseDigest()
+        self._frame = 0
+        self._apart = ""
+        return self._note(self._traffic.reset(self.recording.ego_at(0)))
+
+    def step(self, ego: EgoState | None = None) -> VehicleFrame:  # noqa: ARG002
+        """Re-runs the next step. The truck's state comes from the log, not from the argument.
+
+        Raises:
+          TrafficError: the log has ended.
+        """
+        if self._frame >= len(self):
+            raise TrafficError(f"the recording ends after {len(self) - 1} steps")
+        return self._note(self._traffic.step(self.recording.ego_at(self._frame)))
+
+    def _note(self, vehicles: VehicleFrame) -> VehicleFrame:
+        frame = VehicleFrame.of(vehicles)
+        if not self._apart:
+            found = difference(self.recording.frames[self._frame], frame)
+            if found:
+                time = float(self.recording.time[self._frame])
+                self._apart = f"first at t = {time:.2f} s, where {found}"
+        self._frame += 1
+        self._digest.add(frame)
+        return frame
+
+    def verify(self) -> str:
+        """Runs to the end from where it is and compares the poses with the recorded ones.
+
+        Returns:
+          The hash of all poses.
+
+        Raises:
+          TrafficError: they are not bit-identical; says where first.
+        """
+        if self._frame == 0:
+            self.reset()
+        while self._frame < len(self) and not self._apart:
+            self.step()
+        if self._apart:
+            raise TrafficError(f"the re-run differs from the recording: {self._apart}")
+        found, recorded = self._digest.hexdigest(), str(self.recording.meta.get("digest"))
+        if found != recorded:
+            raise TrafficError(
+                f"the re-run differs from the recording: hash {found[:12]}, "
+                f"recorded {recorded[:12]}"
+            )
+        return found
+
+    def close(self) -> None:
+        """Ends SUMO; may be called again."""
+        self._traffic.close()

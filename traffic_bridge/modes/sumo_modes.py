@@ -1,0 +1,184 @@
+"""PureSim and InterSim, and the protocol that all four of the paper's modes share.
+
+Every mode is used alike: `reset(ego)`, then `step(ego)` each 0.1 s with the truck's state at the
+time to be reached, then `close()`; each is a context manager.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+from iits_mj.closing import Closing
+from iits_mj.errors import InputError, TrafficError
+from iits_mj.messages import EgoState
+from iits_mj.road import Route
+from traffic_bridge.config import TrafficConfig
+from traffic_bridge.frame import VehicleFrame
+from traffic_bridge.modes.ego import check_ego
+from traffic_bridge.modes.world import World
+from traffic_bridge.network.lanes import RouteLanes
+from traffic_bridge.session import Session
+from traffic_bridge.signals.controller import TrafficController
+from traffic_bridge.vehicles.registry import Vehicles
+
+
+@runtime_checkable
+class Traffic(Protocol):
+    """What every mode offers."""
+
+    route: Route
+
+    @property
+    def time(self) -> float:
+        """Traffic time since the reset [s]."""
+
+    def reset(self, ego: EgoState | None = None) -> VehicleFrame:
+        """Begins anew; the vehicles at time zero, sorted by name."""
+
+    def step(self, ego: EgoState | None = None) -> VehicleFrame:
+        """Advances to the ego's time, one step on; the vehicles there, sorted by name."""
+
+    def close(self) -> None:
+        """Ends the traffic; may be called again."""
+
+
+class Mode(Closing):
+    """Context manager of every mode."""
+
+    def close(self) -> None:
+        """Ends the traffic; may be called again."""
+
+
+class PureSim(Mode):
+    """Traffic by itself: IDM and a lane-change model. It does not see the truck.
+
+    Args:
+      route: the ego's road.
+      config: settings.
+      seed: one seed gives bit-identical vehicles in every run and process.
+
+    Raises:
+      InputError: the seed is not a whole number from 0 to 2^31 - 1.
+    """
+
+    mode = "PureSim"
+    with_ego = False
+
+    def __init__(self, route: Route, config: TrafficConfig | None = None, seed: int = 0) -> None:
+        if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**31:
+            raise InputError(f"seed {seed!r}: a whole number from 0 to {2**31 - 1}")
+        self.route = route
+        self.config = config or TrafficConfig()
+        self.seed = seed
+        self._world: World | None = None
+        self._lanes: RouteLanes | None = None
+
+    @property
+    def time(self) -> float:
+        """Traffic time since the reset [s]."""
+        return self._running.time
+
+    @property
+    def vehicles(self) -> Vehicles:
+        """The vehicles' types and parameters, to read and to change."""
+        return self._running.vehicles
+
+    @property
+    def signals(self) -> TrafficController:
+        """Traffic lights, speed limits and lane closures."""
+        return self._running.signals
+
+    @property
+    def session(self) -> Session:
+        """The running SUMO, for what this interface does not offer."""
+        return self._running.session
+
+    def reset(self, ego: EgoState | None = None) -> VehicleFrame:
+        """Starts SUMO anew and populates the road.
+
+        Args:
+          ego: where the truck stands; room is left around it. None: no truck, all vehicles are
+            reported.
+
+        Returns:
+          The vehicles at time zero, sorted by name.
+
+        Raises:
+          TrafficError: SUMO refuses, or runs already in this process.
+          MapError: SUMO cannot use the map.
+        """
+        self.close()
+        if ego is not None:
+            check_ego(ego)
+        self._world = World(self.route, self.config, self.seed, self.with_ego, self._lanes)
+        self._lanes = self._world.lanes
+        self._prepare(self._world)
+        with self._world.session.guard("beginning the traffic"):
+            return self._world.begin(ego)
+
+    def step(self, ego: EgoState | None = None) -> VehicleFrame:
+        """Advances one step.
+
+        Args:
+          ego: the truck's state at the end of the step.
+
+        Returns:
+          The vehicles within the view range of the truck at the end of the step, sorted by name.
+        """
+        world = self._running
+        if ego is not None:
+            check_ego(ego)
+        # Whatever ends a step early, an interrupt too, ends SUMO.
+        with world.session.guard("advancing the traffic"):
+            return world.advance(ego)
+
+    def close(self) -> None:
+        """Ends SUMO; may be called again."""
+        if self._world is not None:
+            self._world.close()
+            self._world = None
+
+    def _prepare(self, world: World) -> None:
+        """Adds to a new world what a mode has beside the traffic."""
+
+    @property
+    def _running(self) -> World:
+        if self._world is None:
+            raise TrafficError("the traffic has not been started: call reset() first")
+        return self._world
+
+
+class InterSim(PureSim):
+    """Traffic that reacts to the truck: brakes for it, overtakes it, does not cut into its trailer.
+
+    The truck is in SUMO with its true pose and the length of the whole combination. Arguments and
+    errors as of `PureSim`; `reset` without an ego puts the truck at the beginning of the route.
+    """
+
+    mode = "InterSim"
+    with_ego = True
+
+    def reset(self, ego: EgoState | None = None) -> VehicleFrame:
+        """Starts SUMO anew, with the truck on the road; see `PureSim.reset`."""
+        return super().reset(self._at_start() if ego is None else ego)
+
+    def step(self, ego: EgoState | None = None) -> VehicleFrame:
+        """Advances one step with the truck where it is at the step's end; see `PureSim.step`."""
+        if ego is None:
+            raise InputError("InterSim.step needs the ego's state; PureSim runs without it")
+        return super().step(ego)
+
+    def _at_start(self) -> EgoState:
+        footprint = self.config.footprint
+        station = min(footprint.length + 2.0, self.route.length)
+        offset = self.route.lane_offset(0, station)
+        p = self.route.evaluate(station, offset)
+        return EgoState(
+            x=float(p.x),
+            y=float(p.y),
+            z=float(p.z),
+            yaw=float(p.heading),
+            station=station,
+            offset=offset,
+            trailer_offset=offset,
+        )

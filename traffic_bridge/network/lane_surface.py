@@ -1,0 +1,282 @@
+"""Where SUMO's lanes lie on the road's surface: on or off the ego's route, inside junctions too.
+
+SUMO's own shapes are polylines without cross slope. A lane's place is taken from the roads it was
+made of instead: netconvert's shape is asked only for the stretch of road that a lane covers.
+
+A lane inside a junction joins the lanes before and after it without a step: it follows its
+connecting road, moved by what is missing at both ends (some centimetres), and where SUMO has put a
+short joint of its own, a cubic from end to end.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from iits_mj.errors import InputError, TrafficError
+from traffic_bridge.network.lane_joints import joint, moved
+from traffic_bridge.network.lane_seams import LaneSeams, blended, half_step
+from traffic_bridge.network.lane_stretch import Inside, Stretch
+from traffic_bridge.network.net_file import NetEdge, NetFile, NetLane
+from traffic_bridge.network.road_frames import RoadFrame, RoadFrames, SurfacePoint
+
+FloatArray = NDArray[np.float64]
+
+STEP = 2.0  # [m] between the places at which the length of a lane's centre is summed
+
+
+class LaneSurface(NamedTuple):
+    """Samples of one SUMO lane, arrays of shape (n,).
+
+    Attributes:
+      position: along the lane, as SUMO counts [m], evenly spaced from 0 to the lane's length.
+      x, y, z: of the lane's centre on the road's surface, map frame [m].
+      heading: of travel [rad]; continuous along the lane.
+      grade: dz over horizontal distance, positive uphill in travel.
+      bank: roll angle of the surface in travel [rad], positive where the left side is higher.
+    """
+
+    position: FloatArray
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    heading: FloatArray
+    grade: FloatArray
+    bank: FloatArray
+
+
+class LaneSurfaces:
+    """Surfaces of every lane of a net.
+
+    Attributes:
+      lanes: by SUMO's id.
+      inside: lanes inside junctions, and the way that each is part of.
+
+    Args:
+      net: the file.
+      frames: of the map it was made from.
+
+    Raises:
+      TrafficError: the net names a road or lane that the map does not have.
+    """
+
+    def __init__(self, net: NetFile, frames: RoadFrames) -> None:
+        self._net = net
+        self._frames = frames
+        self.lanes: dict[str, NetLane] = {
+            lane.id: lane for edge in net.edges for lane in edge.lanes
+        }
+        self._edges: dict[str, NetEdge] = {edge.id: edge for edge in net.edges}
+        self._stretches: dict[str, Stretch | None] = {}
+        self.inside = self._find_inside()
+        joints = (name for name in self.inside if self.lanes[name].origin is None)
+        self._seams = LaneSeams(net, frozenset(joints))
+        self._found_steps: dict[str, tuple[FloatArray | None, FloatArray | None]] = {}
+        for lane in self.lanes.values():
+            if lane.origin is not None:
+                self._check(lane, *lane.origin)
+
+    def surface(self, lane: str, spacing: float = 1.0) -> LaneSurface:
+        """Samples of a lane, about `spacing` metres apart and at both ends; at least two.
+
+        Raises:
+          InputError: there is no such lane, or the spacing is not positive.
+        """
+        if not (math.isfinite(spacing) and spacing > 0.0):
+            raise InputError(f"spacing {spacing!r} m: must be positive")
+        length = self.lane(lane).length
+        position = np.linspace(0.0, length, max(math.ceil(length / spacing), 1) + 1)
+        point = self.at(lane, position)
+        return LaneSurface(position, *point._replace(heading=np.unwrap(point.heading)))
+
+    def lane(self, name: str) -> NetLane:
+        """The lane of a SUMO lane id.
+
+        Raises:
+          InputError: there is none.
+        """
+        if name not in self.lanes:
+            raise InputError(
+                f"no lane {name!r} in {self._net.path.name}; there are "
+                f"{', '.join(sorted(self.lanes)[:8])} ..."
+            )
+        return self.lanes[name]
+
+    def at(self, name: str, position: ArrayLike, offset: ArrayLike = 0.0) -> SurfacePoint:
+        """Points on a lane; positions beyond its ends count as its ends.
+
+        Args:
+          name: SUMO lane id.
+          position: along the lane, as SUMO counts [m], shape (n,).
+          offset: to the left of its centre [m], shape (n,) or a number.
+
+        Raises:
+          InputError: there is no such lane.
+        """
+        lane = self.lane(name)
+        part = np.clip(np.atleast_1d(np.asarray(position, dtype=float)) / lane.length, 0.0, 1.0)
+        if name in self.inside:
+            return self._at_inside(lane, part, np.asarray(offset, dtype=float))
+        stretch = self.stretch(name)
+        if stretch is None:
+            raise InputError(f"lane {name!r} belongs to no road of the map")
+        point = stretch.frame.evaluate(stretch.lanes, stretch.s_at(part), offset)
+        start, end = self._steps(name, stretch)
+        if start is not None:
+            point = blended(point, part * lane.length, lane.length, start, at_end=False)
+        if end is not None:
+            point = blended(point, part * lane.length, lane.length, end, at_end=True)
+        return point
+
+    def stretch(self, name: str) -> Stretch | None:
+        """The part of a road that a lane covers; None for SUMO's own joints."""
+        if name not in self._stretches:
+            lane = self.lane(name)
+            if lane.internal:
+                self._stretches[name] = self._measure([lane])[0]
+            else:
+                lanes = self._edges[lane.edge].lanes
+                for each, found in zip(lanes, self._measure(list(lanes)), strict=True):
+                    self._stretches[each.id] = found
+        return self._stretches[name]
+
+    # Inside ------------------------------------------------------------------------------------
+
+    def _check(self, lane: NetLane, road: str, number: int) -> None:
+        if road not in self._frames.road_map.roads or all(
+            section.lane(number) is None for section in self._frames.road_map.roads[road].sections
+        ):
+            raise TrafficError(
+                f"{self._net.path.name}: lane {lane.id!r} was made of lane {number} of road "
+                f"{road!r}, which {self._frames.road_map.path} does not have; "
+                "was the net made from another map?"
+            )
+
+    def _find_inside(self) -> dict[str, Inside]:
+        """Ways through junctions, by the lanes they use: one way may be two lanes long."""
+        onward = {}
+        for connection in self._net.connections:
+            if connection.start.startswith(":"):
+                onward[connection.start] = connection.via
+        found = {}
+        for connection in self._net.connections:
+            if connection.start.startswith(":") or not connection.via:
+                continue
+            way, lane = [], connection.via
+            while lane and lane not in way:
+                way.append(lane)
+                lane = onward.get(lane, "")
+            lengths = np.cumsum([0.0, *(self.lanes[name].length for name in way)])
+            for name, start, end in zip(way, lengths, lengths[1:], strict=False):
+                found[name] = Inside(
+                    connection, float(start / lengths[-1]), float(end / lengths[-1])
+                )
+        return found
+
+    def _measure(self, lanes: list[NetLane]) -> list[Stretch | None]:
+        """Stretches of the lanes of one edge, which share their stations."""
+        if lanes[0].origin is None:
+            return [None] * len(lanes)
+        frame = self._frames[lanes[0].origin[0]]
+        ends = np.mean([self._ends(lane, frame) for lane in lanes], axis=0)
+        s = np.linspace(ends[0], ends[1], max(math.ceil(abs(ends[1] - ends[0]) / STEP), 1) + 1)
+        along = np.zeros_like(s)
+        named = [self._names(lane, frame, s) for lane in lanes]
+        for names in named:
+            point = frame.evaluate(names, s)
+            along[1:] += np.cumsum(np.hypot(np.diff(point.x), np.diff(point.y)))
+        part = along / along[-1] if along[-1] > 0.0 else np.linspace(0.0, 1.0, s.size)
+        return [Stretch(frame, names, part, s) for names in named]
+
+    def _names(self, lane: NetLane, frame: RoadFrame, s: FloatArray) -> dict[int, int]:
+        """OpenDRIVE ids of a SUMO lane in every lane section it runs through.
+
+        The net's own name is right as a rule, also where netconvert lays a tapered lane beside its
+        place; but an edge may run through sections that count their lanes differently.
+        """
+        given = 0 if lane.origin is None else lane.origin[1]
+        shape = self._map_shape(lane)
+        way = _lengths(shape)
+        low, high = sorted((float(s[0]), float(s[-1])))
+        names = {}
+        for section in range(frame.section(low), frame.section(high - 1e-3) + 1):
+            start, end = frame.span(section)
+            middle = 0.5 * (max(start, low) + min(end, high))
+            place = way[-1] * (middle - s[0]) / (s[-1] - s[0])
+            x, y = (float(np.interp(place, way, shape[:, axis])) for axis in (0, 1))
+            middle, t = frame.locate(x, y, middle)
+            names[section] = frame.nearest_lane(section, middle, t, given)
+        return names
+
+    def _ends(self, lane: NetLane, frame: RoadFrame) -> tuple[float, float]:
+        """Stations at which SUMO's shape of a lane begins and ends."""
+        shape = self._map_shape(lane)
+        way = _lengths(shape)
+        half = 0.5 * way[-1]
+        x, y = (float(np.interp(half, way, shape[:, axis])) for axis in (0, 1))
+        sense = 1.0 if lane.origin is not None and lane.origin[1] < 0 else -1.0
+        # From the middle outwards: where a loop closes, begin and end are at one place.
+        middle = frame.locate(x, y)[0]
+        (x0, y0), (x1, y1) = shape[0].tolist(), shape[-1].tolist()
+        first = frame.locate(x0, y0, middle - sense * half)[0]
+        last = frame.locate(x1, y1, middle + sense * half)[0]
+        if sense * (last - first) <= 0.0:
+            last = first + sense * max(float(way[-1]), 1e-3)
+        return first, last
+
+    def _map_shape(self, lane: NetLane) -> FloatArray:
+        return lane.shape - np.asarray(self._net.offset)
+
+    def _steps(self, name: str, stretch: Stretch) -> tuple[FloatArray | None, FloatArray | None]:
+        """What the lane's beginning and end move by to meet their neighbors; None for nothing."""
+        if name not in self._found_steps:
+            before, after = self._seams.before.get(name), self._seams.after.get(name)
+            self._found_steps[name] = (
+                self._half_step(stretch, before, 0),
+                self._half_step(stretch, after, -1),
+            )
+        return self._found_steps[name]
+
+    def _half_step(self, stretch: Stretch, neighbor: str | None, end: int) -> FloatArray | None:
+        other = None if neighbor is None else self.stretch(neighbor)
+        if other is None or other.frame is stretch.frame:
+            return None
+        # SUMO's lanes end some metres before the roads do: the roads' ends are what meets.
+        return half_step(stretch.road_end(end), other.road_end(-1 - end))
+
+    def _at_inside(self, lane: NetLane, part: FloatArray, offset: FloatArray) -> SurfacePoint:
+        connection, low, high = self.inside[lane.id]
+        start = self.at(connection.start, self.lanes[connection.start].length)
+        end = self.at(connection.end, 0.0)
+        u = low + part * (high - low)
+        stretch = self.stretch(lane.id)
+        if stretch is None:
+            point = joint(start, end, u)
+        else:
+            way = [name for name, other in self.inside.items() if other.connection is connection]
+            point = stretch.frame.evaluate(stretch.lanes, stretch.s_at(part))
+            begun, ended = _end(self.stretch(way[0]), 0), _end(self.stretch(way[-1]), -1)
+            point = moved(point, u, start, begun, end, ended)
+        if not np.any(offset):
+            return point
+        sine, cosine = np.sin(point.heading), np.cos(point.heading)
+        return point._replace(
+            x=point.x - offset * sine,
+            y=point.y + offset * cosine,
+            z=point.z + offset * np.tan(point.bank),
+        )
+
+
+def _end(stretch: Stretch | None, end: int) -> SurfacePoint | None:
+    """The point at the beginning (0) or end (-1) of a stretch as its road has it."""
+    if stretch is None:
+        return None
+    return stretch.frame.evaluate(stretch.lanes, stretch.s[[end]])
+
+
+def _lengths(shape: FloatArray) -> FloatArray:
+    """Distance of every point of a polyline from its first, shape (n,)."""
+    return np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))))

@@ -1,0 +1,198 @@
+"""One SUMO lane as a table: its centre in the map, on the road's surface and on the route."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.road import Route
+from traffic_bridge.network.lane_surface import LaneSurface
+
+FloatArray = NDArray[np.float64]
+
+SAMPLE_SPACING = 5.0  # [m] of cubic pieces: exact to millimetres in a motorway's bends
+JUNCTION_SPACING = 1.0  # [m] where a truck's turn has a radius of some metres
+NEWTON_STEPS = 12
+SETTLED = 1e-6  # [m]
+FARTHEST_STEP = 30.0  # [m] of Newton's method
+
+
+@dataclass(frozen=True, eq=False)
+class LaneTable:
+    """One SUMO lane.
+
+    Attributes:
+      id: SUMO's lane id; edge: its edge; index: SUMO's index from the right.
+      lane: index from the right among the route's driving lanes; -1 for lanes that are none.
+      direction: +1 in the route's direction of travel, -1 for the route's oncoming lanes, 0 for
+        lanes of other roads.
+      length: as SUMO counts positions [m].
+      spacing: between samples, in SUMO's positions [m].
+      station, offset: of the lane's centre at the samples, on the route [m], shape (n,).
+      pose: x, y, z, heading, pitch, roll, curvature of the lane's centre on the road's surface in
+        its own direction, in the map frame, heading continuous, shape (7, n).
+    """
+
+    id: str
+    edge: str
+    index: int
+    lane: int
+    direction: int
+    length: float
+    spacing: float
+    station: FloatArray
+    offset: FloatArray
+    pose: FloatArray
+
+    @property
+    def on_route(self) -> bool:
+        """Whether it is a lane of the route, in the route's direction."""
+        return self.direction > 0
+
+    @cached_property
+    def _plain(self) -> tuple[list[float], list[float]]:
+        """Stations, increasing, and offsets in the order of the samples, as plain numbers."""
+        stations = self.station if self.direction >= 0 else self.station[::-1]
+        return stations.tolist(), self.offset.tolist()
+
+    def at(self, position: float) -> tuple[float, float]:
+        """Station and offset at a position along the lane; beyond its ends straight on.
+
+        An internal lane of some centimetres has no slope to go by: outside, a metre is a metre.
+        """
+        s, d = self._plain
+        last = len(d) - 1
+        inside = min(max(position, 0.0), self.length)
+        place = inside / self.spacing
+        i = min(int(place), last - 1)
+        part = place - i
+        if self.direction >= 0:
+            low, high = s[i], s[i + 1]
+        else:
+            low, high = s[last - i], s[last - i - 1]
+        return (
+            low + part * (high - low) + self.direction * (position - inside),
+            d[i] + part * (d[i + 1] - d[i]),
+        )
+
+    def position_of(self, station: float) -> float:
+        """Position along the lane of a station, clipped to the lane [m]."""
+        s, _ = self._plain
+        i = bisect_right(s, station) - 1
+        last = len(s) - 1
+        if i < 0 or i >= last:
+            place = 0.0 if i < 0 else float(last)
+        else:
+            place = i + (station - s[i]) / (s[i + 1] - s[i])
+        if self.direction < 0:
+            place = last - place
+        return place * self.spacing
+
+
+def sample_shape(shape: Any, length: float, spacing: float) -> tuple[FloatArray, FloatArray]:
+    """Points at even positions of a SUMO lane's polyline, in its coordinates: x, y, shape (n,)."""
+    points = np.asarray(shape, dtype=float)[:, :2]
+    way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
+    count = sample_count(length, spacing)
+    places = np.linspace(0.0, way[-1], count)
+    return np.interp(places, way, points[:, 0]), np.interp(places, way, points[:, 1])
+
+
+def sample_count(length: float, spacing: float) -> int:
+    """Samples of a lane of a length, both ends included."""
+    return max(math.ceil(length / spacing - 1e-9), 2) + 1
+
+
+def locate_along(
+    route: Route, x: FloatArray, y: FloatArray, near: float, direction: int
+) -> tuple[FloatArray, FloatArray]:
+    """Stations and offsets of the points of a lane of the route, all at once by Newton's method.
+
+    Args:
+      route: to locate on.
+      x: of the points in the map frame, in the order of the lane [m], shape (n,).
+      y: the same.
+      near: station near the first point.
+      direction: +1 where stations increase along the lane, -1 where they decrease.
+    """
+    first, _ = route.locate(float(x[0]), float(y[0]), near)
+    way = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
+    station = first + direction * way
+    for _ in range(NEWTON_STEPS):
+        foot = route.evaluate(station)
+        dx, dy = x - foot.x, y - foot.y
+        sine, cosine = np.sin(foot.heading), np.cos(foot.heading)
+        offset = dy * cosine - dx * sine
+        step = (dx * cosine + dy * sine) / np.maximum(1.0 - foot.curvature * offset, 0.2)
+        if float(np.abs(step).max()) < SETTLED:
+            return station, offset
+        station = station + np.clip(step, -FARTHEST_STEP, FARTHEST_STEP)
+    return locate_each(route, x, y, near)
+
+
+def locate_each(
+    route: Route, x: FloatArray, y: FloatArray, near: float | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Nearest stations and offsets of points, one after the other."""
+    station, offset = np.empty(len(x)), np.empty(len(x))
+    for k in range(len(x)):
+        station[k], offset[k] = route.locate(float(x[k]), float(y[k]), near)
+        near = float(station[k])
+    return station, offset
+
+
+def route_pose(route: Route, station: FloatArray, offset: FloatArray, direction: int) -> FloatArray:
+    """Pose of a lane's centre from the route's own geometry, shape (7, n); see `LaneTable`."""
+    point = route.evaluate(station, offset)
+    stretch = np.maximum(1.0 - point.curvature * offset, 0.2)
+    way = per_sample(station) * stretch
+    # Some internal lanes have no length at all, and no direction but the road's.
+    aside = np.divide(per_sample(offset), way, out=np.zeros_like(way), where=np.abs(way) > 1e-6)
+    heading = np.unwrap(point.heading + np.arctan(aside) + (math.pi if direction < 0 else 0.0))
+    sense = float(direction)
+    return with_curvature(
+        np.stack(
+            (
+                point.x,
+                point.y,
+                point.z,
+                heading,
+                -sense * np.arctan(point.grade),
+                sense * point.superelevation,
+            )
+        )
+    )
+
+
+def surface_pose(surface: LaneSurface) -> FloatArray:
+    """Pose of a lane's centre from its road's surface, shape (7, n); see `LaneTable`."""
+    return with_curvature(
+        np.stack(
+            (
+                surface.x,
+                surface.y,
+                surface.z,
+                np.unwrap(surface.heading),
+                -np.arctan(surface.grade),
+                surface.bank,
+            )
+        )
+    )
+
+
+def with_curvature(pose: FloatArray) -> FloatArray:
+    """Adds the curvature as the change of heading over the way, shape (6, n) to (7, n)."""
+    reach = np.hypot(per_sample(pose[0]), per_sample(pose[1]))
+    curvature = np.divide(per_sample(pose[3]), reach, out=np.zeros_like(reach), where=reach > 1e-6)
+    return np.concatenate((pose, curvature[None]))
+
+
+def per_sample(values: FloatArray) -> FloatArray:
+    """Change per sample, of second order at the ends too where there are three."""
+    return np.gradient(values, edge_order=2) if len(values) > 2 else np.gradient(values)

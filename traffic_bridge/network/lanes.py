@@ -1,0 +1,302 @@
+"""Where SUMO's lanes lie on the ego's route: (lane, position) <-> (station, offset)."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.errors import TrafficError
+from iits_mj.road import Route
+from iits_mj.road.elements import DRIVING_TYPES
+from traffic_bridge.network.lane_poses import LanePoses
+from traffic_bridge.network.lane_table import (
+    JUNCTION_SPACING,
+    SAMPLE_SPACING,
+    LaneTable,
+    locate_along,
+    locate_each,
+    route_pose,
+    sample_shape,
+    surface_pose,
+)
+from traffic_bridge.network.map_network import MapNetwork
+from traffic_bridge.network.nets import Network, lane_kinds
+from traffic_bridge.network.route_edges import RouteEdges, links_of
+from traffic_bridge.session import Session
+
+FloatArray = NDArray[np.float64]
+
+GAP = 10.0  # [m] between edges, at most: netconvert's internal lanes at a change of lanes
+HOPS = 4  # lanes the truck may pass in one step: those inside junctions can be short
+
+
+class RouteLanes:
+    """The lanes of a loaded net as seen from the route, and the edges to drive along.
+
+    Attributes:
+      edges: ids of SUMO's edges in driving order; oncoming_edges: of the way back, or empty.
+      tables: lanes of the route by SUMO lane id, junction-internal and oncoming ones included.
+      poses: every lane that a vehicle has been on, those of other roads too.
+
+    Raises:
+      TrafficError: the net does not hold the route's roads, or they are not connected.
+    """
+
+    def __init__(
+        self, session: Session, network: Network, route: Route, oncoming: bool = False
+    ) -> None:
+        self._session = session
+        self._api = session.api
+        self._network = network
+        self._offset = network.offset
+        self._map: MapNetwork | None = None
+        self._route = route
+        self.tables: dict[str, LaneTable] = {}
+        self._kinds: dict[str, str] = {}
+        self._before: dict[str, tuple[str, ...]] = {}
+        self._boxes: tuple[list[str], FloatArray] | None = None
+        self.poses = LanePoses(self.table)
+        with session.guard("reading the network"):
+            chain = RouteEdges(self._api, route)
+            self.edges = chain.along(1)
+            self._build(self.edges, 1)
+            self._ordered = _by_lane(t for edge in self.edges for t in self.of_edge(edge))
+            self._whole = _by_lane(t for t in self.tables.values() if t.lane >= 0)
+            self.oncoming_edges: tuple[str, ...] = ()
+            if oncoming:
+                self._kinds = lane_kinds(network.path)
+                self.oncoming_edges = chain.along(-1)
+                self._build(self.oncoming_edges, -1)
+            self._find_before()
+
+    def table(self, lane: str) -> LaneTable:
+        """Table of any lane of the net; those that are not the route's are made when asked for."""
+        found = self.tables.get(lane)
+        return self._table_off_route(lane) if found is None else found
+
+    def before(self, lane: str) -> tuple[str, ...]:
+        """The lanes that lead onto a lane, internal ones included, sorted."""
+        return self._before.get(lane, ())
+
+    def boxes(self) -> tuple[list[str], FloatArray]:
+        """Every lane of the net and the box around it, in SUMO's coordinates.
+
+        Returns:
+          Ids, and left, bottom, right, top [m], shape (4, n).
+        """
+        if self._boxes is None:
+            names = list(self._api.lane.getIDList())
+            boxes = []
+            for name in names:
+                shape = np.asarray(self._api.lane.getShape(name), dtype=float)[:, :2]
+                boxes.append((*shape.min(axis=0), *shape.max(axis=0)))
+            self._boxes = names, np.array(boxes).T
+        return self._boxes
+
+    def bind(self, session: Session) -> None:
+        """Takes a new simulation of the same net: the tables stay, the rules are set again."""
+        self._session = session
+        self._api = session.api
+        with session.guard("setting the rules of the lanes"):
+            for table in self.tables.values():
+                self._set_rules(table)
+
+    def goes_on(self, table: LaneTable) -> bool:
+        """Whether a lane leads on along the route; the last edge's lanes do, too (they end)."""
+        edges = self.edges if table.direction > 0 else self.oncoming_edges
+        place = edges.index(table.edge)
+        if place + 1 == len(edges):
+            return True
+        links = self._api.lane.getLinks(table.id)
+        return any(link[0].rpartition("_")[0] == edges[place + 1] for link in links)
+
+    def of_edge(self, edge: str) -> list[LaneTable]:
+        """Driving lanes of an edge, from the right."""
+        count = self._api.edge.getLaneNumber(edge)
+        tables = (self.tables[f"{edge}_{i}"] for i in range(count))
+        return [table for table in tables if table.lane >= 0 or self._is_oncoming(table)]
+
+    def _is_oncoming(self, table: LaneTable) -> bool:
+        return table.direction < 0 and self._kinds.get(table.id, "driving") in DRIVING_TYPES
+
+    def find(self, lane: int, station: float) -> LaneTable | None:
+        """The (not internal) SUMO lane of a route lane at a station, or at most 10 m from it.
+
+        Between two edges SUMO has internal lanes of some metres; the nearer edge is given there.
+        """
+        starts, tables = self._ordered.get(lane, ([], []))
+        k = bisect_right(starts, station)
+        near = [
+            (max(table.station[0] - station, station - table.station[-1]), i, table)
+            for i, table in enumerate(tables[max(k - 1, 0) : k + 1])
+        ]
+        distance, _, table = min(near, default=(math.inf, 0, None))
+        return table if distance <= GAP else None
+
+    def covering(self, lane: int, station: float) -> LaneTable | None:
+        """The SUMO lane of a route lane at a station, internal ones included; None in a gap."""
+        starts, tables = self._whole.get(lane, ([], []))
+        k = bisect_right(starts, station) - 1
+        return tables[k] if k >= 0 and station <= tables[k].station[-1] else None
+
+    def way(self, begin: str, position: float, end: LaneTable, target: float) -> float | None:
+        """Distance to drive from a place on one lane to a place on another that it leads to [m].
+
+        Args:
+          begin: SUMO's lane where it begins.
+          position: on it [m].
+          end: the lane where it ends, at most `HOPS` lanes on.
+          target: position on it [m].
+
+        Returns:
+          The distance as SUMO counts it, None where the one lane does not lead to the other.
+        """
+        name, covered = end.id, target
+        for _ in range(HOPS):
+            if name == begin:
+                return covered - position
+            before = self.before(name)
+            if begin not in before and len(before) != 1:
+                return None
+            name = begin if begin in before else before[0]
+            covered += self.table(name).length
+        return None
+
+    def within(self, start: float, end: float, lane: int | None = None) -> list[LaneTable]:
+        """Driving lanes of the route that overlap an interval of station."""
+        return [
+            table
+            for table in self.tables.values()
+            if table.direction > 0
+            and table.lane >= 0
+            and (lane is None or table.lane == lane)
+            and table.station[0] < end
+            and table.station[-1] > start
+        ]
+
+    @overload
+    def to_map(self, x: float, y: float) -> tuple[float, float]: ...
+    @overload
+    def to_map(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]: ...
+    def to_map(self, x: Any, y: Any) -> tuple[Any, Any]:
+        """SUMO's coordinates to the map's."""
+        return x - self._offset[0], y - self._offset[1]
+
+    def to_sumo(self, x: float, y: float) -> tuple[float, float]:
+        """The map's coordinates to SUMO's."""
+        return x + self._offset[0], y + self._offset[1]
+
+    # Inside ------------------------------------------------------------------------------------
+
+    def _build(self, edges: tuple[str, ...], direction: int) -> None:
+        near = 0.0 if direction > 0 else self._route.length
+        for edge, after in zip(edges, (*edges[1:], None), strict=False):
+            count = self._api.edge.getLaneNumber(edge)
+            tables = _even(
+                self._route, [self._table(edge, i, near, direction) for i in range(count)]
+            )
+            self.tables.update((table.id, table) for table in tables)
+            near = float(tables[0].station[-1])
+            links = links_of(self._api, edge)
+            if after is not None and after not in {target for target, _ in links}:
+                raise TrafficError(
+                    f"the SUMO net has no connection from edge {edge!r} to {after!r}, "
+                    "which the route follows"
+                )
+            for target, internal in links:
+                while target == after and internal and internal not in self.tables:
+                    name, _, index = internal.rpartition("_")
+                    self._table(name, int(index), near, direction)
+                    # A long turn is split in two internal lanes.
+                    onward = self._api.lane.getLinks(internal)
+                    internal = onward[0][4] if onward else ""
+
+    def _table(self, edge: str, index: int, near: float, direction: int) -> LaneTable:
+        name = f"{edge}_{index}"
+        length = self._api.lane.getLength(name)
+        spacing = JUNCTION_SPACING if edge.startswith(":") else SAMPLE_SPACING
+        x, y = sample_shape(self._api.lane.getShape(name), length, spacing)
+        station, offset = locate_along(self._route, *self.to_map(x, y), near, direction)
+        lane = self._route_lane(station, offset) if direction > 0 else -1
+        spacing = length / (len(station) - 1)
+        pose = route_pose(self._route, station, offset, direction)
+        table = LaneTable(
+            name, edge, index, lane, direction, length, spacing, station, offset, pose
+        )
+        self.tables[name] = table
+        self._set_rules(table)
+        return table
+
+    def _table_off_route(self, name: str) -> LaneTable:
+        edge, _, index = name.rpartition("_")
+        if self._map is None:
+            self._map = MapNetwork(self._route.road_map, self._network)
+        spacing = JUNCTION_SPACING if edge.startswith(":") else SAMPLE_SPACING
+        surface = self._map.surface(name, spacing)
+        length = float(surface.position[-1])
+        station, offset = locate_each(self._route, surface.x, surface.y)
+        spacing = length / (len(station) - 1)
+        pose = surface_pose(surface)
+        return LaneTable(name, edge, int(index), -1, 0, length, spacing, station, offset, pose)
+
+    def _find_before(self) -> None:
+        """Which lanes lead onto which, over the internal lanes of junctions."""
+        found: dict[str, set[str]] = {}
+        lane = self._api.lane
+        for name in lane.getIDList():
+            for link in () if name.startswith(":") else lane.getLinks(name):
+                here, internal = name, link[4]
+                # A long turn is split in two internal lanes.
+                while internal:
+                    found.setdefault(internal, set()).add(here)
+                    onward = lane.getLinks(internal)
+                    here, internal = internal, onward[0][4] if onward else ""
+                found.setdefault(link[0], set()).add(here)
+        self._before = {name: tuple(sorted(lanes)) for name, lanes in found.items()}
+
+    def _route_lane(self, station: FloatArray, offset: FloatArray) -> int:
+        """The driving lane a SUMO lane lies on along most of its way, or -1 (a shoulder)."""
+        picks = np.linspace(0, len(station) - 1, 7)[1:-1].astype(int)
+        lanes = [self._route.lane_at(float(station[k]), float(offset[k])) for k in picks]
+        return max(sorted(set(lanes)), key=lanes.count)
+
+    def _set_rules(self, table: LaneTable) -> None:
+        """No traffic beside the driving lanes."""
+        drivable = table.lane >= 0 or self._is_oncoming(table)
+        if not drivable and not table.edge.startswith(":"):
+            self._api.lane.setDisallowed(table.id, ["all"])
+
+
+def _by_lane(tables: Iterable[LaneTable]) -> dict[int, tuple[list[float], list[LaneTable]]]:
+    """First stations and tables in the order of stations, by route lane."""
+    ordered: dict[int, tuple[list[float], list[LaneTable]]] = {}
+    for table in sorted(tables, key=lambda table: (table.station[0], table.id)):
+        starts, found = ordered.setdefault(table.lane, ([], []))
+        starts.append(float(table.station[0]))
+        found.append(table)
+    return ordered
+
+
+def _even(route: Route, tables: list[LaneTable]) -> list[LaneTable]:
+    """Gives the lanes of an edge one common station for every position.
+
+    SUMO keeps a vehicle's position when it changes lanes, but maps positions evenly onto each
+    lane's own length: on an edge that is part bend, part straight, neighbors would be up to some
+    metres apart, and a vehicle would jump along the road when it changes lanes.
+    """
+    if len({len(table.station) for table in tables}) != 1:
+        return tables
+    station = np.mean([table.station for table in tables], axis=0)
+    even = []
+    for table in tables:
+        order = slice(None) if table.direction > 0 else slice(None, None, -1)
+        offset = np.asarray(np.interp(station, table.station[order], table.offset[order]))
+        pose = route_pose(route, station, offset, table.direction)
+        even.append(replace(table, station=station, offset=offset, pose=pose))
+    return even

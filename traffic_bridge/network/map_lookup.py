@@ -1,0 +1,240 @@
+"""From a point of the map to road, lane, station and offset, and to SUMO's lane; and back."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from iits_mj.errors import InputError
+from iits_mj.road.elements import DRIVING_TYPES
+from traffic_bridge.network.lane_index import LaneIndex
+from traffic_bridge.network.lane_surface import LaneSurfaces
+from traffic_bridge.network.road_frames import RoadFrame, RoadFrames, wrap
+
+SAMPLE_SPACING = 5.0  # [m] between the reference lines' points in the spatial index
+END_TOLERANCE = 0.5  # [m] by which a point may lie beyond its road's end: roads leave small gaps
+HEADING_WEIGHT = 5.0  # [m/rad]: how much a wrong heading counts against a place
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place on a map.
+
+    Attributes:
+      road: OpenDRIVE's road id; lane: OpenDRIVE's lane id, negative on the right.
+      station: along the road's reference line, OpenDRIVE's s [m].
+      offset: to the left of the lane's centre, in the lane's direction of travel [m].
+      junction: OpenDRIVE's junction id where the road lies in one, else "".
+      edge, sumo_lane: SUMO's; "" where SUMO has no lane, as on a shoulder.
+      position: along SUMO's lane [m]; NaN where there is none.
+    """
+
+    road: str
+    lane: int
+    station: float
+    offset: float = 0.0
+    junction: str = ""
+    edge: str = ""
+    sumo_lane: str = ""
+    position: float = math.nan
+
+
+class MapPoint(NamedTuple):
+    """A point of the road's surface: x, y, z [m], heading of travel [rad], grade, bank [rad]."""
+
+    x: float
+    y: float
+    z: float
+    heading: float
+    grade: float
+    bank: float
+
+
+class MapLookup:
+    """Places of a map by points and points by places."""
+
+    def __init__(self, frames: RoadFrames, surfaces: LaneSurfaces) -> None:
+        self._frames = frames
+        self._surfaces = surfaces
+        self._lane_index = LaneIndex(surfaces)
+
+    def locate(
+        self, x: float, y: float, heading: float | None = None, z: float | None = None
+    ) -> Place | None:
+        """The place of a point, or None beside every road.
+
+        Where roads lie over each other (in junctions, at bridges) the place is taken whose lane's
+        centre is nearest; heading and height, where given, decide before that.
+
+        Args:
+          x: map frame [m].
+          y: map frame [m].
+          heading: of travel [rad].
+          z: map frame [m].
+
+        Raises:
+          InputError: a number is not finite.
+        """
+        for value in (x, y, heading or 0.0, z or 0.0):
+            if not math.isfinite(value):
+                raise InputError(f"a point to locate must be finite, not {value!r}")
+        best: tuple[tuple[float, ...], Place] | None = None
+        for order, road, near in self._near(x, y):
+            frame = self._frames[road]
+            s, t = frame.locate(x, y, near)
+            beyond = max(-s, s - frame.length, 0.0)
+            if beyond > END_TOLERANCE:
+                continue
+            s = min(max(s, 0.0), frame.length)
+            for lane, low, high in frame.lanes(s):
+                if not low <= t <= high:
+                    continue
+                rank, offset = self._rank(frame, lane, s, t, heading, z)
+                key = (*rank[:2], beyond > 1e-3, *rank[2:], order, lane)
+                if best is None or key < best[0]:
+                    best = key, Place(road, lane, s, offset)
+        return None if best is None else self._complete(best[1])
+
+    def place(self, road: str, lane: int, station: float, offset: float = 0.0) -> Place:
+        """The place at a station of a road's lane.
+
+        Raises:
+          InputError: there is no such road or lane, or the station is not on the road.
+        """
+        return self._complete(Place(road, lane, self._check(road, lane, station, offset), offset))
+
+    def place_on(self, sumo_lane: str, position: float, offset: float = 0.0) -> Place:
+        """The place at a position of a SUMO lane, as SUMO tells it.
+
+        Raises:
+          InputError: there is no such lane, or the position is not on it.
+        """
+        lane = self._surfaces.lane(sumo_lane)
+        if not (math.isfinite(position) and 0.0 <= position <= lane.length):
+            raise InputError(
+                f"position {position!r} m on lane {sumo_lane!r}: allowed is 0 to {lane.length:g}"
+            )
+        stretch = self._surfaces.stretch(sumo_lane)
+        s = math.nan if stretch is None else float(stretch.s_at(position / lane.length))
+        if stretch is None or not 0.0 <= s <= stretch.frame.length:
+            # SUMO's own joint, or a junction that reaches into the roads before and after it.
+            point = self._surfaces.at(sumo_lane, position, offset)
+            x, y, z, heading = (float(value[0]) for value in point[:4])
+            found = self.locate(x, y, heading, z)
+            if found is None:
+                raise InputError(f"lane {sumo_lane!r} at {position:g} m lies beside every road")
+            return replace(found, edge=lane.edge, sumo_lane=sumo_lane, position=position)
+        frame = stretch.frame
+        section = min(max(frame.section(s), min(stretch.lanes)), max(stretch.lanes))
+        return Place(
+            road=frame.road.id,
+            lane=stretch.lanes[section],
+            station=s,
+            offset=offset,
+            junction=frame.road.junction or "",
+            edge=lane.edge,
+            sumo_lane=sumo_lane,
+            position=position,
+        )
+
+    def point(self, place: Place) -> MapPoint:
+        """The point of the road's surface at a place; the inverse of `locate`.
+
+        Raises:
+          InputError: there is no such road or lane, or the station is not on the road.
+        """
+        s = self._check(place.road, place.lane, place.station, place.offset)
+        frame = self._frames[place.road]
+        point = frame.evaluate({frame.section(s): place.lane}, s, place.offset)
+        return MapPoint(*(float(column[0]) for column in point))
+
+    def _rank(
+        self,
+        frame: RoadFrame,
+        lane: int,
+        s: float,
+        t: float,
+        heading: float | None,
+        z: float | None,
+    ) -> tuple[tuple[float, ...], float]:
+        """How badly a place fits (height, kind of lane, the rest), and the offset in the lane."""
+        sense = 1.0 if lane < 0 else -1.0
+        offset = sense * (t - frame.center_at(lane, s))
+        turned, height = 0.0, 0.0
+        if heading is not None or z is not None:
+            point = frame.line.evaluate(float(frame.line.station(s)), t)
+            if heading is not None:
+                against = 0.0 if lane < 0 else math.pi
+                turned = abs(wrap(heading - float(point.heading) - against))
+            if z is not None:
+                # Decks of a bridge are metres apart; less than one is the same surface.
+                height = float(math.floor(abs(z - float(point.z))))
+        other = 0.0 if frame.kind(s, lane) in DRIVING_TYPES else 1.0
+        return (height, other, abs(offset) + HEADING_WEIGHT * turned), offset
+
+    def _complete(self, place: Place) -> Place:
+        """The place with SUMO's names."""
+        name, position = self._lane_index.lane_of(place.road, place.lane, place.station)
+        road = self._frames[place.road].road
+        edge = self._surfaces.lanes[name].edge if name else ""
+        return replace(
+            place, junction=road.junction or "", edge=edge, sumo_lane=name, position=position
+        )
+
+    def _check(self, road: str, lane: int, station: float, offset: float) -> float:
+        roads = self._frames.road_map.roads
+        if road not in roads:
+            raise InputError(f"no road {road!r} on the map; there are {', '.join(list(roads)[:8])}")
+        frame = self._frames[road]
+        if not (math.isfinite(station) and 0.0 <= station <= frame.length):
+            raise InputError(
+                f"station {station!r} m of road {road!r}: allowed is 0 to {frame.length:g}"
+            )
+        if not math.isfinite(offset):
+            raise InputError(f"offset {offset!r} m: must be finite")
+        lanes = [number for number, _, _ in frame.lanes(station)]
+        if lane not in lanes:
+            raise InputError(
+                f"no lane {lane!r} of road {road!r} at station {station:g}; there are {lanes}"
+            )
+        return float(station)
+
+    def _near(self, x: float, y: float) -> list[tuple[int, str, float]]:
+        """(order, road, station near the point) of every road that may cover a point."""
+        tree, roads, stations, reach = self._index
+        found: dict[int, tuple[float, float]] = {}
+        for k in tree.query_ball_point((x, y), reach):
+            away = math.hypot(*(tree.data[k] - (x, y)))
+            road = int(roads[k])
+            if road not in found or away < found[road][0]:
+                found[road] = (away, float(stations[k]))
+        names = list(self._frames.road_map.roads)
+        return [(road, names[road], found[road][1]) for road in sorted(found)]
+
+    @cached_property
+    def _index(self) -> tuple[Any, np.ndarray, np.ndarray, float]:
+        """Tree of reference-line points, their roads and stations, and the reach of a road [m]."""
+        from scipy.spatial import cKDTree
+
+        points, roads, stations, widest = [], [], [], 0.0
+        for order, name in enumerate(self._frames.road_map.roads):
+            frame = self._frames[name]
+            s = np.linspace(0.0, frame.length, max(math.ceil(frame.length / SAMPLE_SPACING), 1) + 1)
+            line = frame.surface(s, np.zeros_like(s))
+            points.append(np.column_stack((line.x, line.y)))
+            roads.append(np.full(s.size, order))
+            stations.append(s)
+            for place in s:
+                borders = [t for _, low, high in frame.lanes(float(place)) for t in (low, high)]
+                widest = max([widest, *map(abs, borders)])
+        reach = widest + SAMPLE_SPACING + END_TOLERANCE
+        return (
+            cKDTree(np.concatenate(points)),
+            np.concatenate(roads),
+            np.concatenate(stations),
+            reach,
+        )

@@ -1,0 +1,230 @@
+"""MapNetwork: the friendly map of where traffic drives. No SUMO runs for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from iits_mj.errors import InputError
+from iits_mj.road import RoadMap
+from traffic_bridge.network.lane_surface import LaneSurface, LaneSurfaces
+from traffic_bridge.network.map_lookup import MapLookup, MapPoint, Place
+from traffic_bridge.network.map_paths import MapPath, MapPaths
+from traffic_bridge.network.net_file import NetConnection, NetFile, NetJunction, NetLight
+from traffic_bridge.network.nets import Network, build_network
+from traffic_bridge.network.road_frames import RoadFrames
+
+
+@dataclass(frozen=True)
+class MapLane:
+    """One of SUMO's lanes, and what it is on the map.
+
+    Attributes:
+      id: SUMO's; edge: its edge; index: from the right.
+      road: OpenDRIVE's road id; lane: OpenDRIVE's lane id where the lane begins; "" and 0 for the
+        short joints that SUMO puts between edges.
+      begin, end: stations of the road where the lane begins and ends, in travel [m].
+      length: as SUMO counts positions [m]; width: [m].
+      speed: limit [m/s]; inside junctions what the bend allows.
+      kind: OpenDRIVE's lane type.
+      internal: inside one of SUMO's junctions.
+      driving: open to cars and trucks.
+    """
+
+    id: str
+    edge: str
+    index: int
+    road: str
+    lane: int
+    begin: float
+    end: float
+    length: float
+    width: float
+    speed: float
+    kind: str
+    internal: bool
+    driving: bool
+
+
+@dataclass(frozen=True)
+class MapRoad:
+    """A road of the map: SUMO's edges on it, and OpenDRIVE's junction id ("" outside)."""
+
+    id: str
+    name: str
+    length: float
+    junction: str
+    edges: tuple[str, ...]
+
+
+class MapNetwork:
+    """The roads of a map, SUMO's lanes on them, and the ways through.
+
+        network = MapNetwork.of(RoadMap.from_opendrive("town.xodr"))
+        place = network.locate(x, y, heading)
+        network.path(place.edge, network.exits[0]).edges
+
+    Attributes:
+      road_map: the map, which is the truth for every position.
+      network: its SUMO net file.
+      lanes: every lane by SUMO's id, junction-internal ones included.
+      connections: ways from lane to lane, with their turn and the light that controls them.
+      junctions: SUMO's nodes by id, in the map's coordinates.
+      lights: programs of the traffic lights.
+      entrances, exits: edges where traffic comes onto the map, and where it leaves it.
+    """
+
+    def __init__(self, road_map: RoadMap, network: Network) -> None:
+        """Use `of`."""
+        self.road_map = road_map
+        self.network = network
+        self.net = NetFile.read(network.path)
+        self.frames = RoadFrames(road_map)
+        self.surfaces = LaneSurfaces(self.net, self.frames)
+        self._lookup = MapLookup(self.frames, self.surfaces)
+        self.connections: tuple[NetConnection, ...] = self.net.connections
+        self.lights: tuple[NetLight, ...] = self.net.lights
+
+    @classmethod
+    def of(cls, road_map: RoadMap) -> MapNetwork:
+        """The network of a map, made by netconvert when it is not in the cache.
+
+        Raises:
+          MapError: netconvert cannot use the map.
+          TrafficError: netconvert is missing, or the net does not belong to the map.
+        """
+        return cls(road_map, build_network(road_map))
+
+    # What there is -----------------------------------------------------------------------------
+
+    @cached_property
+    def lanes(self) -> dict[str, MapLane]:
+        """Every lane by SUMO's id."""
+        return {name: self._lane(name) for name in self.surfaces.lanes}
+
+    @cached_property
+    def roads(self) -> dict[str, MapRoad]:
+        """Every road by its id."""
+        edges: dict[str, list[str]] = {name: [] for name in self.road_map.roads}
+        for lane in self.lanes.values():
+            if lane.road and lane.edge not in edges[lane.road]:
+                edges[lane.road].append(lane.edge)
+        return {
+            name: MapRoad(name, road.name, road.length, road.junction or "", tuple(edges[name]))
+            for name, road in self.road_map.roads.items()
+        }
+
+    @cached_property
+    def junctions(self) -> dict[str, NetJunction]:
+        """SUMO's nodes by id; x and y are the map's."""
+        x, y = self.net.offset
+        return {
+            node.id: NetJunction(
+                node.id, node.kind, node.x - x, node.y - y, node.incoming, node.inside
+            )
+            for node in self.net.junctions
+        }
+
+    def light_of(self, connection: NetConnection) -> str:
+        """The letter at the beginning of the light's program; "" where no light controls it."""
+        if not connection.light:
+            return ""
+        light = next(light for light in self.lights if light.id == connection.light)
+        return light.phases[0][1][connection.link]
+
+    # Positions ---------------------------------------------------------------------------------
+
+    def locate(
+        self, x: float, y: float, heading: float | None = None, z: float | None = None
+    ) -> Place | None:
+        """The place of a point of the map, or None beside every road; see `MapLookup.locate`."""
+        return self._lookup.locate(x, y, heading, z)
+
+    def place(self, road: str, lane: int, station: float, offset: float = 0.0) -> Place:
+        """The place at a station of a road's lane; see `MapLookup.place`."""
+        return self._lookup.place(road, lane, station, offset)
+
+    def place_on(self, sumo_lane: str, position: float, offset: float = 0.0) -> Place:
+        """The place at a position of a SUMO lane; see `MapLookup.place_on`."""
+        return self._lookup.place_on(sumo_lane, position, offset)
+
+    def point(self, place: Place) -> MapPoint:
+        """The point of the road's surface at a place; see `MapLookup.point`."""
+        return self._lookup.point(place)
+
+    def surface(self, lane: str, spacing: float = 1.0) -> LaneSurface:
+        """Where a SUMO lane lies: samples `spacing` metres apart, see `LaneSurface`.
+
+        Args:
+          lane: SUMO lane id, on any road or inside a junction.
+          spacing: at most, between samples [m].
+
+        Raises:
+          InputError: no such lane, or the spacing is not positive.
+        """
+        return self.surfaces.surface(lane, spacing)
+
+    # Ways --------------------------------------------------------------------------------------
+
+    @cached_property
+    def paths(self) -> MapPaths:
+        """The graph of the map's edges."""
+        return MapPaths(self.net)
+
+    @property
+    def entrances(self) -> tuple[str, ...]:
+        """Edges that no other leads to: where traffic comes onto the map."""
+        return self.paths.entrances
+
+    @property
+    def exits(self) -> tuple[str, ...]:
+        """Edges that lead nowhere: where traffic leaves the map."""
+        return self.paths.exits
+
+    def routes(self) -> tuple[MapPath, ...]:
+        """The quickest path from every entrance to every exit that can be reached from it."""
+        return self.paths.routes()
+
+    def path(self, start: str | Place | None, end: str | Place | None) -> MapPath:
+        """The quickest path between two edges (or the edges of two places).
+
+        Raises:
+          InputError: there is no such edge or no way, or a place has no edge.
+        """
+        return self.paths.path(_edge(start), _edge(end))
+
+    def reachable(self, start: str | Place | None) -> frozenset[str]:
+        """Edges one can come to from an edge (or from the edge of a place), itself included.
+
+        Raises:
+          InputError: there is no such edge.
+        """
+        return self.paths.reachable(_edge(start))
+
+    # Inside ------------------------------------------------------------------------------------
+
+    def _lane(self, name: str) -> MapLane:
+        lane = self.surfaces.lanes[name]
+        stretch = self.surfaces.stretch(name)
+        road, number, begin, end = "", 0, 0.0, 0.0
+        if stretch is not None:
+            road = stretch.frame.road.id
+            begin, end = float(stretch.s[0]), float(stretch.s[-1])
+            number = stretch.lanes[min(stretch.lanes) if end > begin else max(stretch.lanes)]
+        return MapLane(
+            name, lane.edge, lane.index, road, number, begin, end, lane.length, lane.width,
+            lane.speed, lane.kind, lane.internal, lane.is_driving,
+        )  # fmt: skip
+
+
+def _edge(place: str | Place | None) -> str:
+    if isinstance(place, str):
+        return place
+    if place is None:
+        raise InputError("there is no place to go from or to: the point lies beside every road")
+    if not place.edge or place.edge.startswith(":"):
+        raise InputError(
+            f"the place on lane {place.lane} of road {place.road!r} at {place.station:g} m is on "
+            "no edge of its own; take one before or after the junction"
+        )
+    return place.edge

@@ -1,0 +1,1 @@
+"""Recordings: what a drive's traffic did, in memory and in files."""

@@ -1,0 +1,57 @@
+"""On what a traffic depends beside its settings: versions and the content of its SUMO net."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import re
+from pathlib import Path
+
+import numpy as np
+
+from iits_mj.errors import InputError
+from traffic_bridge.recording.recording import SCHEMA
+
+# netconvert writes the date and its command line into comments.
+_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+
+
+def versions() -> dict[str, str]:
+    """Versions on which a re-run depends."""
+    return {
+        "schema": str(SCHEMA),
+        "iits-mj": importlib.metadata.version("iits-mj"),
+        "libsumo": importlib.metadata.version("libsumo"),
+        "numpy": np.__version__,
+    }
+
+
+def net_hash(net: Path) -> str:
+    """SHA-256 of a SUMO net, without the comments."""
+    return hashlib.sha256(_COMMENT.sub(b"", net.read_bytes())).hexdigest()
+
+
+def demand_same(found: dict[str, str], here: dict[str, str], what: str, advice: str = "") -> None:
+    """Refuses to go on where something is not as it was.
+
+    Args:
+      found: names and versions of then.
+      here: those of now; each must be the same then.
+      what: whose they are, the beginning of the message.
+      advice: end of the message.
+
+    Raises:
+      InputError: names the first that differs, with both versions.
+    """
+    for name, version in here.items():
+        if found.get(name) != version:
+            raise InputError(
+                f"{what}: made with {name} {_short(found.get(name))}, here is {_short(version)}"
+                f"{advice}"
+            )
+
+
+def _short(version: str | None) -> str:
+    """A hash by its first digits, everything else as it is."""
+    text = version or "unknown"
+    return text[:12] if re.fullmatch(r"[0-9a-f]{40,}", text) else text

@@ -1,0 +1,181 @@
+"""Recorder: runs a traffic and notes it, with the truck's way through it, for a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.messages import EgoState, VehicleCommand
+from traffic_bridge.frame import VehicleFrame
+from traffic_bridge.modes.sumo_modes import Mode, PureSim
+from traffic_bridge.network.nets import build_network
+from traffic_bridge.recording.digest import PoseDigest
+from traffic_bridge.recording.provenance import net_hash, versions
+from traffic_bridge.recording.recording import COLUMNS, SCHEMA, SIZE_COLUMNS, Recording
+from traffic_bridge.recording.rows import COMMAND_COLUMNS, EGO_COLUMNS, command_row, ego_row
+from traffic_bridge.recording.spill import SpillTable
+
+GROWTH = 256  # vehicles for which room is made at once
+_FRAME = np.dtype([("time", "f8"), ("count", "i8"), ("ego", "f8", (len(EGO_COLUMNS),))])
+_ROW = np.dtype([("vehicle", "i4"), ("lane", "i2"), ("figures", "f8", (len(COLUMNS),))])
+_COMMAND = np.dtype([("time", "f8"), ("figures", "f8", (len(COMMAND_COLUMNS),))])
+_HASH = np.dtype([("hash", "u8")])
+
+
+class Recorder(Mode):
+    """Runs another mode and notes everything for a file.
+
+    Hours take little memory: full pieces go to a temporary file.
+
+    Args:
+      traffic: a PureSim or InterSim.
+
+    Attributes:
+      drive: of a whole drive, what its re-run needs beside the traffic; stored as it is (JSON).
+    """
+
+    def __init__(self, traffic: PureSim) -> None:
+        self.traffic = traffic
+        self.route = traffic.route
+        self.drive: dict[str, Any] | None = None
+        self._net = ""
+        self._tables = {
+            name: SpillTable(dtype)
+            for name, dtype in (
+                ("frame", _FRAME),
+                ("row", _ROW),
+                ("command", _COMMAND),
+                ("truck", _HASH),
+            )
+        }
+        self._clear()
+
+    def _clear(self) -> None:
+        self._digest = PoseDigest()
+        for table in self._tables.values():
+            table.clear()
+        self._index: dict[str, int] = {}
+        self._ids: list[str] = []
+        self._kinds: list[str] = []
+        self._sizes = np.zeros((GROWTH, len(SIZE_COLUMNS)))
+        self._last_ids: tuple[str, ...] = ()
+        self._last = np.zeros(0, dtype=np.intp)
+
+    @property
+    def time(self) -> float:
+        """Traffic time since the reset [s]."""
+        return self.traffic.time
+
+    def reset(self, ego: EgoState | None = None) -> VehicleFrame:
+        """Resets the traffic and forgets what was noted before."""
+        self._clear()
+        truck = ego_row(ego)
+        frame = self._note(truck, self.traffic.reset(ego))
+        self._net = self._net or net_hash(build_network(self.route).path)
+        return frame
+
+    def step(self, ego: EgoState | None = None) -> VehicleFrame:
+        """Steps the traffic and notes truck and vehicles."""
+        truck = ego_row(ego)
+        return self._note(truck, self.traffic.step(ego))
+
+    def note_command(self, time: float, command: VehicleCommand) -> None:
+        """Notes what the truck gets.
+
+        Args:
+          time: since the reset, later than that of the command before [s].
+          command: what reaches the truck.
+
+        Raises:
+          InputError: a figure is not finite.
+        """
+        self._tables["command"].append((time, command_row(command)))
+
+    def note_truck(self, state_hash: int) -> None:
+        """Notes the hash of the truck's physics at the last frame, below 2^64."""
+        self._tables["truck"].append((state_hash,))
+
+    def _note(self, truck: tuple[float, ...], vehicles: VehicleFrame) -> VehicleFrame:
+        frame = VehicleFrame.of(vehicles)
+        rows = self._tables["row"].room(len(frame))
+        rows["vehicle"] = self._indices(frame)
+        rows["lane"] = frame.lanes
+        rows["figures"] = frame.values[:, : len(COLUMNS)]
+        self._digest.add(frame)
+        self._tables["frame"].append((self.traffic.time, len(frame), truck))
+        return frame
+
+    def _indices(self, frame: VehicleFrame) -> NDArray[np.intp]:
+        """Where the vehicles of a frame stand in the list of vehicles; new ones are added."""
+        sizes = frame.values[:, len(COLUMNS) :]
+        if frame.ids == self._last_ids and np.array_equal(sizes, self._sizes[self._last]):
+            return self._last
+        known = np.array([self._index.get(name, -1) for name in frame.ids], dtype=np.intp)
+        # A name that comes again with another size is another vehicle.
+        new = (known < 0) | (self._sizes[known] != sizes).any(axis=1)
+        for k in np.flatnonzero(new).tolist():
+            known[k] = self._index[frame.ids[k]] = len(self._ids)
+            self._add(frame.ids[k], frame.kinds[k], sizes[k])
+        self._last_ids, self._last = frame.ids, known
+        return known
+
+    def _add(self, name: str, kind: str, size: NDArray[np.float64]) -> None:
+        if len(self._ids) == len(self._sizes):
+            more = np.zeros((len(self._sizes) + GROWTH, len(SIZE_COLUMNS)))
+            more[: len(self._sizes)] = self._sizes
+            self._sizes = more
+        self._sizes[len(self._ids)] = size
+        self._ids.append(name)
+        self._kinds.append(kind)
+
+    @property
+    def recording(self) -> Recording:
+        """What was noted so far."""
+        frame, row, command, truck = (table.array() for table in self._tables.values())
+        counts = np.asarray(frame["count"])
+        start = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
+        # An interrupt can have cut off the noting of the last frame.
+        row = row[: start[-1]]
+        made = Recording(
+            meta=self._meta(),
+            time=np.array(frame["time"]),
+            ids=tuple(self._ids),
+            kinds=tuple(self._kinds),
+            sizes=self._sizes[: len(self._ids)].copy(),
+            start=start,
+            vehicle=row["vehicle"],
+            lane=row["lane"],
+            columns=row["figures"].T,
+            ego=frame["ego"],
+            command_time=command["time"],
+            commands=command["figures"],
+            truck_hash=truck["hash"][: len(counts)],
+        )
+        whole = self._digest.count == len(counts)
+        made.meta["digest"] = self._digest.hexdigest() if whole else made.digest()
+        return made
+
+    def _meta(self) -> dict[str, Any]:
+        road_map = self.route.road_map
+        meta: dict[str, Any] = {
+            "schema": SCHEMA,
+            "mode": self.traffic.mode,
+            "seed": self.traffic.seed,
+            "config": self.traffic.config.as_dict(),
+            "map_hash": road_map.content_hash,
+            "map_name": road_map.path.name,
+            "net_hash": self._net,
+            "versions": versions(),
+        }
+        return meta if self.drive is None else {**meta, "drive": self.drive}
+
+    def save(self, path: str | Path) -> Path:
+        """Writes the recording; see `traffic_bridge.recording.recording`."""
+        return self.recording.save(path)
+
+    def close(self) -> None:
+        """Ends the traffic; what was noted stays."""
+        self.traffic.close()

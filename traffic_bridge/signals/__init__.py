@@ -1,0 +1,1 @@
+"""Traffic controller: lights, limits, closures and what else a script does to the traffic."""

@@ -1,0 +1,273 @@
+"""Traffic lights of a running simulation: states, phases, programs, and the next one ahead."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from iits_mj.errors import InputError
+from traffic_bridge.checks import in_range, is_number, is_whole
+from traffic_bridge.network.lanes import RouteLanes
+from traffic_bridge.session import Session
+from traffic_bridge.signals.events import LIGHT_LETTERS
+
+BY_HAND = "online"  # SUMO's name of what runs after a state was set by hand
+SAME_STOP_LINE = 5.0  # [m]
+FIXED_TIME = 0  # SUMO's number of the program type in which phases last as long as they say
+
+
+@dataclass(frozen=True)
+class LightPhase:
+    """One phase of a program.
+
+    Attributes:
+      duration: [s].
+      state: a letter a link: r red, u red-yellow, y yellow, g green that yields, G green, s stop
+        and go when free, o blinking, O off.
+    """
+
+    duration: float
+    state: str
+
+    def __post_init__(self) -> None:
+        """Checks both."""
+        in_range("a phase's duration", self.duration, 0.1, 3600.0)
+        _check_state("a phase", self.state, len(str(self.state)))
+
+
+@dataclass(frozen=True)
+class LightAhead:
+    """The next traffic light on the route.
+
+    Attributes:
+      name: of the light; link: index of the route's link in its state.
+      letter: state of that link now, see `LightPhase`.
+      station: of its stop line [m].
+      lane: from the right, whose link it is.
+      next_switch: time until the letter changes [s]; None where nobody can know it: set by hand,
+        a program that follows the traffic, or one in which the letter never changes.
+      next_letter: what it changes to; None where the time is.
+    """
+
+    name: str
+    link: int
+    letter: str
+    station: float
+    lane: int
+    next_switch: float | None
+    next_letter: str | None
+
+    @property
+    def is_open(self) -> bool:
+        """True while the letter lets vehicles go."""
+        return self.letter in "gGoO"
+
+
+class TrafficLights:
+    """The lights of the net; the traffic controller has one.
+
+    Args:
+      session: the running SUMO.
+      lanes: of the route.
+    """
+
+    def __init__(self, session: Session, lanes: RouteLanes) -> None:
+        self._session = session
+        self._api = session.api.trafficlight
+        self._simulation = session.api.simulation
+        self._names = tuple(sorted(self._api.getIDList()))
+        self._stops = self._stop_lines(lanes)
+
+    def names(self) -> tuple[str, ...]:
+        """Names of the traffic lights of the net, sorted."""
+        return self._names
+
+    def state(self, light: str) -> str:
+        """State of a light, one letter a link, see `LightPhase`."""
+        self._check(light)
+        return str(self._api.getRedYellowGreenState(light))
+
+    def set_state(self, light: str, state: str) -> None:
+        """Sets a light by hand; it stays until a program runs again.
+
+        Args:
+          light: its name.
+          state: one letter a link as `state` gives them, or a single letter for all links.
+
+        Raises:
+          InputError: no such light, a wrong letter or a wrong number of letters.
+        """
+        links = len(self.state(light))
+        state = state * links if len(state) == 1 else state
+        _check_state(f"traffic light {light!r}", state, links)
+        with self._session.guard(f"setting traffic light {light}"):
+            self._api.setRedYellowGreenState(light, state)
+
+    def programs(self, light: str) -> tuple[str, ...]:
+        """Names of a light's programs."""
+        self._check(light)
+        found = (logic.programID for logic in self._api.getAllProgramLogics(light))
+        return tuple(name for name in found if name != BY_HAND)
+
+    def program(self, light: str) -> str | None:
+        """Name of the program that runs; None after a state was set by hand."""
+        self._check(light)
+        name = str(self._api.getProgram(light))
+        return None if name == BY_HAND else name
+
+    def phases(self, light: str, program: str | None = None) -> tuple[LightPhase, ...]:
+        """The phases of a program, of the running one by default, in their order.
+
+        Raises:
+          InputError: no such light or program, or none runs.
+        """
+        name = self.program(light) if program is None else program
+        if name is None:
+            raise InputError(f"traffic light {light!r} was set by hand: no program runs")
+        logic = self._logic(light, name)
+        return tuple(LightPhase(float(p.duration), str(p.state)) for p in logic.phases)
+
+    def phase(self, light: str) -> int:
+        """Index of the running phase of a light's program."""
+        self._check(light)
+        return int(self._api.getPhase(light))
+
+    def set_phase(self, light: str, phase: int, duration: float | None = None) -> None:
+        """Goes to a phase of the running program at once.
+
+        Args:
+          light: its name.
+          phase: index.
+          duration: of this phase this time [s]; None as the program says.
+
+        Raises:
+          InputError: no such light or phase, no program runs, or the duration is not allowed.
+        """
+        count = len(self.phases(light))
+        if not is_whole(phase) or not 0 <= phase < count:
+            raise InputError(
+                f"phase {phase!r} of traffic light {light!r}: allowed is 0 to {count - 1}"
+            )
+        if duration is not None:
+            LightPhase(duration, "r")
+        with self._session.guard(f"setting traffic light {light}"):
+            self._api.setPhase(light, phase)
+            if duration is not None:
+                self._api.setPhaseDuration(light, duration)
+
+    def define_program(self, light: str, program: str, phases: Sequence[LightPhase]) -> None:
+        """Adds a program of one's own with fixed times; `run_program` starts it.
+
+        Args:
+          light: its name.
+          program: a name that the light does not have yet.
+          phases: in their order; after the last comes the first.
+
+        Raises:
+          InputError: no such light, a name that is taken, no phase, or a state of a wrong length.
+        """
+        links = len(self.state(light))
+        if not isinstance(program, str) or not program or program == BY_HAND:
+            raise InputError(f"program {program!r}: must be a name other than {BY_HAND!r}")
+        if program in self.programs(light):
+            raise InputError(f"traffic light {light!r} has a program {program!r} already")
+        if not phases:
+            raise InputError(f"program {program!r} of traffic light {light!r}: it has no phase")
+        for phase in phases:
+            _check_state(f"program {program!r} of traffic light {light!r}", phase.state, links)
+        running = self._api.getProgram(light)
+        with self._session.guard(f"defining a program of traffic light {light}"):
+            make = self._api
+            steps = [make.Phase(p.duration, p.state, p.duration, p.duration) for p in phases]
+            make.setProgramLogic(light, make.Logic(program, FIXED_TIME, 0, steps))
+            # SUMO switches to what it is given; it is to run when asked for.
+            make.setProgram(light, running)
+
+    def run_program(self, light: str, program: str = "0") -> None:
+        """Lets a light run by one of its programs."""
+        self._logic(light, program)
+        with self._session.guard(f"setting traffic light {light}"):
+            self._api.setProgram(light, program)
+
+    def ahead(self, station: float, lane: int | None = None) -> LightAhead | None:
+        """The next light on the ego's route at or after a station.
+
+        Args:
+          station: of the front bumper [m].
+          lane: from the right; None for the rightmost lane that leads on along the route.
+
+        Returns:
+          None when there is no light to come.
+
+        Raises:
+          InputError: the station is not finite.
+        """
+        if not is_number(station):
+            raise InputError(f"station {station!r}: must be a finite number")
+        to_come = [stop for stop in self._stops if stop[0] >= station and lane in (None, stop[1])]
+        if not to_come:
+            return None
+        # Lanes of one stop line end within metres of each other: the rightmost speaks for them.
+        first = to_come[0][0]
+        near = [stop for stop in to_come if stop[0] < first + SAME_STOP_LINE]
+        line, own_lane, light, link = min(near, key=lambda stop: stop[1])
+        letter = self.state(light)[link]
+        wait, after = self._next_letter(light, link, letter)
+        return LightAhead(light, link, letter, line, own_lane, wait, after)
+
+    # Inside ------------------------------------------------------------------------------------
+
+    def _next_letter(self, light: str, link: int, letter: str) -> tuple[float | None, str | None]:
+        name = self.program(light)
+        if name is None or (logic := self._logic(light, name)).type != FIXED_TIME:
+            return None, None
+        wait = float(self._api.getNextSwitch(light)) - float(self._simulation.getTime())
+        phases, index = logic.phases, int(self._api.getPhase(light))
+        for _ in range(len(phases)):
+            # A phase may name its successor; else it is the next, and after the last the first.
+            following = phases[index].next
+            index = following[0] if following else (index + 1) % len(phases)
+            if phases[index].state[link] != letter:
+                return max(wait, 0.0), str(phases[index].state[link])
+            wait += float(phases[index].duration)
+        return None, None
+
+    def _logic(self, light: str, program: str) -> Any:
+        known = {p.programID: p for p in self._api.getAllProgramLogics(self._check(light))}
+        if program not in known:
+            raise InputError(
+                f"program {program!r} of traffic light {light!r}: there are "
+                f"{', '.join(self.programs(light))}"
+            )
+        return known[program]
+
+    def _stop_lines(self, lanes: RouteLanes) -> tuple[tuple[float, int, str, int], ...]:
+        """Station, lane, light and link of every stop line on the route, in driving order."""
+        onward = dict(zip(lanes.edges, lanes.edges[1:], strict=False))
+        stops = []
+        for light in self._names:
+            for link, ways in enumerate(self._api.getControlledLinks(light)):
+                for before, after, _ in ways:
+                    table = lanes.tables.get(before)
+                    if table is None or table.lane < 0 or table.direction < 0:
+                        continue
+                    if onward.get(table.edge) == after.rpartition("_")[0]:
+                        stops.append((table.at(table.length)[0], table.lane, light, link))
+        return tuple(sorted(stops))
+
+    def _check(self, light: str) -> str:
+        if light not in self._names:
+            known = ", ".join(self._names) or "none"
+            raise InputError(f"no traffic light {light!r} in the net; there are: {known}")
+        return light
+
+
+def _check_state(what: str, state: object, links: int) -> None:
+    if (
+        not isinstance(state, str)
+        or len(state) != links
+        or not state
+        or any(letter not in LIGHT_LETTERS for letter in state)
+    ):
+        raise InputError(f"state {state!r} of {what}: {links or 1} letters of {LIGHT_LETTERS!r}")

@@ -1,0 +1,213 @@
+"""What stands in the way or drives slowly by intent: closed lanes, stopped vehicles, convoys."""
+
+from __future__ import annotations
+
+import itertools
+
+from iits_mj.errors import InputError
+from traffic_bridge.config import TrafficConfig
+from traffic_bridge.network.lanes import RouteLanes
+from traffic_bridge.signals.events import LaneClosure, SlowConvoy, StoppedVehicle
+from traffic_bridge.signals.merging import MergeGuide, Obstacle, check_obstacle
+from traffic_bridge.vehicles.scripted import Manner, Placement, ScriptedVehicles
+from traffic_bridge.vehicles.types import VehicleType
+
+BLOCKER_SPACING = 80.0  # [m] between the safety trucks of a long closure
+CLOSURE_NOTICE = 400.0  # [m] before a closure in which drivers are told to leave the lane
+HAZARD_NOTICE = 200.0  # [m] from which hazard lights are seen
+CONVOY_HEADWAY = 2.0  # [s] between the vehicles of a convoy
+
+
+class Obstructions:
+    """Closes lanes, stops vehicles, sends convoys; the traffic controller has one.
+
+    Args:
+      lanes: of the route.
+      scripted: puts the vehicles on the road.
+      guide: tells drivers about obstacles.
+      config: types and speed of the traffic.
+    """
+
+    def __init__(
+        self,
+        lanes: RouteLanes,
+        scripted: ScriptedVehicles,
+        guide: MergeGuide,
+        config: TrafficConfig,
+    ) -> None:
+        self._lanes = lanes
+        self._scripted = scripted
+        self._guide = guide
+        self._config = config
+        self._numbers = itertools.count()
+        self._closures: dict[int, tuple[int, list[str]]] = {}
+        self._groups: dict[int, tuple[list[str], str, int | None]] = {}
+
+    def closed(self) -> tuple[Obstacle, ...]:
+        """The obstacles of which drivers are warned now: closures and hazard lights."""
+        return self._guide.obstacles()
+
+    def close_lane(
+        self, lane: int, start: float, end: float, notice: float = CLOSURE_NOTICE
+    ) -> int:
+        """Closes a lane by standing safety trucks, which the ego sees as vehicles too.
+
+        Each truck appears as soon as its place is free and who comes can still stop.
+
+        Args:
+          lane: index from the right.
+          start: station of the first truck's rear [m].
+          end: station [m].
+          notice: distance before the start from which on drivers are told to leave the lane [m].
+
+        Returns:
+          A number to give to `open_lane`.
+
+        Raises:
+          InputError: the interval is not on the route, or the lane does not exist there.
+        """
+        obstacle = self.check_closure(LaneClosure(lane=lane, start=start, end=end, notice=notice))
+        number = next(self._numbers)
+        kind = self._blocker()
+        first = start + kind.length
+        count = max(int((end - first) / BLOCKER_SPACING) + 1, 1)
+        group = [
+            Placement(
+                f"blocker.{number}.{k}",
+                kind.name,
+                lane,
+                first + k * BLOCKER_SPACING,
+                0.0,
+                Manner.STANDING,
+            )
+            for k in range(count)
+        ]
+        # All places are found before the first truck waits: a closure is whole or not at all.
+        for placement in group:
+            self._scripted.check(placement)
+        for placement in group:
+            self._scripted.place([placement])
+        names = [placement.name for placement in group]
+        self._closures[number] = self._guide.add(obstacle), names
+        return number
+
+    def check_closure(self, closure: LaneClosure) -> Obstacle:
+        """The obstacle that a closure is.
+
+        Raises:
+          InputError: the lane does not exist where it begins or ends.
+        """
+        obstacle = Obstacle(closure.lane, closure.start, closure.end, closure.notice)
+        check_obstacle(obstacle, self._lanes)
+        return obstacle
+
+    def check(self, placement: Placement) -> None:
+        """Refuses a scripted vehicle for which there is no lane, see `ScriptedVehicles.check`."""
+        self._scripted.check(placement)
+
+    def open_lane(self, number: int) -> None:
+        """Takes a closure away.
+
+        Raises:
+          InputError: there is no such closure.
+        """
+        if number not in list(self._closures):
+            raise InputError(f"closure {number!r}: there are {sorted(self._closures)}")
+        obstacle, names = self._closures.pop(number)
+        self._guide.remove(obstacle)
+        self._scripted.remove(names)
+
+    def stop_vehicle(
+        self,
+        station: float,
+        lane: int = 0,
+        type: str = "car",
+        notice: float | None = HAZARD_NOTICE,
+    ) -> int:
+        """Lets a vehicle stand on a lane, as soon as its place is free.
+
+        Args:
+          station: of its front bumper [m].
+          lane: from the right.
+          type: name of its type.
+          notice: distance from which others see its hazard lights [m]; None: it has none on.
+
+        Returns:
+          A number to give to `release`.
+
+        Raises:
+          InputError: the lane does not exist there, or the type is unknown.
+        """
+        # The event's class knows what is allowed.
+        StoppedVehicle(
+            station=station, lane=lane, type=type, notice=0.0 if notice is None else notice
+        )
+        number = next(self._numbers)
+        kind = self._config.type_of(type)
+        name = f"stopped.{number}"
+        self._scripted.place([Placement(name, type, lane, station, 0.0, Manner.STANDING)])
+        warned = None
+        if notice is not None:
+            warned = self._guide.add(Obstacle(lane, station - kind.length, station, notice))
+        self._groups[number] = [name], type, warned
+        return number
+
+    def convoy(
+        self, station: float, speed: float, lane: int = 0, count: int = 3, type: str = "truck"
+    ) -> int:
+        """Puts vehicles on a lane that keep it, as soon as there is room for all of them.
+
+        Args:
+          station: of the first one's front bumper [m].
+          speed: [m/s].
+          lane: from the right.
+          count: number of vehicles.
+          type: name of their type.
+
+        Returns:
+          A number to give to `release`.
+
+        Raises:
+          InputError: the lane does not exist there, or the type is unknown.
+        """
+        convoy = SlowConvoy(station=station, speed=speed, lane=lane, count=count, type=type)
+        number = next(self._numbers)
+        group = self.convoy_group(number, convoy)
+        self._scripted.place(group)
+        self._groups[number] = [placement.name for placement in group], type, None
+        return number
+
+    def convoy_group(self, number: int, convoy: SlowConvoy) -> list[Placement]:
+        """The places of a convoy's vehicles, the first one first."""
+        kind = self._config.type_of(convoy.type)
+        spacing = kind.length + kind.minimum_gap + convoy.speed * CONVOY_HEADWAY
+        return [
+            Placement(
+                f"convoy.{number}.{k:02d}",
+                convoy.type,
+                convoy.lane,
+                convoy.station - k * spacing,
+                convoy.speed,
+                Manner.KEEPING_LANE,
+            )
+            for k in range(convoy.count)
+        ]
+
+    def release(self, number: int) -> None:
+        """Lets a stopped vehicle or a convoy drive on as others do.
+
+        Raises:
+          InputError: there is no such vehicle or convoy.
+        """
+        if number not in list(self._groups):
+            raise InputError(f"scripted vehicles {number!r}: there are {sorted(self._groups)}")
+        names, type_name, warned = self._groups.pop(number)
+        if warned is not None:
+            self._guide.remove(warned)
+        kind = self._config.type_of(type_name)
+        self._scripted.release(names, kind.desired_speed_mean * self._config.speed_limit)
+
+    def _blocker(self) -> VehicleType:
+        """The type of safety trucks: the rigid truck, where there is one."""
+        types = self._config.types
+        return next((kind for kind in types if kind.name == "truck"), types[0])

@@ -1,0 +1,286 @@
+"""Who drives where: flows at the entrances, and vehicles already on the road at the beginning."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from traffic_bridge.config import TrafficConfig
+from traffic_bridge.network.lane_ways import LaneWays
+from traffic_bridge.network.lanes import LaneTable, RouteLanes
+from traffic_bridge.network.net_file import NetFile, NetLane
+from traffic_bridge.network.nets import Network
+from traffic_bridge.session import Session
+from traffic_bridge.signals.limits import SpeedLimits
+from traffic_bridge.vehicles.map_demand import MapDemand
+from traffic_bridge.vehicles.registry import Vehicles
+
+# Free road kept around the ego in its own lane at the beginning: a minimum and a time [m], [s].
+EGO_GAP = 30.0
+EGO_HEADWAY = 3.0
+NEXT_LANE_GAP = 15.0
+LANE_END = 300.0  # [m] before the end of a lane that closes: nobody begins there
+# SUMO's lane-change mode under MOBIL: SUMO itself only leaves lanes that end (bit 0), and carries
+# out our requests where that is not an immediate collision (bit 8).
+MOBIL_MODE = 0b01_0000_0001
+
+
+class Demand:
+    """Puts vehicles on the road.
+
+    Every random number comes from one generator, drawn in a fixed order and number per step, so
+    that the flow is the same whatever the ego does, as long as the entrance is free.
+
+    Args:
+      session: the running SUMO.
+      lanes: of the route.
+      vehicles: where new vehicles are noted.
+      config: density, mix and speeds.
+      rng: the source of randomness.
+      network: of the map.
+      limits: that were set in the run.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        lanes: RouteLanes,
+        vehicles: Vehicles,
+        config: TrafficConfig,
+        rng: np.random.Generator,
+        network: Network,
+        limits: SpeedLimits,
+    ) -> None:
+        self._session = session
+        self._limits = limits
+        self._api = session.api
+        self._lanes = lanes
+        self._vehicles = vehicles
+        self._config = config
+        self._rng = rng
+        self._count = 0
+        kinds, weights = zip(*config.mix, strict=True)
+        self._kinds = list(kinds)
+        self._light = next((name for name in kinds if config.type_of(name).kind == "car"), "")
+        self._shares = np.asarray(weights, dtype=float) / sum(weights)
+        self._entrances = [lanes.of_edge(lanes.edges[0])]
+        self._define_routes("along", lanes.edges)
+        self._map: MapDemand | None = None
+        net = NetFile.read(network.path)
+        self._ways = LaneWays(net)
+        if config.scope == "map":
+            self._map = MapDemand(net, self._ways, lanes.edges)
+            # Its own generator: the flow along the route is the same in every scope.
+            (self._map_rng,) = rng.spawn(1)
+            self._trips: dict[tuple[str, ...], str] = {}
+        elif lanes.oncoming_edges:
+            self._entrances.append(lanes.of_edge(lanes.oncoming_edges[0]))
+            self._define_routes("against", lanes.oncoming_edges)
+
+    def fill(self, ego_station: float | None, ego_lane: int, ego_speed: float) -> None:
+        """Populates the road as the flow would have in the long run, with room for the ego.
+
+        Args:
+          ego_station: of the ego's front bumper [m]; None for the beginning of the road.
+          ego_lane: lane of the ego, -1 where there is no ego.
+          ego_speed: [m/s].
+        """
+        config = self._config
+        here = 0.0 if ego_station is None else ego_station
+        low, high = here - config.fill_behind, here + config.fill_ahead
+        ways = [(1, self._lanes.edges)]
+        if self._map is None:
+            ways.append((-1, self._lanes.oncoming_edges))
+        for direction, edges in ways:
+            for index, edge in enumerate(edges):
+                for table in self._lanes.of_edge(edge):
+                    self._fill_lane(
+                        table, index, direction, low, high, ego_station, ego_lane, ego_speed
+                    )
+        if self._map is not None and config.probability > 0.0:
+            for lane in self._map.elsewhere:
+                self._fill_elsewhere(self._map, lane, low, high)
+
+    def _fill_lane(
+        self,
+        table: LaneTable,
+        index: int,
+        direction: int,
+        low: float,
+        high: float,
+        ego_station: float | None,
+        ego_lane: int,
+        ego_speed: float,
+    ) -> None:
+        config = self._config
+        if config.probability <= 0.0:
+            return
+        # Poisson arrivals of rate p at speed v stand at exponential distances of mean v / p.
+        mean_gap = config.speed_limit * 0.92 / config.probability
+        position = float(self._rng.exponential(mean_gap))
+        edges = self._lanes.edges if direction > 0 else self._lanes.oncoming_edges
+        end = min(table.length, self._ways.room(table.id, edges[index:]) - LANE_END)
+        while position < end:
+            kind, desired = self._draw(table.lane, self._rng)
+            station, _ = table.at(position)
+            vehicle = config.type_of(kind)
+            inside = low <= station <= high and position > vehicle.length + 1.0
+            if inside and not (
+                direction > 0
+                and self._hits_ego(
+                    station, vehicle.length, table.lane, ego_station, ego_lane, ego_speed
+                )
+            ):
+                route = f"{'along' if direction > 0 else 'against'}.{index}"
+                limit = self._ways.speed(table.id, position, edges[index:])
+                self._add(kind, desired, route, table, f"{position:.3f}", limit)
+            # The next one far enough that SUMO can insert both at their speeds.
+            least = vehicle.length + vehicle.minimum_gap + 1.5 * config.speed_limit
+            position += max(least, float(self._rng.exponential(mean_gap)))
+
+    def _hits_ego(
+        self,
+        station: float,
+        length: float,
+        lane: int,
+        ego_station: float | None,
+        ego_lane: int,
+        ego_speed: float,
+    ) -> bool:
+        if ego_station is None:
+            return False
+        clear = NEXT_LANE_GAP
+        if lane == ego_lane or ego_lane < 0:
+            clear = max(EGO_GAP, EGO_HEADWAY * max(ego_speed, self._config.speed_limit))
+        rear = ego_station - self._config.footprint.length
+        return station > rear - clear and station - length < ego_station + clear
+
+    def spawn(self, ego_station: float | None) -> None:
+        """Lets arrive who arrives in one step; nobody appears near the ego."""
+        probability = self._config.probability * self._config.step_length
+        if probability <= 0.0:
+            return
+        if self._map is not None:
+            self._spawn_elsewhere(self._map, probability, ego_station)
+        for way, entrance in enumerate(self._entrances):
+            if not entrance:
+                continue
+            arrivals = self._rng.random(len(entrance)) < probability
+            if not arrivals.any():
+                continue
+            near = self._is_near(ego_station, float(entrance[0].station[0]))
+            for table, arrives in zip(entrance, arrivals, strict=True):
+                if arrives:
+                    kind, desired = self._draw(table.lane, self._rng)
+                    if not near:
+                        route = "along.0" if way == 0 else "against.0"
+                        self._add(kind, desired, route, table, "base")
+
+    def discard_pending(self) -> None:
+        """Takes back vehicles for which SUMO found no room at once."""
+        for name in self._api.simulation.getPendingVehicles():
+            if name in self._vehicles:
+                self._api.vehicle.remove(name)
+                self._vehicles.forget(name)
+
+    def _is_near(self, ego_station: float | None, station: float, offset: float = 0.0) -> bool:
+        """Whether a place is too near the ego for somebody to appear there."""
+        clear = self._config.clear_distance + self._config.footprint.length
+        return ego_station is not None and math.hypot(ego_station - station, offset) < clear
+
+    # The rest of the map -----------------------------------------------------------------------
+
+    def _spawn_elsewhere(
+        self, trips: MapDemand, probability: float, ego_station: float | None
+    ) -> None:
+        arrivals = self._map_rng.random(len(trips.entrances)) < probability
+        for k in np.flatnonzero(arrivals).tolist():
+            lane = trips.entrances[k]
+            kind, desired = self._draw(lane.index, self._map_rng)
+            trip = trips.trip(lane, self._map_rng)
+            table = self._lanes.table(lane.id)
+            if not self._is_near(ego_station, float(table.station[0]), float(table.offset[0])):
+                self._add_trip(kind, desired, trip, lane, "base")
+
+    def _fill_elsewhere(self, trips: MapDemand, lane: NetLane, low: float, high: float) -> None:
+        config, rng = self._config, self._map_rng
+        table = self._lanes.table(lane.id)
+        speed = min(config.speed_limit, lane.speed)
+        mean_gap = speed * 0.92 / config.probability
+        position = float(rng.exponential(mean_gap))
+        while position < lane.length:
+            kind, desired = self._draw(lane.index, rng)
+            trip = trips.trip(lane, rng)
+            vehicle = config.type_of(kind)
+            free = position > vehicle.length + 1.0 and low <= table.at(position)[0] <= high
+            if free and position < self._ways.room(lane.id, trip) - LANE_END:
+                self._add_trip(kind, desired, trip, lane, f"{position:.3f}")
+            least = vehicle.length + vehicle.minimum_gap + 1.5 * speed
+            position += max(least, float(rng.exponential(mean_gap)))
+
+    def _add_trip(
+        self, kind: str, desired: float, trip: tuple[str, ...], lane: NetLane, position: str
+    ) -> None:
+        if trip not in self._trips:
+            self._trips[trip] = f"trip.{len(self._trips)}"
+            self._api.route.add(self._trips[trip], list(trip))
+        # As fast as is safe: there may be a queue before the next junction.
+        self._insert(kind, desired, self._trips[trip], lane.index, position, "max")
+
+    # One vehicle -------------------------------------------------------------------------------
+
+    def _draw(self, lane: int, rng: np.random.Generator) -> tuple[str, float]:
+        """Type and desired speed of the next vehicle on a lane, counted from the right."""
+        kind = self._kinds[int(rng.choice(len(self._kinds), p=self._shares))]
+        # Heavy vehicles keep off the left lane of three, as the law has it in many countries.
+        if lane >= 2 and self._light and self._config.type_of(kind).heavy:
+            kind = self._light
+        vehicle = self._config.type_of(kind)
+        return kind, vehicle.sample_desired_speed(self._config.speed_limit, rng)
+
+    def _add(
+        self,
+        kind: str,
+        desired: float,
+        route: str,
+        table: LaneTable,
+        position: str,
+        ahead: float = math.inf,
+    ) -> None:
+        front = 0.0 if position == "base" else float(position)
+        slowing = self._config.type_of(kind).deceleration
+        sign = self._limits.entering(table, front, slowing)
+        limit = min(self._api.lane.getMaxSpeed(table.id), ahead, sign)
+        # A speed above the lane's limit would inflate the vehicle's speed factor for life.
+        self._insert(kind, desired, route, table.index, position, limit)
+
+    def _insert(
+        self,
+        kind: str,
+        desired: float,
+        route: str,
+        lane: int,
+        position: str,
+        speed: float | str,
+    ) -> None:
+        """Hands a vehicle to SUMO; a speed in m/s is a limit, a word is SUMO's own choice."""
+        name = f"{kind}.{self._count:05d}"
+        self._count += 1
+        desired = self._vehicles.add(name, kind, desired)
+        self._api.vehicle.add(
+            name,
+            route,
+            typeID=kind,
+            departLane=str(lane),
+            departPos=position,
+            departSpeed=speed if isinstance(speed, str) else f"{min(desired, speed) * 0.98:.3f}",
+        )
+        self._api.vehicle.setMaxSpeed(name, desired)
+        if self._config.lane_change == "mobil":
+            self._api.vehicle.setLaneChangeMode(name, MOBIL_MODE)
+
+    def _define_routes(self, name: str, edges: tuple[str, ...]) -> None:
+        """One SUMO route from every edge on: vehicles begin on the first edge of their route."""
+        for index in range(len(edges)):
+            self._api.route.add(f"{name}.{index}", list(edges[index:]))

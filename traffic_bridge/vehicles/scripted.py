@@ -1,0 +1,218 @@
+"""Vehicles put on the road by a script: standing ones, convoys, and departures by a list.
+
+A vehicle appears as soon as its place is free and whoever comes from behind can still stop, so
+that a script never makes a collision; until then it waits.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from iits_mj.errors import InputError
+from traffic_bridge.network.lanes import LaneTable, RouteLanes
+from traffic_bridge.session import Session
+from traffic_bridge.vehicles.registry import Vehicles
+
+REACTION = 1.0  # [s] in which a driver does not brake yet (judgement)
+HARD_BRAKING = 3.0  # [m/s2] that a vehicle appearing may ask of others (judgement)
+BESIDE = 5.0  # [m] before and behind a place that are to be free on the lanes beside it
+LOOK = 250.0  # [m] behind and ahead of a place in which others matter
+
+# SUMO's lane-change modes (its manual, "lane change mode").
+FIXED = 0  # never changes lanes
+LANE_END = 0b10_0000_0001  # leaves lanes that end, where others leave the room
+SUMO_MODE = 0b0110_0101_0101  # SUMO's default: all motives, others' gaps are respected
+
+# SUMO's speed mode in which the car-following model keeps every vehicle safe, and its speed for
+# "as the model says".
+SAFE_SPEED, MODEL_SPEED = 31, -1.0
+
+
+class Manner(enum.Enum):
+    """How a scripted vehicle drives: it stands; keeps its lane; or drives as all others do."""
+
+    STANDING = "standing"
+    KEEPING_LANE = "keeping lane"
+    FREE = "free"
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A vehicle to be put on the road.
+
+    Attributes:
+      name: of the vehicle; type: name of its type.
+      lane: of the route, from the right; station: of its front bumper [m].
+      speed: at which it appears and which it desires [m/s].
+      manner: see `Manner`.
+    """
+
+    name: str
+    type: str
+    lane: int
+    station: float
+    speed: float
+    manner: Manner
+
+
+class ScriptedVehicles:
+    """Puts scripted vehicles on the road and takes them off again.
+
+    Args:
+      session: the running SUMO.
+      lanes: of the route.
+      vehicles: where the vehicles are noted.
+      free_mode: SUMO's lane-change mode of the traffic.
+    """
+
+    def __init__(
+        self, session: Session, lanes: RouteLanes, vehicles: Vehicles, free_mode: int
+    ) -> None:
+        self._session = session
+        self._api = session.api
+        self._lanes = lanes
+        self._vehicles = vehicles
+        self._free_mode = free_mode
+        self._waiting: list[tuple[Placement, ...]] = []
+        self._fresh: list[tuple[int, float, float]] = []
+        self._routes: set[int] = set()
+
+    def place(self, group: Sequence[Placement]) -> None:
+        """Puts a group of vehicles on the road together, as soon as there is room for all.
+
+        Raises:
+          InputError: a place is not on the route, or a type is unknown; nothing waits then.
+        """
+        for placement in group:
+            self.check(placement)
+        self._waiting.append(tuple(group))
+
+    def check(self, placement: Placement) -> None:
+        """Refuses a placement for which there is no lane.
+
+        Raises:
+          InputError: the type is unknown, or the lane does not exist there.
+        """
+        length = self._length(placement.type)
+        for station in (placement.station, placement.station - length):
+            if station < 0.0 or self._lanes.find(placement.lane, station) is None:
+                raise InputError(
+                    f"{placement.type} at station {placement.station:g} m: lane {placement.lane} "
+                    f"does not exist at station {station:g} m"
+                )
+
+    def step(self) -> None:
+        """Places what waits and has room."""
+        self._fresh.clear()
+        if not self._waiting:
+            return
+        waiting, self._waiting = self._waiting, []
+        for group in waiting:
+            if all(self._has_room(placement) for placement in group):
+                for placement in group:
+                    self._put(placement)
+            else:
+                self._waiting.append(group)
+
+    def remove(self, names: Sequence[str]) -> None:
+        """Takes vehicles off the road, or off the waiting list; those that have left are gone."""
+        wanted = set(names)
+        self._waiting = [g for g in self._waiting if not wanted & {p.name for p in g}]
+        for name in names:
+            if name in self._vehicles:
+                with self._session.guard(f"removing {name}"):
+                    self._api.vehicle.remove(name)
+                self._vehicles.forget(name)
+
+    def release(self, names: Sequence[str], desired_speed: float) -> None:
+        """Lets vehicles drive as others do, at a desired speed [m/s]."""
+        wanted = set(names)
+        self._waiting = [g for g in self._waiting if not wanted & {p.name for p in g}]
+        for name in names:
+            if name in self._vehicles:
+                self._vehicles.unscript(name)
+                with self._session.guard(f"releasing {name}"):
+                    self._api.vehicle.setSpeedMode(name, SAFE_SPEED)
+                    self._api.vehicle.setSpeed(name, MODEL_SPEED)
+                    self._set_free(name)
+                self._vehicles.change(name, desired_speed=desired_speed)
+
+    # Inside ------------------------------------------------------------------------------------
+
+    def _length(self, type_name: str) -> float:
+        for kind in self._vehicles.types():
+            if kind.name == type_name:
+                return kind.length
+        known = ", ".join(kind.name for kind in self._vehicles.types())
+        raise InputError(f"vehicle type {type_name!r}: the types are {known}")
+
+    def _has_room(self, placement: Placement) -> bool:
+        front = placement.station
+        rear = front - self._length(placement.type)
+        for lane, other_front, other_rear in self._fresh:
+            if lane == placement.lane and other_rear < front + 1.0 and other_front > rear - 1.0:
+                return False
+        vehicle = self._api.vehicle
+        for table in self._lanes.within(rear - LOOK, front + LOOK):
+            aside = abs(table.lane - placement.lane)
+            if aside > 1:
+                continue
+            for name in self._api.lane.getLastStepVehicleIDs(table.id):
+                other_front, _ = table.at(vehicle.getLanePosition(name))
+                other_rear = other_front - vehicle.getLength(name)
+                speed = vehicle.getSpeed(name)
+                if aside:
+                    # It may just have left this lane for SUMO and still be seen on it.
+                    if other_rear < front + BESIDE and other_front > rear - BESIDE:
+                        return False
+                elif other_front > front:
+                    if other_rear - front < _room(placement.speed, speed):
+                        return False
+                elif rear - other_front < _room(speed, placement.speed):
+                    return False
+        return True
+
+    def _put(self, placement: Placement) -> None:
+        table = self._lanes.find(placement.lane, placement.station)
+        if table is None:
+            raise InputError(f"lane {placement.lane} ends before station {placement.station:g} m")
+        name, vehicle = placement.name, self._api.vehicle
+        scripted = placement.manner is not Manner.FREE
+        desired = self._vehicles.add(name, placement.type, placement.speed, scripted)
+        speed = min(desired, placement.speed)
+        with self._session.guard(f"placing {name}"):
+            route = self._route(table)
+            vehicle.add(name, route, typeID=placement.type, departSpeed=f"{speed:.3f}")
+            vehicle.moveTo(name, table.id, table.position_of(placement.station))
+            if placement.manner is Manner.STANDING:
+                vehicle.setSpeedMode(name, 0)
+                vehicle.setSpeed(name, 0.0)
+                vehicle.setLaneChangeMode(name, FIXED)
+            else:
+                vehicle.setMaxSpeed(name, desired)
+                if scripted:
+                    vehicle.setLaneChangeMode(name, LANE_END)
+                else:
+                    self._set_free(name)
+        length = self._length(placement.type)
+        self._fresh.append((placement.lane, placement.station, placement.station - length))
+
+    def _set_free(self, name: str) -> None:
+        self._api.vehicle.setLaneChangeMode(name, self._free_mode)
+
+    def _route(self, table: LaneTable) -> str:
+        """The SUMO route from an edge on to the end of the ego's route."""
+        index = self._lanes.edges.index(table.edge)
+        name = f"scripted.{index}"
+        if index not in self._routes:
+            self._api.route.add(name, list(self._lanes.edges[index:]))
+            self._routes.add(index)
+        return name
+
+
+def _room(behind: float, ahead: float) -> float:
+    """Free distance for who drives at `behind` after who drives at `ahead` [m], speeds [m/s]."""
+    braking = max(behind**2 - ahead**2, 0.0) / (2.0 * HARD_BRAKING)
+    return 2.0 + behind * REACTION + braking

@@ -1,0 +1,251 @@
+"""What kinds of vehicles there are: dimensions, behavior and colors, read from TOML."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import tomllib
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from iits_mj.errors import InputError
+from traffic_bridge.checks import is_number
+
+KINDS = ("car", "van", "truck", "articulated")
+HEAVY = ("truck", "articulated")
+Color = tuple[float, float, float]
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,31}")
+# Names that mean something else in the simulation.
+_TAKEN = ("ego", "shadow", "blocker", "stopped", "convoy")
+# Fields of `VehicleType` that are SUMO's attributes of its lane-change model LC2013.
+LC2013_ATTRIBUTES = {
+    "lc_strategic": "lcStrategic",
+    "lc_cooperative": "lcCooperative",
+    "lc_speed_gain": "lcSpeedGain",
+    "lc_keep_right": "lcKeepRight",
+    "lc_assertive": "lcAssertive",
+}
+
+
+@dataclass(frozen=True)
+class VehicleType:
+    """One type of vehicle; the four of the package, with sources, are in `types.toml`.
+
+    Attributes:
+      name: of the type; letters, digits, "_" and "-".
+      length, width, height: [m].
+      minimum_gap: IDM standstill gap s0 [m]; time_headway: IDM T [s].
+      acceleration, deceleration: IDM a and b, both positive [m/s2].
+      emergency_deceleration: the hardest braking possible [m/s2].
+      desired_speed_mean, desired_speed_deviation, desired_speed_low: of the normal distribution of
+        the desired speed as a fraction of the traffic's maximum speed, cut to [low, 1].
+      politeness: MOBIL p; change_threshold: MOBIL a_th [m/s2]; keep_right_bias: MOBIL a_bias
+        [m/s2]; safe_braking: MOBIL b_safe [m/s2].
+      look: what it looks like: "car", "van", "truck" (rigid) or "articulated"; "" is the name,
+        which has to be one of them then.
+      colors: its paints, each red, green, blue from 0 to 1; a vehicle has one of them, by its name.
+      lc_strategic, lc_cooperative, lc_speed_gain, lc_keep_right: eagerness of LC2013's four
+        motives; lc_assertive: how much smaller gaps it takes. 1 is SUMO's default.
+    """
+
+    name: str
+    length: float
+    width: float
+    height: float
+    minimum_gap: float
+    time_headway: float
+    acceleration: float
+    deceleration: float
+    emergency_deceleration: float
+    desired_speed_mean: float
+    desired_speed_deviation: float
+    desired_speed_low: float
+    politeness: float
+    change_threshold: float
+    keep_right_bias: float
+    safe_braking: float
+    look: str = ""
+    colors: tuple[Color, ...] = ((0.7, 0.7, 0.7),)
+    lc_strategic: float = 1.0
+    lc_cooperative: float = 1.0
+    lc_speed_gain: float = 1.0
+    lc_keep_right: float = 1.0
+    lc_assertive: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Checks every value; lists given as colors become tuples."""
+        if not isinstance(self.name, str) or not _NAME.fullmatch(self.name) or self.name in _TAKEN:
+            raise InputError(
+                f"vehicle type {self.name!r}: a name has 1 to 32 letters, digits, '_' or '-', "
+                f"begins with a letter and is none of {', '.join(_TAKEN)}"
+            )
+        object.__setattr__(self, "look", self.look or self.name)
+        if self.look not in KINDS:
+            raise InputError(
+                f"vehicle type {self.name!r}: look {self.look!r}: allowed are {', '.join(KINDS)}"
+            )
+        object.__setattr__(self, "colors", _colors(self.name, self.colors))
+        for entry in dataclasses.fields(self):
+            if entry.name in ("name", "look", "colors"):
+                continue
+            value = getattr(self, entry.name)
+            if not is_number(value) or value < 0.0:
+                raise InputError(f"{self.name}.{entry.name} = {value!r}: must be zero or positive")
+        for name in (
+            *("length", "width", "height", "acceleration", "deceleration", "time_headway"),
+            *("desired_speed_mean", "lc_assertive"),
+        ):
+            if getattr(self, name) <= 0.0:
+                raise InputError(f"{self.name}.{name} = {getattr(self, name)!r}: must be positive")
+
+    @property
+    def kind(self) -> str:
+        """What others see of it (`TrackedVehicle.kind`): its look."""
+        return self.look
+
+    @property
+    def heavy(self) -> bool:
+        """A truck by its look: keeps off the left lane of three."""
+        return self.look in HEAVY
+
+    def color_of(self, vehicle: str) -> Color:
+        """The paint of a vehicle of this type: always the same one for a name."""
+        return self.colors[zlib.crc32(vehicle.encode()) % len(self.colors)]
+
+    def sample_desired_speed(self, maximum: float, rng: np.random.Generator) -> float:
+        """Desired speed of one vehicle [m/s], for a traffic maximum speed [m/s]."""
+        factor = rng.normal(self.desired_speed_mean, self.desired_speed_deviation)
+        return float(maximum * min(max(factor, self.desired_speed_low), 1.0))
+
+    def to_sumo_xml(self, maximum_speed: float) -> str:
+        """The `vType` element: IDM, LC2013, no random term, every vehicle at its own speed.
+
+        Args:
+          maximum_speed: of the type before a vehicle gets its own [m/s].
+        """
+        attributes: dict[str, object] = {
+            "id": self.name,
+            "length": self.length,
+            "width": self.width,
+            "height": self.height,
+            "minGap": self.minimum_gap,
+            "maxSpeed": maximum_speed,
+            "carFollowModel": "IDM",
+            "tau": self.time_headway,
+            "accel": self.acceleration,
+            "decel": self.deceleration,
+            "emergencyDecel": max(self.emergency_deceleration, self.deceleration),
+            "speedFactor": 1,
+            "speedDev": 0,
+            "laneChangeModel": "LC2013",
+        }
+        for name, attribute in LC2013_ATTRIBUTES.items():
+            if getattr(self, name) != 1.0:
+                attributes[attribute] = getattr(self, name)
+        text = " ".join(f"{key}={quoteattr(str(value))}" for key, value in attributes.items())
+        return f"<vType {text}/>"
+
+
+@cache
+def default_types() -> tuple[VehicleType, ...]:
+    """The four kinds as `types.toml` has them."""
+    table = _table(Path(__file__).with_name("types.toml"))
+    return tuple(_made(kind, table[kind]) for kind in KINDS)
+
+
+def read_types(
+    path: str | Path, base: Sequence[VehicleType] | None = None
+) -> tuple[VehicleType, ...]:
+    """Vehicle types of a TOML file laid over others: what it does not say stays as it is.
+
+    A table has the name of a type. An existing name changes that type; a new name makes a type of
+    its own, for which `look` (or `like`, another type) says where everything else comes from.
+
+    Args:
+      path: of the file.
+      base: the types to begin with; the package's four when None.
+
+    Raises:
+      InputError: the file cannot be read, or has an unknown field or an unusable value.
+    """
+    types = {t.name: t for t in (default_types() if base is None else base)}
+    for name, values in _table(Path(path)).items():
+        try:
+            if not isinstance(values, dict):
+                raise InputError(f"{name} = {values!r}: expected a table [{name}]")
+            values = dict(values)
+            like = values.pop("like", name if name in types else values.get("look", name))
+            if like not in types:
+                raise InputError(
+                    f"vehicle type {name!r}: there is no type {like!r} to begin with; "
+                    f"set `like` or `look` to one of {', '.join(types)}"
+                )
+            known = {f.name for f in dataclasses.fields(VehicleType)} - {"name"}
+            for field in values:
+                if field not in known:
+                    raise InputError(
+                        f"{name}.{field} is unknown; the fields are {', '.join(sorted(known))}"
+                    )
+            types[name] = dataclasses.replace(types[like], name=name, **values)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+    return tuple(types.values())
+
+
+def type_from_dict(values: Mapping[str, Any]) -> VehicleType:
+    """The type that `dataclasses.asdict` wrote, also of the first recordings (`kind`).
+
+    Raises:
+      InputError: a field is missing, unknown or unusable.
+    """
+    given = dict(values)
+    if "kind" in given and "name" not in given:
+        given["name"] = given.pop("kind")
+    try:
+        return VehicleType(**given)
+    except TypeError as error:
+        raise InputError(f"vehicle type {given.get('name')!r}: {error}") from error
+
+
+def check_color(name: str, color: object) -> Color:
+    """A color as a tuple.
+
+    Raises:
+      InputError: it is not three numbers from 0 to 1.
+    """
+    if (
+        not isinstance(color, (tuple, list))
+        or len(color) != 3
+        or any(not is_number(value) or not 0.0 <= value <= 1.0 for value in color)
+    ):
+        raise InputError(f"{name}: color {color!r}: must be red, green, blue, each from 0 to 1")
+    return float(color[0]), float(color[1]), float(color[2])
+
+
+def _colors(name: str, colors: object) -> tuple[Color, ...]:
+    if not isinstance(colors, (tuple, list)) or not colors:
+        raise InputError(f"{name}.colors = {colors!r}: must be a list of at least one color")
+    return tuple(check_color(name, color) for color in colors)
+
+
+def _table(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file:
+            return tomllib.load(file)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise InputError(f"{path}: cannot be read: {reason}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not TOML: {error}") from error
+
+
+def _made(name: str, values: Mapping[str, Any]) -> VehicleType:
+    return VehicleType(name=name, **values)
