@@ -33,7 +33,7 @@ class Kind:
     factor_low: float
 
 
-# Shares, sizes, time gaps and speed factors are those of the SUMO traffic, traffic_bridge/vehicles/types.toml.
+# Shares, sizes, gaps and speed factors are the SUMO traffic's, traffic_bridge/vehicles/types.toml.
 KINDS = (
     Kind("car", 0.70, 4.7, 1.85, 1.5, 1.5, 0.95, 0.07, 0.75),
     Kind("van", 0.12, 6.0, 2.05, 2.6, 1.5, 0.92, 0.06, 0.75),

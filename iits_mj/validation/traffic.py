@@ -242,8 +242,8 @@ def _compare_flows(
         results.figures[quantity] = _panels(quantity, unit, reference, flows, cells)
     covered = ", ".join(f"{100.0 * share:.0f} %" for share in conditions.covered)
     results.notes.append(
-        f"the speed on the last fifth was recorded in {covered} of the time, by lane from the "
-        "right, and is interpolated in between"
+        f"somebody was recorded in {covered} of the time, by lane from the right; in between place "
+        "and speed of the boundary are interpolated"
     )
 
 

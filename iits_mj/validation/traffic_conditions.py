@@ -1,19 +1,22 @@
-"""PureSim on a recorded road: downstream speed as recorded, IDM drivers in a queue before it.
+"""PureSim on a recorded road: the vehicle ahead of all as recorded, IDM drivers in a queue behind.
 
 Each recorded lane is a straight road of its own, because no recorded pair changes lanes:
 
-- a column of vehicles, each at the distance it keeps at the first speeds at the exit, is long
-  enough to feed the stretch to the end: the recorded stretch lies inside a queue, so its drivers
-  decide how many come in, and the flow is a result that is compared with the recorded one;
-- who has come to the last fifth drives at the mean speed recorded there at that time.
+- a column of vehicles, each at the distance it keeps at the first recorded speeds, is long enough
+  to feed the stretch to the end: the recorded stretch lies inside a queue, so its drivers decide
+  how many come in, and the flow is a result that is compared with the recorded one;
+- at every time the recorded vehicle farthest ahead in the lane, whom nobody of the recording leads,
+  is the downstream boundary: who is as far as it is drives at its speed.
 
-On the four fifths before, on which flows are compared, nothing is prescribed: everybody follows its
-leader by the Intelligent Driver Model. A long recording is simulated window by window, each from a
-beginning of its own.
+Behind it, where flows are compared, nothing is prescribed: everybody follows its leader by the
+Intelligent Driver Model. A long recording is simulated window by window, each from a beginning of
+its own.
 
-Prescribing the recorded inflow instead does not work: a little less flow than the drivers could
-take at the downstream speed, and the queue dissolves into free traffic; a little more, and nothing
-changes. In a queue information travels upstream.
+A boundary that stands still (the speeds on the last part of the stretch) is less true to this kind
+of recording, a selection of platoons: most of the time nobody was recorded there, and the speed
+between two platoons is not that of either. Prescribing the recorded inflow does not work: a little
+less than the drivers could take, and the queue dissolves into free traffic; a little more, and
+nothing changes. In a queue information travels upstream.
 """
 
 from __future__ import annotations
@@ -41,12 +44,11 @@ FloatArray = NDArray[np.float64]
 # The driver of a vehicle of a lane, drawn with a generator.
 Drivers = Callable[[int, np.random.Generator], IdmParameters]
 
-EXIT_SHARE = 0.8  # of the stretch; what is beyond gives the downstream speed
 RUN_OUT = 100.0  # [m] beyond the stretch
 WARM_UP = 60.0  # [s] before a window begins, under its first conditions
 WINDOW = 150.0  # [s]
 RESERVE = 1.15  # length of the column over what the recorded flow would use up
-CLOSE = 0.3  # [s]: time headway on the last fifth
+CLOSE = 0.3  # [s]: time headway beyond the boundary
 BIN = 2.0  # [s] over which recorded speeds are averaged
 SAMPLE_PERIOD = 0.5  # [s] between samples of the simulated flow
 SPEED_CAP = 40.0  # [m/s]: limit of the simulated road, above every desired speed
@@ -65,9 +67,10 @@ class Conditions:
     Attributes:
       start, end: of the recording [s]; length: of the recorded stretch [m].
       time: middle of the bins [s], shape (n,).
-      exit_speed: on the last fifth [m/s], shape (lanes, n).
-      covered: share of the bins in which somebody was recorded there, shape (lanes,); between them
-        the speed is interpolated.
+      head, head_speed: where the recorded vehicle farthest ahead is [m], and its speed [m/s], shape
+        (lanes, n).
+      covered: share of the bins in which somebody was recorded, shape (lanes,); between them place
+        and speed are interpolated.
       speed, spacing: means over the stretch [m/s], [m], shape (lanes,).
       vehicle_length: mean [m].
     """
@@ -76,7 +79,8 @@ class Conditions:
     end: float
     length: float
     time: FloatArray
-    exit_speed: FloatArray
+    head: FloatArray
+    head_speed: FloatArray
     covered: FloatArray
     speed: FloatArray
     spacing: FloatArray
@@ -98,29 +102,27 @@ class Conditions:
 
         Args:
           recorded: followers.
-          others: their leaders, who tell the speed on the last fifth too.
+          others: their leaders.
           vehicle_length: mean [m].
 
         Raises:
-          InputError: a lane has nobody with a leader, or nobody on the last fifth.
+          InputError: a lane has nobody with a leader.
         """
         length = float(recorded.station.max())
         start, end = float(recorded.time.min()), float(recorded.time.max())
         edges = np.arange(start, end + BIN, BIN)
         whole = FlowSamples.joined([recorded, others])
         whole = whole.select((whole.time >= start) & (whole.time <= end))
-        exit_speed, covered, speed, spacing = [], [], [], []
+        head, head_speed, covered, speed, spacing = [], [], [], [], []
         for lane in range(int(recorded.lane.max()) + 1):
             mine = whole.select(whole.lane == lane)
-            last = mine.select(mine.station > EXIT_SHARE * length)
             known = mine.select(np.isfinite(mine.spacing))
-            if not (len(last) and len(known)):
-                raise InputError(
-                    f"lane {lane}: nobody behind a leader, or nobody on the last fifth of the "
-                    f"stretch of {length:.0f} m, was recorded"
-                )
-            values, share = _binned(last.time, last.speed, edges)
-            exit_speed.append(values)
+            if not len(known):
+                raise InputError(f"lane {lane}: nobody behind a leader was recorded")
+            first = _foremost(mine)
+            place, share = _binned(first.time, first.station, edges)
+            head.append(place)
+            head_speed.append(_binned(first.time, first.speed, edges)[0])
             covered.append(share)
             speed.append(float(known.speed.mean()))
             spacing.append(float(known.spacing.mean()))
@@ -129,7 +131,8 @@ class Conditions:
             end,
             length,
             0.5 * (edges[1:] + edges[:-1]),
-            np.array(exit_speed),
+            np.array(head),
+            np.array(head_speed),
             np.array(covered),
             np.array(speed),
             np.array(spacing),
@@ -151,7 +154,7 @@ class Conditions:
           The departures, and the driver of each.
         """
         departures, found = [], []
-        # Only the exit's speeds are used: what is upstream of it is to be found, not given.
+        # Only the boundary's speeds are used: what is upstream of it is to be found, not given.
         times = np.arange(begin - WARM_UP, begin, BIN)
         mean = float(np.mean([self.speed_at(lane, float(time)) for time in times]))
         # Half the speed: who is put on the road wants at least a second's distance there.
@@ -167,12 +170,20 @@ class Conditions:
         return tuple(departures), found
 
     def speed_at(self, lane: int, time: float) -> float:
-        """Speed on the last fifth at a recorded time [m/s]."""
-        return max(float(np.interp(time, self.time, self.exit_speed[lane])), SLOWEST)
+        """Speed of the vehicle farthest ahead at a recorded time [m/s]."""
+        return max(float(np.interp(time, self.time, self.head_speed[lane])), SLOWEST)
 
-    def before_exit(self, station: Any) -> Any:
-        """True for stations on which nothing is prescribed."""
-        return station < EXIT_SHARE * self.length
+    def head_at(self, lane: int, time: Any) -> Any:
+        """Station of the vehicle farthest ahead at recorded times [m]."""
+        return np.interp(time, self.time, self.head[lane])
+
+    def is_free(self, samples: FlowSamples) -> NDArray[np.bool_]:
+        """True for entries on the stretch for which nothing is prescribed, shape (n,)."""
+        free = samples.station >= 0.0
+        for lane in range(self.lanes):
+            mine = samples.lane == lane
+            free[mine] &= samples.station[mine] < self.head_at(lane, samples.time[mine])
+        return np.asarray(free)
 
     def windows(self) -> list[tuple[float, float]]:
         """Beginnings and ends of the windows to simulate [s]."""
@@ -246,14 +257,15 @@ def _drive_lane(
                 time = traffic.time - WARM_UP + begin
                 speed = conditions.speed_at(lane, time)
                 station = frame.column("station") + 0.5 * frame.column("length") - before
-                free = conditions.before_exit(station)
+                free = station < conditions.head_at(lane, time)
                 for i, name in enumerate(frame.ids):
-                    if free[i] and name not in told:
-                        told[name] = math.inf
-                        # Vehicles of the list are named by their place in it.
-                        driver = found[int(name.rpartition(".d")[2])]
-                        traffic.vehicles.change(name, **dataclasses.asdict(driver))
-                    elif not free[i] and abs(told.get(name, math.inf) - speed) > RESOLUTION:
+                    if free[i]:
+                        if told.get(name) != math.inf:
+                            told[name] = math.inf
+                            # Vehicles of the list are named by their place in it.
+                            driver = found[int(name.rpartition(".d")[2])]
+                            traffic.vehicles.change(name, **dataclasses.asdict(driver))
+                    elif abs(told.get(name, math.inf) - speed) > RESOLUTION:
                         told[name] = speed
                         traffic.vehicles.change(name, desired_speed=speed, **DRIVEN)
                 if time >= begin:
@@ -268,8 +280,18 @@ def _drive_lane(
 
 
 def compared(samples: FlowSamples, conditions: Conditions) -> FlowSamples:
-    """The part of the stretch on which flows are compared: without its last fifth."""
-    return samples.select((samples.station >= 0.0) & conditions.before_exit(samples.station))
+    """The part of a flow that is compared: on the stretch, behind the boundary."""
+    return samples.select(conditions.is_free(samples))
+
+
+def _foremost(samples: FlowSamples) -> FlowSamples:
+    """The entry farthest ahead at each time, of samples of one lane."""
+    order = np.lexsort((samples.station, samples.time))
+    times = samples.time[order]
+    last = np.append(np.diff(times) > 1e-6, True)
+    keep = np.zeros(len(samples), dtype=bool)
+    keep[order[last]] = True
+    return samples.select(keep)
 
 
 def _binned(time: FloatArray, values: FloatArray, edges: FloatArray) -> tuple[FloatArray, float]:
