@@ -1,6 +1,7 @@
 import numpy as np
 
-from traffic_bridge.modes.smoothing import LateralSmoother, quintic
+from traffic_bridge.modes.sideways import quintic
+from traffic_bridge.modes.smoothing import LateralSmoother
 
 SIZE = np.array([[4.7, 1.85]])
 
@@ -108,3 +109,30 @@ def test_a_vehicle_that_was_out_of_sight_is_shown_where_it_is():
     shown(smoother, ["a"], [1.5], [0.0], [15.0])
     seen = shown(smoother, ["a", "b"], [3.0, 53.0], [0.0, 4.0], [15.0, 15.0], np.tile(SIZE, (2, 1)))
     assert seen.tolist() == [0.0, 4.0]
+
+
+def test_who_swings_out_slowly_does_so_without_a_leap_and_never_like_a_crab():
+    smoother = LateralSmoother(3.5)
+    # A car creeps off from close behind a standing truck, which makes its change urgent.
+    sizes = np.array([[4.7, 1.85], [16.5, 2.55]])
+    place, last, sideways = 0.0, 0.0, []
+    for k in range(150):
+        speed = min(0.02 * k, 2.0)
+        place += 0.1 * speed
+        station = np.array([place, 14.0])
+        offset = np.array([0.0 if k < 3 else 4.0, 0.0])
+        shifts = smoother.update(
+            ["car", "truck"],
+            np.round(offset).astype(int),
+            np.stack((station, offset, np.zeros(2))),
+            np.array([speed, 0.0]),
+            sizes.T,
+            np.stack((station, offset, np.ones(2))),
+            0.1,
+        )
+        now = shifts[0].speed if shifts else 0.0
+        assert abs(now) <= 0.5 + 0.7 * speed + 0.05, k
+        assert abs(now - last) <= 0.35, k
+        sideways.append(now)
+        last = now
+    assert max(sideways) > 0.3

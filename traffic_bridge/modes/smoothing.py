@@ -13,18 +13,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from traffic_bridge.modes.sideways import (
+    SIDE_SPEED,
+    STEEPEST,
+    URGENT_PACE,
+    SidewaysMotion,
+    quintic,
+)
+
 FloatArray = NDArray[np.float64]
 Rows = Sequence[FloatArray]
 
 JUMP = 0.3  # [m] in one step: more than any lane's taper or a map's seam moves a vehicle
-SLOW = 5.0  # [m/s] below which a lane change takes longer, in proportion: nobody slides sideways
-URGENT_PACE = 0.5
 SHORTEST = 1.0  # [s]
 SIDE_MARGIN = 0.3  # [m]
 HELD_GAP = 0.7  # [m] kept to who stands before a vehicle that swings out
@@ -34,49 +39,6 @@ CREEP = 0.3  # [m/s]: nobody who swings out is held for ever
 # Within these distances between centres a vehicle of another lane can matter to a change [m].
 REACH, SIDEWAYS = 100.0, 3.2
 CLEARED_BY = 0.62  # fraction of the change after which the old lane is free (quintic: 3/4 done)
-
-
-def quintic(
-    position: float, speed: float, acceleration: float, duration: float
-) -> tuple[float, float, float, float, float, float]:
-    """Coefficients c0..c5 of the polynomial from a given state to rest at zero.
-
-    Takahashi, Hongo, Ninomiya and Sugimoto, "Local path planning and motion control for AGV in
-    positioning", IROS 1989: the quintic minimises the integral of jerk squared.
-
-    Args:
-      position: at the beginning [m].
-      speed: at the beginning [m/s].
-      acceleration: at the beginning [m/s2].
-      duration: until rest at zero [s].
-    """
-    t = duration
-    c2 = 0.5 * acceleration
-    end = -(position + speed * t + c2 * t**2)
-    rate = -(speed + 2.0 * c2 * t)
-    bend = -2.0 * c2
-    c3 = (10.0 * end - 4.0 * rate * t + 0.5 * bend * t**2) / t**3
-    c4 = (-15.0 * end + 7.0 * rate * t - bend * t**2) / t**4
-    c5 = (6.0 * end - 3.0 * rate * t + 0.5 * bend * t**2) / t**5
-    return position, speed, c2, c3, c4, c5
-
-
-@dataclass
-class _Change:
-    """A residual on its way to zero: polynomial, its age and its duration [s]."""
-
-    coefficients: tuple[float, float, float, float, float, float]
-    duration: float
-    age: float = 0.0
-
-    def state(self) -> tuple[float, float, float]:
-        c0, c1, c2, c3, c4, c5 = self.coefficients
-        t = self.age
-        return (
-            c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * c5)))),
-            c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5))),
-            2.0 * c2 + t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5)),
-        )
 
 
 class Shift(NamedTuple):
@@ -128,7 +90,7 @@ class LateralSmoother:
         self._place: dict[str, int] = {}
         self._last: Rows = ()
         self._lane: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
-        self._changes: dict[str, _Change] = {}
+        self._changes: dict[str, SidewaysMotion] = {}
         self._urgent: set[str] = set()
 
     def clear(self) -> None:
@@ -180,10 +142,7 @@ class LateralSmoother:
         self._changes = {name: c for name, c in self._changes.items() if name in place}
         shifts = []
         for name, change in list(self._changes.items()):
-            pace = min(1.0, float(speed[place[name]]) / SLOW)
-            # Who stands in somebody's way completes the change, however slowly.
-            pace = max(pace, URGENT_PACE if name in self._urgent else 0.0)
-            change.age += dt * pace
+            pace = change.go_on(dt, float(speed[place[name]]), name in self._urgent)
             if change.age >= change.duration:
                 del self._changes[name]
                 continue
@@ -223,11 +182,12 @@ class LateralSmoother:
         return list(zip(now[leapt].tolist(), across[leapt].tolist(), strict=True))
 
     def _begin(self, name: str, jump: float) -> None:
-        residual, rate, bend = 0.0, 0.0, 0.0
+        residual, rate, bend, pace = 0.0, 0.0, 0.0, None
         if name in self._changes:
             residual, rate, bend = self._changes[name].state()
-        self._changes[name] = _Change(
-            quintic(residual - jump, rate, bend, self.duration), self.duration
+            pace = self._changes[name].pace
+        self._changes[name] = SidewaysMotion(
+            quintic(residual - jump, rate, bend, self.duration), self.duration, pace=pace
         )
 
     def _hasten(self, name: str, shift: Shift, boxes: _Boxes) -> bool:
@@ -258,15 +218,17 @@ class LateralSmoother:
         self._hold(name, change, own, conflicts)
         return wanted <= SHORTEST or name in self.held
 
-    def _hold(self, name: str, change: _Change, own: Box, conflicts: list[Box]) -> None:
+    def _hold(self, name: str, change: SidewaysMotion, own: Box, conflicts: list[Box]) -> None:
         """Notes at which speed nobody touches: the vehicle those before it, nor those behind it.
 
         Who is behind in the old lane stays off the tail, which swings out while the box turns.
         """
         way = 1.0 if own.speed >= 0.0 else -1.0
-        time = CLEARED_BY * max(change.duration - change.age, 0.1) / URGENT_PACE
+        due = CLEARED_BY * max(change.duration - change.age, 0.1) / URGENT_PACE
         for other in conflicts:
             gap, sign = _gap(own, other)
+            side = 0.5 * (other.width + own.width) - abs(other.offset - own.offset)
+            time = max(due, side / (SIDE_SPEED + STEEPEST * abs(own.speed)))
             if sign * way > 0.0:
                 room = max(gap - HELD_GAP, 0.0) / time
                 self._limit(name, own.speed * way, other.speed * way, room)
