@@ -36,7 +36,8 @@ from traffic_bridge.signals.events import (
     StoppedVehicle,
     VehicleChange,
 )
-from traffic_bridge.signals.lights import LightAhead, LightPhase
+from traffic_bridge.signals.light_ahead import LightAhead
+from traffic_bridge.signals.lights import LightPhase
 from traffic_bridge.vehicles.calibrated import calibrated_types
 from traffic_bridge.vehicles.calibration import (
     Calibration,

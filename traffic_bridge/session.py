@@ -147,6 +147,7 @@ class Session:
         options: Sequence[str] = (),
     ) -> None:
         self.api = load_libsumo()
+        self._guards = 0
         self._finalizer: weakref.finalize[[Any, tempfile.TemporaryDirectory[str]], Session] | None
         self._finalizer = None
         if self.api.isLoaded():
@@ -176,11 +177,18 @@ class Session:
             *options,
         ]
         self._finalizer = weakref.finalize(self, _unload, self.api, folder)
-        with self.guard(f"loading {net}"), _captured_stderr(self._stderr):
+        with Guard(self, f"loading {net}", loading=True), _captured_stderr(self._stderr):
             self.api.start(command)
 
     def guard(self, action: str) -> Guard:
-        """Turns SUMO's errors into a `TrafficError` that says what was being done, and closes."""
+        """A `with` block for all that uses `api`.
+
+        SUMO's errors become a `TrafficError` that says what was being done, and close.
+
+        Raises:
+          TrafficError: on entering, when this simulation has ended or is no longer the one that
+            libsumo holds, which is left alone.
+        """
         return Guard(self, action)
 
     def getter(self, domain: str, name: str) -> Callable[[str], Any]:
@@ -206,11 +214,6 @@ class Session:
         if not self.is_open:
             raise TrafficError("the SUMO simulation is closed; call reset() to start it again")
         with self.guard("stepping"):
-            if not _holds(self.api, self._error_log):
-                raise TrafficError(
-                    "the SUMO simulation was ended or replaced by other code of this process "
-                    "that uses libsumo; call reset() when that is done"
-                )
             self.api.simulationStep()
 
     def close(self) -> None:
@@ -222,6 +225,19 @@ class Session:
     def is_open(self) -> bool:
         """True while SUMO runs."""
         return self._finalizer is not None and self._finalizer.alive
+
+    def check_held(self) -> None:
+        """Refuses to go on when libsumo holds another simulation; this one is closed then.
+
+        Raises:
+          TrafficError: other code has ended or replaced the simulation.
+        """
+        if not _holds(self.api, self._error_log):
+            self.close()
+            raise TrafficError(
+                "the SUMO simulation was ended or replaced by other code of this process "
+                "that uses libsumo; call reset() when that is done"
+            )
 
     def explain(self, error: BaseException) -> str:
         """What SUMO says about an error: its message and what it wrote while loading."""
@@ -240,14 +256,24 @@ class Session:
 class Guard:
     """A `with` block in which every error ends the simulation; see `Session.guard`."""
 
-    __slots__ = ("_action", "_session")
+    __slots__ = ("_action", "_loading", "_session")
 
-    def __init__(self, session: Session, action: str) -> None:
+    def __init__(self, session: Session, action: str, loading: bool = False) -> None:
         self._session = session
         self._action = action
+        self._loading = loading
 
     def __enter__(self) -> None:
-        """Nothing to do before an error."""
+        """Checks that the simulation is there, in the outermost of nested blocks also by name."""
+        session = self._session
+        if not session.is_open:
+            raise TrafficError(
+                f"{self._action}: it belongs to a simulation that has ended; take "
+                "traffic.vehicles / traffic.signals of the running one"
+            )
+        if session._guards == 0 and not self._loading:
+            session.check_held()
+        session._guards += 1
 
     def __exit__(
         self,
@@ -255,6 +281,7 @@ class Guard:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self._session._guards -= 1
         if error is None:
             return
         session = self._session

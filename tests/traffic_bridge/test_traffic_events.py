@@ -209,6 +209,67 @@ def test_a_class_changed_by_an_event_is_put_back_when_it_ends(road):
         assert len({traffic.vehicles.desired_speed(name) for name in cars}) > 5
 
 
+def test_overlapping_changes_by_events_leave_every_vehicle_as_it_was(road):
+    events = (
+        VehicleChange(target="car", parameters={"time_headway": 2.0}, at_time=1.0, until=3.0),
+        VehicleChange(target="car", parameters={"time_headway": 4.0}, at_time=2.0, until=4.0),
+        VehicleChange(target="car.00003", parameters={"time_headway": 3.0}, at_time=2.5, until=5.0),
+    )
+    with PureSim(road, TrafficConfig(density=0.1, mix={"car": 1.0}, events=events)) as traffic:
+        cars = [v for v in traffic.reset() if v.id != "car.00003" and v.station < 1500.0]
+        found = []
+        for k in range(60):
+            traffic.step()
+            if k % 5 == 4:
+                each = {traffic.vehicles.in_force(car.id)["time_headway"] for car in cars}
+                one = traffic.vehicles.in_force("car.00003")["time_headway"]
+                found.append((*each, one))
+    # Half a second each: the value of all others, then that of the single one.
+    assert found == [
+        *2 * [(1.5, 1.5)],
+        *2 * [(2.0, 2.0)],
+        (4.0, 4.0),
+        *3 * [(4.0, 3.0)],
+        *2 * [(1.5, 3.0)],
+        *2 * [(1.5, 1.5)],
+    ]
+
+
+def test_an_event_waits_for_its_vehicle_and_ends_quietly_when_it_never_comes(road):
+    events = tuple(
+        VehicleChange(target=target, parameters={"color": (1.0, 0.0, 0.0)}, **when)
+        for target, when in (
+            ("van.d00000", {"until": 3.0}),
+            ("car.00999", {"duration": 2.0}),
+            ("convoy.0.01", {}),
+        )
+    )
+    config = TrafficConfig(
+        density="empty", events=events, departures=(Departure(time=1.0, type="van"),)
+    )
+    with PureSim(road, config) as traffic:
+        traffic.reset()
+        red = []
+        for _ in range(40):
+            vehicles = traffic.step()
+            painted = [v.id for v in vehicles if traffic.vehicles.color(v.id) == (1.0, 0.0, 0.0)]
+            red += painted
+    assert red == ["van.d00000"] * 19
+
+
+def test_an_event_for_a_vehicle_that_has_left_does_not_end_the_drive():
+    event = VehicleChange(
+        target="car.d00000", parameters={"time_headway": 3.0}, at_time=9.0, until=10.0
+    )
+    start = Departure(time=0.0, type="car", station=120.0, speed=15.0)
+    config = TrafficConfig(density="empty", events=(event,), departures=(start,))
+    with PureSim(Route.straight(length=200.0), config) as traffic:
+        traffic.reset()
+        for _ in range(120):
+            vehicles = traffic.step()
+    assert len(vehicles) == 0
+
+
 def test_events_are_stored_with_a_recording_and_run_again(tmp_path, road):
     events = (
         LaneClosure(lane=0, start=600.0, end=700.0, at_time=1.0, until=6.0),
@@ -261,6 +322,7 @@ def test_unusable_events_are_refused_with_what_is_allowed(make, text):
         ((StoppedVehicle(station=9000.0),), "stopped_vehicle: car at station 9000 m: lane 0"),
         ((SlowConvoy(station=30.0, speed=9.0, count=9),), "slow_convoy: truck at station"),
         ((SpeedLimit(limit=9.0, lane=7),), "speed_limit: no lane 7"),
+        ((VehicleChange(target="cart.1", parameters={"politeness": 0.1}),), "target 'cart.1'"),
     ],
 )
 def test_events_that_do_not_fit_the_route_are_refused_before_the_drive(events, text, road):

@@ -169,3 +169,55 @@ def test_a_route_without_lights_has_none_ahead(straight):
         running.reset()
         assert running.signals.lights() == ()
         assert running.signals.light_ahead(0.0) is None
+
+
+def test_a_light_held_by_two_events_shows_the_newer_one_and_ends_with_its_program(junction):
+    nested = (
+        LightState(light="4", state="G", at_time=0.5, until=1.0),
+        LightState(light="4", state="y", at_time=0.6, until=0.8),
+    )
+    events = (
+        *nested,
+        LightState(light="4", state="r", at_time=2.0, until=4.0),
+        LightState(light="4", state="G", at_time=3.0, until=6.0),
+        LightProgramRun(
+            light="4", program="short", phases=((1.0, "o" * 12),), at_time=5.0, until=7.0
+        ),
+        LightState(light="4", state="u", at_time=6.5, until=8.0),
+    )
+    with PureSim(junction, TrafficConfig(density="empty", events=events)) as traffic:
+        traffic.reset()
+        lights = traffic.signals.traffic_lights
+        seen = ""
+        for _ in range(90):
+            traffic.step()
+            seen += "-" if lights.program("4") == "0" else lights.state("4")[0]
+    early = "-----GyyGG" + 10 * "-"
+    assert seen == early + 10 * "r" + 20 * "G" + 15 * "o" + 15 * "u" + 10 * "-"
+
+
+def test_a_light_set_by_hand_stays_when_an_event_before_it_ends(traffic):
+    lights = traffic.signals.traffic_lights
+    end = lights.hold_state("4", "r")
+    lights.set_state("4", "G")
+    end()
+    assert lights.state("4") == "G" * 12
+
+
+def test_the_phases_of_a_light_are_read_and_set_and_go_on_in_their_order(traffic):
+    signals = traffic.signals
+    phases = signals.phases("4")
+    for number, phase in enumerate(phases):
+        signals.set_phase("4", number, duration=0.4)
+        assert (signals.phase("4"), signals.state("4")) == (number, phase.state)
+        run(traffic, 0.5)
+        assert signals.phase("4") == (number + 1) % len(phases)
+    signals.set_state("4", "r")
+    with pytest.raises(InputError, match="set by hand"):
+        signals.phase("4")
+
+
+@pytest.mark.parametrize("lane", ["a", 0.5, -1, True])
+def test_a_light_ahead_is_asked_for_by_a_lane_that_can_be(traffic, lane):
+    with pytest.raises(InputError, match="must be a whole number from 0"):
+        traffic.signals.light_ahead(0.0, lane=lane)

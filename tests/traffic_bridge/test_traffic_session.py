@@ -237,3 +237,55 @@ def test_temporary_files_are_gone_after_closing(net, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "missing"))
     with pytest.raises(TrafficError, match="temporary files"):
         Session(net)
+
+
+def calls_of(traffic, undo):
+    """What one can still hold of a run, as functions without arguments."""
+    vehicles, signals = traffic.vehicles, traffic.signals
+    return {
+        "ids": vehicles.ids,
+        "change a class": lambda: vehicles.change("car", time_headway=9.0),
+        "put back": undo,
+        "hold below": lambda: vehicles.hold_below(vehicles.ids()[0], 1.0),
+        "limit": lambda: signals.set_speed_limit(3.0),
+        "lift all": signals.reset_speed_limits,
+        "read a limit": lambda: signals.speed_limit(100.0),
+        "stop a vehicle": lambda: signals.stop_vehicle(900.0),
+        "close a lane": lambda: signals.close_lane(0, 900.0, 1000.0),
+        "convoy": lambda: signals.convoy(900.0, 5.0, count=2),
+    }
+
+
+@pytest.mark.parametrize("newer", [True, False])
+def test_handles_of_an_ended_run_are_refused_and_leave_the_running_one_alone(straight, newer):
+    old = PureSim(straight, CROWDED, seed=1)
+    old.reset()
+    calls = calls_of(old, old.vehicles.change("car", time_headway=4.0))
+    old.close()
+    with PureSim(straight, CROWDED, seed=2) as running:
+        if newer:
+            running.reset()
+            before = [running.vehicles.in_force(name) for name in running.vehicles.ids()]
+        for call in calls.values():
+            with pytest.raises(TrafficError, match=r"has ended; take traffic\.vehicles / traffic"):
+                call()
+        if newer:
+            assert [running.vehicles.in_force(n) for n in running.vehicles.ids()] == before
+            assert running.signals.speed_limit(100.0) > 3.0
+            assert not running.signals.obstructions.closed()
+            running.step()
+
+
+def test_handles_are_refused_after_other_code_has_replaced_the_simulation(straight, net):
+    api = load_libsumo()
+    traffic = PureSim(straight, CROWDED, seed=1)
+    traffic.reset()
+    api.start(["sumo", "--net-file", str(net), "--no-step-log", "true"])
+    try:
+        with pytest.raises(TrafficError, match="ended or replaced by other code"):
+            traffic.signals.set_speed_limit(3.0)
+        assert not traffic.session.is_open
+        assert api.isLoaded()
+        assert min(api.lane.getMaxSpeed(lane) for lane in api.lane.getIDList()) > 3.0
+    finally:
+        api.close()

@@ -7,7 +7,9 @@ from iits_mj.errors import InputError
 from iits_mj.road import Route
 from traffic_bridge import (
     KINDS,
+    LaneClosure,
     PureSim,
+    SpeedLimit,
     StoppedVehicle,
     TrafficConfig,
     VehicleType,
@@ -230,3 +232,106 @@ def test_a_vehicle_type_is_frozen():
     with pytest.raises(dataclasses.FrozenInstanceError):
         TYPES["car"].length = 3.0
     assert isinstance(TYPES["car"], VehicleType)
+
+
+def in_force(traffic, name, field):
+    return traffic.vehicles.in_force(name)[field]
+
+
+@pytest.mark.parametrize("first_ended", [0, 1])
+@pytest.mark.parametrize("target", ["car", "one"])
+def test_of_two_changes_the_newer_one_holds_and_both_gone_the_first_value(
+    road, target, first_ended
+):
+    with PureSim(road, TrafficConfig(density=0.1), seed=1) as traffic:
+        name = next(v.id for v in traffic.reset() if v.kind == "car")
+        target = name if target == "one" else target
+        speed = in_force(traffic, name, "desired_speed")
+        undo = [
+            traffic.vehicles.change(target, time_headway=2.0, desired_speed=9.0),
+            traffic.vehicles.change(target, time_headway=4.0),
+        ]
+        assert in_force(traffic, name, "time_headway") == 4.0
+        undo[first_ended]()
+        assert in_force(traffic, name, "time_headway") == (4.0, 2.0)[first_ended]
+        undo[1 - first_ended]()
+        undo[1 - first_ended]()
+        assert in_force(traffic, name, "time_headway") == 1.5
+        assert in_force(traffic, name, "desired_speed") == pytest.approx(speed)
+        assert traffic.vehicles.type_of(name) == TrafficConfig().type_of("car")
+        assert traffic.vehicles.types() == TrafficConfig().types
+
+
+def test_a_change_of_one_vehicle_and_one_of_its_class_end_by_themselves(road):
+    with PureSim(road, TrafficConfig(density=0.1), seed=1) as traffic:
+        one, other = [v.id for v in traffic.reset() if v.kind == "car"][:2]
+        change = traffic.vehicles.change
+
+        def headways():
+            return tuple(in_force(traffic, name, "time_headway") for name in (one, other))
+
+        own = change(one, time_headway=2.0, color=(1.0, 0.0, 0.0))
+        of_class = change("car", time_headway=4.0, color=(0.0, 0.0, 1.0))
+        assert headways() == (4.0, 4.0)
+        of_class()
+        assert headways() == (2.0, 1.5)
+        assert traffic.vehicles.color(one) == (1.0, 0.0, 0.0)
+        of_class = change("car", time_headway=3.0)
+        newest = change(one, time_headway=5.0)
+        own()
+        assert headways() == (5.0, 3.0)
+        of_class()
+        assert headways() == (5.0, 1.5)
+        newest()
+        assert headways() == (1.5, 1.5)
+        assert traffic.vehicles.color(one) in TYPES["car"].colors
+
+
+def test_a_vehicle_changed_for_good_again_and_again_takes_no_more_memory(road):
+    with PureSim(road, TrafficConfig(density=0.1), seed=1) as traffic:
+        name = next(v.id for v in traffic.reset() if v.kind == "car")
+        undo = traffic.vehicles.change(name, time_headway=2.0)
+        for _ in range(200):
+            traffic.vehicles.change(name, time_headway=3.0)
+        assert len(traffic.vehicles._orders._of[name]["time_headway"]) < 4
+        undo()
+        assert in_force(traffic, name, "time_headway") == 3.0
+
+
+def test_vehicles_that_a_full_entrance_turns_away_are_forgotten(road):
+    config = TrafficConfig(
+        density=0.5, events=tuple(StoppedVehicle(station=60.0, lane=k) for k in range(3))
+    )
+    with PureSim(road, config, seed=1) as traffic:
+        traffic.reset()
+        for _ in range(600):
+            traffic.step()
+        api = traffic.session.api
+        there = {*api.vehicle.getIDList(), *api.simulation.getPendingVehicles()}
+        # 1.5 vehicles a second arrive, and none is noted for longer than 5 s.
+        assert len(traffic.vehicles.names() - there) < 15
+
+
+def test_a_vehicle_that_an_event_takes_away_is_forgotten_by_who_looks_at_it(road):
+    closure = LaneClosure(lane=0, start=500.0, end=900.0, at_time=0.1, until=1.0)
+    config = TrafficConfig(density="empty", events=(closure,))
+    with PureSim(road, config, seed=1) as traffic:
+        forgotten = []
+        traffic.reset()
+        traffic.vehicles.when_forgotten(forgotten.append)
+        trucks = [v.id for _ in range(9) for v in traffic.step()]
+        observed = traffic._world._observation._bodies
+        assert set(observed) == set(trucks) != set()
+        for _ in range(9):
+            traffic.step()
+        assert sorted(forgotten) == sorted(set(trucks))
+        assert not observed
+
+
+def test_a_limit_leaves_nothing_of_vehicles_that_are_gone(road):
+    config = TrafficConfig(density=0.2, events=(SpeedLimit(limit=9.0, start=1400.0),))
+    with PureSim(road, config, seed=1) as traffic:
+        traffic.reset()
+        for _ in range(300):
+            traffic.step()
+        assert traffic.vehicles._ceilings.keys() <= traffic.vehicles.names()

@@ -19,6 +19,8 @@ from traffic_bridge.vehicles.demand import Demand
 from traffic_bridge.vehicles.lane_changing import LaneChanger
 from traffic_bridge.vehicles.registry import Vehicles
 
+ROLL_CALL = 50  # steps after which vehicles that SUMO gave up at an entrance are forgotten
+
 
 class World:
     """One running SUMO simulation on one route.
@@ -84,6 +86,9 @@ class World:
             if config.lane_change == "mobil"
             else None
         )
+        self.vehicles.when_forgotten(self._observation.forget)
+        if self._lane_changer is not None:
+            self.vehicles.when_forgotten(self._lane_changer.forget)
 
     @property
     def time(self) -> float:
@@ -109,6 +114,8 @@ class World:
             self._demand.discard_pending()
             self._drop_arrived()
             return self._observe(ego)
+            if self._steps % ROLL_CALL == 0:
+                self.vehicles.drop_lost()
 
     def advance(self, ego: EgoState | None) -> VehicleFrame:
         """One step; the ego is where it is at the step's end. Returns the vehicles, by name."""
@@ -150,6 +157,3 @@ class World:
     def _drop_arrived(self) -> None:
         for name in self._api.simulation.getArrivedIDList():
             self.vehicles.forget(name)
-            self._observation.forget(name)
-            if self._lane_changer is not None:
-                self._lane_changer.forget(name)

@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
+from iits_mj.errors import InputError
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.network.lanes import RouteLanes
+from traffic_bridge.orders import Undo
 from traffic_bridge.session import Session
 from traffic_bridge.signals.event_runner import EventRunner
 from traffic_bridge.signals.events import LONGEST
-from traffic_bridge.signals.lights import LightAhead, LightPhase, TrafficLights
+from traffic_bridge.signals.light_ahead import LightAhead
+from traffic_bridge.signals.lights import LightPhase, TrafficLights
 from traffic_bridge.signals.limits import SpeedLimits
 from traffic_bridge.signals.merging import MergeGuide
-from traffic_bridge.signals.obstructions import CLOSURE_NOTICE, HAZARD_NOTICE, Obstructions
+from traffic_bridge.signals.obstructions import (
+    CLOSURE_NOTICE,
+    HAZARD_NOTICE,
+    SCRIPTED,
+    Obstructions,
+)
 from traffic_bridge.vehicles.demand import MOBIL_MODE
 from traffic_bridge.vehicles.departures import Departure
 from traffic_bridge.vehicles.registry import Vehicles
@@ -115,8 +123,12 @@ class TrafficController:
         self.traffic_lights.run_program(light, program)
 
     def phase(self, light: str) -> int:
-        """Index of the running phase of a light's program."""
+        """Index of the running phase of a light's program, see `TrafficLights.phase`."""
         return self.traffic_lights.phase(light)
+
+    def set_phase(self, light: str, phase: int, duration: float | None = None) -> None:
+        """Goes to a phase of the running program at once, see `TrafficLights.set_phase`."""
+        self.traffic_lights.set_phase(light, phase, duration)
 
     def light_ahead(self, station: float, lane: int | None = None) -> LightAhead | None:
         """The next light on the ego's route, see `TrafficLights.ahead`."""
@@ -177,7 +189,27 @@ class TrafficController:
         """Lets a stopped vehicle or a convoy drive on as others do."""
         self.obstructions.release(number)
 
-    def change_vehicles(self, target: str, values: dict[str, Any]) -> Callable[[], None]:
+    def has_vehicles(self, target: str) -> bool:
+        """Whether there is a type, or a vehicle on the road, of this name."""
+        if target in self._vehicles:
+            self._vehicles.drop_lost()
+        return target in self._vehicles or any(t.name == target for t in self._vehicles.types())
+
+    def check_target(self, target: str) -> None:
+        """Refuses the name of what can be changed when it is no type's and can be no vehicle's.
+
+        Raises:
+          InputError: no type is called so, and names of vehicles begin otherwise.
+        """
+        types = [kind.name for kind in self._vehicles.types()]
+        family, dot, _ = target.partition(".")
+        if target not in types and not (dot and family in (*types, *SCRIPTED)):
+            raise InputError(
+                f"target {target!r}: allowed are the types {', '.join(types)}, and names of "
+                f"vehicles, which begin with their type's, {', '.join(SCRIPTED)}, and a dot"
+            )
+
+    def change_vehicles(self, target: str, values: dict[str, Any]) -> Undo:
         """Changes vehicles; what comes back undoes it, see `Vehicles.change`."""
         return self._vehicles.change(target, **values)
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from iits_mj.errors import InputError
+from traffic_bridge.orders import Undo
 from traffic_bridge.signals.events import (
     Event,
     LaneClosure,
@@ -22,7 +24,6 @@ from traffic_bridge.vehicles.scripted import Manner, Placement
 if TYPE_CHECKING:
     from traffic_bridge.signals.controller import TrafficController
 
-Undo = Callable[[], None]
 ROUNDING = 1e-9  # [s]: times of steps are sums of tenths
 
 
@@ -37,6 +38,8 @@ class EventRunner:
     def __init__(self, events: Sequence[Event], controller: TrafficController) -> None:
         self._controller = controller
         self._to_come = list(events)
+        # Changes of vehicles that are not there: the event and its end [s].
+        self._waiting: list[tuple[VehicleChange, float]] = []
         self._holding: list[tuple[float, Undo]] = []
 
     def check(self) -> None:
@@ -63,6 +66,12 @@ class EventRunner:
             self._holding = [entry for entry in self._holding if entry[0] > time + ROUNDING]
             for undo in over:
                 undo()
+        if self._waiting:
+            self._waiting = [entry for entry in self._waiting if entry[1] > time + ROUNDING]
+            there = [e for e in self._waiting if self._controller.has_vehicles(e[0].target)]
+            self._waiting = [entry for entry in self._waiting if entry not in there]
+            for change, last in there:
+                self._begin(change, time, last)
         if not self._to_come:
             return
         due = [event for event in self._to_come if _is_due(event, time, ego_station)]
@@ -74,14 +83,21 @@ class EventRunner:
         for event in due:
             if _is_past(event, time):
                 continue
-            try:
-                undo = _begin(event, self._controller)
-            except InputError as error:
-                raise InputError(f"event {event.name} at {time:.1f} s: {error}") from error
-            if event.until is not None:
-                self._holding.append((event.until, undo))
-            elif event.duration is not None:
-                self._holding.append((time + event.duration, undo))
+            end = event.until
+            if end is None:
+                end = math.inf if event.duration is None else time + event.duration
+            if isinstance(event, VehicleChange) and not self._controller.has_vehicles(event.target):
+                self._waiting.append((event, end))
+            else:
+                self._begin(event, time, end)
+
+    def _begin(self, event: Event, time: float, end: float) -> None:
+        try:
+            undo = _begin(event, self._controller)
+        except InputError as error:
+            raise InputError(f"event {event.name} at {time:.1f} s: {error}") from error
+        if end < math.inf:
+            self._holding.append((end, undo))
 
 
 def _is_due(event: Event, time: float, ego_station: float | None) -> bool:
@@ -117,19 +133,17 @@ def _check(event: Event, controller: TrafficController) -> None:
         case SlowConvoy():
             for placement in parts.convoy_group(0, event):
                 parts.check(placement)
+        case VehicleChange():
+            controller.check_target(event.target)
 
 
 def _begin(event: Event, controller: TrafficController) -> Undo:
     """Does what an event says; what is returned undoes it."""
     match event:
         case LightState():
-            back = _former_light(event.light, controller)
-            controller.set_state(event.light, event.state)
-            return back
+            return controller.traffic_lights.hold_state(event.light, event.state)
         case LightProgramRun():
-            back = _former_light(event.light, controller)
-            controller.run_program(event.light, event.program)
-            return back
+            return controller.traffic_lights.hold_program(event.light, event.program)
         case SpeedLimit():
             limit = controller.set_speed_limit(event.limit, event.start, event.end, event.lane)
             return lambda: controller.lift_speed_limit(limit)
@@ -148,10 +162,3 @@ def _begin(event: Event, controller: TrafficController) -> Undo:
         case VehicleChange():
             return controller.change_vehicles(event.target, dict(event.parameters))
     raise InputError(f"event {event!r}: nothing knows how to begin it")
-
-
-def _former_light(light: str, controller: TrafficController) -> Undo:
-    program, state = controller.traffic_lights.program(light), controller.state(light)
-    if program is None:
-        return lambda: controller.set_state(light, state)
-    return lambda: controller.run_program(light, program)

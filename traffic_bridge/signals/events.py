@@ -89,6 +89,9 @@ class LightState(Event):
     """Sets a traffic light by hand; when it ends, the program that ran before runs on.
 
     Attributes:
+    Of several events of one light the newest that has not ended holds; one by one they end, and
+    each time the newest one left goes on.
+
       light: its name.
       state: a letter a link, or one for all, see `TrafficLights.set_state`.
     """
@@ -107,7 +110,7 @@ class LightState(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class LightProgramRun(Event):
-    """Switches a traffic light to another program; when it ends, back to the one before.
+    """Switches a traffic light to another program; when it ends, back as `LightState`.
 
     Attributes:
       light: its name; program: of the light.
@@ -235,6 +238,9 @@ class VehicleChange(Event):
     """Changes parameters of one vehicle or of a class; when it ends, they are put back.
 
     Attributes:
+    Of several events that change a parameter the newest that has not ended holds. An event for a
+    vehicle that is not on the road waits for it until its end; the end does not wait.
+
       target: name of a type or a vehicle; parameters: name and value, see `Vehicles.change`.
     """
 

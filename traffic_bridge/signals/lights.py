@@ -9,8 +9,10 @@ from typing import Any
 from iits_mj.errors import InputError
 from traffic_bridge.checks import in_range, is_number, is_whole
 from traffic_bridge.network.lanes import RouteLanes
-from traffic_bridge.session import Session
+from traffic_bridge.orders import Orders, Undo
+from traffic_bridge.session import Guard, Session
 from traffic_bridge.signals.events import LIGHT_LETTERS
+from traffic_bridge.signals.light_ahead import LightAhead, next_letter, stop_lines
 
 BY_HAND = "online"  # SUMO's name of what runs after a state was set by hand
 SAME_STOP_LINE = 5.0  # [m]
@@ -37,31 +39,11 @@ class LightPhase:
 
 
 @dataclass(frozen=True)
-class LightAhead:
-    """The next traffic light on the route.
+class _Setting:
+    """What a light does: it runs a program by its name, or shows a state set by hand."""
 
-    Attributes:
-      name: of the light; link: index of the route's link in its state.
-      letter: state of that link now, see `LightPhase`.
-      station: of its stop line [m].
-      lane: from the right, whose link it is.
-      next_switch: time until the letter changes [s]; None where nobody can know it: set by hand,
-        a program that follows the traffic, or one in which the letter never changes.
-      next_letter: what it changes to; None where the time is.
-    """
-
-    name: str
-    link: int
-    letter: str
-    station: float
-    lane: int
-    next_switch: float | None
-    next_letter: str | None
-
-    @property
-    def is_open(self) -> bool:
-        """True while the letter lets vehicles go."""
-        return self.letter in "gGoO"
+    program: str = ""
+    state: str = ""
 
 
 class TrafficLights:
@@ -77,7 +59,10 @@ class TrafficLights:
         self._api = session.api.trafficlight
         self._simulation = session.api.simulation
         self._names = tuple(sorted(self._api.getIDList()))
-        self._stops = self._stop_lines(lanes)
+        self._stops = stop_lines(self._api, self._names, lanes)
+        # What is to hold for some time, and what each light did before the first of that.
+        self._orders = Orders()
+        self._before: dict[str, _Setting] = {}
 
     def names(self) -> tuple[str, ...]:
         """Names of the traffic lights of the net, sorted."""
@@ -86,10 +71,11 @@ class TrafficLights:
     def state(self, light: str) -> str:
         """State of a light, one letter a link, see `LightPhase`."""
         self._check(light)
-        return str(self._api.getRedYellowGreenState(light))
+        with self._reading(light):
+            return str(self._api.getRedYellowGreenState(light))
 
     def set_state(self, light: str, state: str) -> None:
-        """Sets a light by hand; it stays until a program runs again.
+        """Sets a light by hand; it stays until something else is set, whatever was held before.
 
         Args:
           light: its name.
@@ -98,22 +84,45 @@ class TrafficLights:
         Raises:
           InputError: no such light, a wrong letter or a wrong number of letters.
         """
-        links = len(self.state(light))
-        state = state * links if len(state) == 1 else state
-        _check_state(f"traffic light {light!r}", state, links)
-        with self._session.guard(f"setting traffic light {light}"):
-            self._api.setRedYellowGreenState(light, state)
+        setting = _Setting(state=self._whole_state(light, state))
+        self._orders.forget(light)
+        self._set(light, setting)
+
+    def hold_state(self, light: str, state: str) -> Undo:
+        """Sets a light by hand for some time.
+
+        Of several states and programs that are held the newest one is in force.
+
+        Args:
+          light: its name.
+          state: as of `set_state`.
+
+        Returns:
+          A function that ends it: what else is held goes on then, or what was before all of it.
+
+        Raises:
+          InputError: as `set_state`.
+        """
+        return self._hold(light, _Setting(state=self._whole_state(light, state)))
+
+    def hold_program(self, light: str, program: str) -> Undo:
+        """Runs a program for some time, see `hold_state`.
+
+        Raises:
+          InputError: no such light or program.
+        """
+        self._logic(light, program)
+        return self._hold(light, _Setting(program))
 
     def programs(self, light: str) -> tuple[str, ...]:
         """Names of a light's programs."""
-        self._check(light)
-        found = (logic.programID for logic in self._api.getAllProgramLogics(light))
-        return tuple(name for name in found if name != BY_HAND)
+        return tuple(name for name in self._logics(light) if name != BY_HAND)
 
     def program(self, light: str) -> str | None:
         """Name of the program that runs; None after a state was set by hand."""
         self._check(light)
-        name = str(self._api.getProgram(light))
+        with self._reading(light):
+            name = str(self._api.getProgram(light))
         return None if name == BY_HAND else name
 
     def phases(self, light: str, program: str | None = None) -> tuple[LightPhase, ...]:
@@ -122,23 +131,25 @@ class TrafficLights:
         Raises:
           InputError: no such light or program, or none runs.
         """
-        name = self.program(light) if program is None else program
-        if name is None:
-            raise InputError(f"traffic light {light!r} was set by hand: no program runs")
-        logic = self._logic(light, name)
+        logic = self._logic(light, self._running(light) if program is None else program)
         return tuple(LightPhase(float(p.duration), str(p.state)) for p in logic.phases)
 
     def phase(self, light: str) -> int:
-        """Index of the running phase of a light's program."""
-        self._check(light)
-        return int(self._api.getPhase(light))
+        """Index of the running phase of a light's program, in `phases`.
+
+        Raises:
+          InputError: no such light, or no program runs.
+        """
+        self._running(light)
+        with self._reading(light):
+            return int(self._api.getPhase(light))
 
     def set_phase(self, light: str, phase: int, duration: float | None = None) -> None:
         """Goes to a phase of the running program at once.
 
         Args:
           light: its name.
-          phase: index.
+          phase: index, in `phases`; the program goes on from there.
           duration: of this phase this time [s]; None as the program says.
 
         Raises:
@@ -176,8 +187,8 @@ class TrafficLights:
             raise InputError(f"program {program!r} of traffic light {light!r}: it has no phase")
         for phase in phases:
             _check_state(f"program {program!r} of traffic light {light!r}", phase.state, links)
-        running = self._api.getProgram(light)
         with self._session.guard(f"defining a program of traffic light {light}"):
+            running = self._api.getProgram(light)
             make = self._api
             steps = [make.Phase(p.duration, p.state, p.duration, p.duration) for p in phases]
             make.setProgramLogic(light, make.Logic(program, FIXED_TIME, 0, steps))
@@ -185,10 +196,14 @@ class TrafficLights:
             make.setProgram(light, running)
 
     def run_program(self, light: str, program: str = "0") -> None:
-        """Lets a light run by one of its programs."""
+        """Lets a light run by one of its programs, whatever was held before.
+
+        Raises:
+          InputError: no such light or program.
+        """
         self._logic(light, program)
-        with self._session.guard(f"setting traffic light {light}"):
-            self._api.setProgram(light, program)
+        self._orders.forget(light)
+        self._set(light, _Setting(program))
 
     def ahead(self, station: float, lane: int | None = None) -> LightAhead | None:
         """The next light on the ego's route at or after a station.
@@ -201,10 +216,12 @@ class TrafficLights:
           None when there is no light to come.
 
         Raises:
-          InputError: the station is not finite.
+          InputError: the station is not finite, or the lane is no whole number from 0.
         """
         if not is_number(station):
             raise InputError(f"station {station!r}: must be a finite number")
+        if lane is not None and (not is_whole(lane) or lane < 0):
+            raise InputError(f"lane {lane!r}: must be a whole number from 0 or None")
         to_come = [stop for stop in self._stops if stop[0] >= station and lane in (None, stop[1])]
         if not to_come:
             return None
@@ -213,48 +230,75 @@ class TrafficLights:
         near = [stop for stop in to_come if stop[0] < first + SAME_STOP_LINE]
         line, own_lane, light, link = min(near, key=lambda stop: stop[1])
         letter = self.state(light)[link]
-        wait, after = self._next_letter(light, link, letter)
+        wait, after = self._next_letter(light, link)
         return LightAhead(light, link, letter, line, own_lane, wait, after)
 
     # Inside ------------------------------------------------------------------------------------
 
-    def _next_letter(self, light: str, link: int, letter: str) -> tuple[float | None, str | None]:
+    def _reading(self, light: str) -> Guard:
+        return self._session.guard(f"reading traffic light {light}")
+
+    def _whole_state(self, light: str, state: str) -> str:
+        """A state with a letter for each link, of one or of as many letters."""
+        links = len(self.state(light))
+        whole = state * links if isinstance(state, str) and len(state) == 1 else state
+        _check_state(f"traffic light {light!r}", whole, links)
+        return whole
+
+    def _running(self, light: str) -> str:
+        """The program that runs."""
+        name = self.program(light)
+        if name is None:
+            raise InputError(f"traffic light {light!r} was set by hand: no program runs")
+        return name
+
+    def _hold(self, light: str, setting: _Setting) -> Undo:
+        if self._orders.newest("setting", light) is None:
+            self._before[light] = self._present(light)
+        undo = self._orders.add(light, {"setting": setting}, lambda: self._go_on(light))
+        self._set(light, setting)
+        return undo
+
+    def _go_on(self, light: str) -> None:
+        """Puts into force what is held now."""
+        setting = self._orders.newest("setting", light) or self._before[light]
+        # What goes on already is not begun anew.
+        if setting != self._present(light):
+            self._set(light, setting)
+
+    def _present(self, light: str) -> _Setting:
+        program = self.program(light)
+        return _Setting(state=self.state(light)) if program is None else _Setting(program)
+
+    def _set(self, light: str, setting: _Setting) -> None:
+        with self._session.guard(f"setting traffic light {light}"):
+            if setting.program:
+                self._api.setProgram(light, setting.program)
+            else:
+                self._api.setRedYellowGreenState(light, setting.state)
+
+    def _next_letter(self, light: str, link: int) -> tuple[float | None, str | None]:
         name = self.program(light)
         if name is None or (logic := self._logic(light, name)).type != FIXED_TIME:
             return None, None
-        wait = float(self._api.getNextSwitch(light)) - float(self._simulation.getTime())
-        phases, index = logic.phases, int(self._api.getPhase(light))
-        for _ in range(len(phases)):
-            # A phase may name its successor; else it is the next, and after the last the first.
-            following = phases[index].next
-            index = following[0] if following else (index + 1) % len(phases)
-            if phases[index].state[link] != letter:
-                return max(wait, 0.0), str(phases[index].state[link])
-            wait += float(phases[index].duration)
-        return None, None
+        with self._reading(light):
+            wait = float(self._api.getNextSwitch(light)) - float(self._simulation.getTime())
+            index = int(self._api.getPhase(light))
+        return next_letter(logic.phases, index, wait, link)
+
+    def _logics(self, light: str) -> dict[str, Any]:
+        self._check(light)
+        with self._reading(light):
+            return {logic.programID: logic for logic in self._api.getAllProgramLogics(light)}
 
     def _logic(self, light: str, program: str) -> Any:
-        known = {p.programID: p for p in self._api.getAllProgramLogics(self._check(light))}
+        known = self._logics(light)
         if program not in known:
             raise InputError(
                 f"program {program!r} of traffic light {light!r}: there are "
                 f"{', '.join(self.programs(light))}"
             )
         return known[program]
-
-    def _stop_lines(self, lanes: RouteLanes) -> tuple[tuple[float, int, str, int], ...]:
-        """Station, lane, light and link of every stop line on the route, in driving order."""
-        onward = dict(zip(lanes.edges, lanes.edges[1:], strict=False))
-        stops = []
-        for light in self._names:
-            for link, ways in enumerate(self._api.getControlledLinks(light)):
-                for before, after, _ in ways:
-                    table = lanes.tables.get(before)
-                    if table is None or table.lane < 0 or table.direction < 0:
-                        continue
-                    if onward.get(table.edge) == after.rpartition("_")[0]:
-                        stops.append((table.at(table.length)[0], table.lane, light, link))
-        return tuple(sorted(stops))
 
     def _check(self, light: str) -> str:
         if light not in self._names:

@@ -147,11 +147,12 @@ class SpeedLimits:
         table = self._lanes.find(lane, station) if known else None
         if table is None:
             raise InputError(f"lane {lane!r} does not exist at station {station!r}")
-        for piece in self._pieces.get(lane, ()):
-            if piece.start <= station < piece.end:
-                return piece.limit
-        own = self._of_map.get(table.id)
-        return float(self._api.lane.getMaxSpeed(table.id)) if own is None else own
+        with self._session.guard("reading a speed limit"):
+            for piece in self._pieces.get(lane, ()):
+                if piece.start <= station < piece.end:
+                    return piece.limit
+            own = self._of_map.get(table.id)
+            return float(self._api.lane.getMaxSpeed(table.id)) if own is None else own
 
     def entering(self, table: LaneTable, position: float, deceleration: float) -> float:
         """Highest speed for a vehicle that appears on a SUMO lane [m/s]; infinite: any.

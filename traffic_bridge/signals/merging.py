@@ -74,15 +74,17 @@ class MergeGuide:
         self._obstacles[number] = obstacle
         # Lanes are counted from the right, so that the count changes where one begins or ends:
         # which lanes lead to the obstacle is told by the net.
-        on = self._lanes.within(obstacle.start, obstacle.end, obstacle.lane)
-        lanes = on + upstream(self._lanes, on, obstacle.notice)
+        with self._session.guard("warning of an obstacle"):
+            on = self._lanes.within(obstacle.start, obstacle.end, obstacle.lane)
+            lanes = on + upstream(self._lanes, on, obstacle.notice)
         self._leading[number] = frozenset(table.id for table in lanes)
         self._steps = 0
         return number
 
     def remove(self, number: int) -> None:
         """Ends a warning."""
-        del self._obstacles[number], self._leading[number]
+        with self._session.guard("ending a warning"):
+            del self._obstacles[number], self._leading[number]
         self._steps = 0
 
     def obstacles(self) -> tuple[Obstacle, ...]:

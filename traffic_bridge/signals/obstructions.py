@@ -16,6 +16,8 @@ BLOCKER_SPACING = 80.0  # [m] between the safety trucks of a long closure
 CLOSURE_NOTICE = 400.0  # [m] before a closure in which drivers are told to leave the lane
 HAZARD_NOTICE = 200.0  # [m] from which hazard lights are seen
 CONVOY_HEADWAY = 2.0  # [s] between the vehicles of a convoy
+# What the names of vehicles begin with that events put on the road, before a dot.
+SCRIPTED = BLOCKER, STOPPED, CONVOY = "blocker", "stopped", "convoy"
 
 
 class Obstructions:
@@ -73,7 +75,7 @@ class Obstructions:
         count = max(int((end - first) / BLOCKER_SPACING) + 1, 1)
         group = [
             Placement(
-                f"blocker.{number}.{k}",
+                f"{BLOCKER}.{number}.{k}",
                 kind.name,
                 lane,
                 first + k * BLOCKER_SPACING,
@@ -144,7 +146,7 @@ class Obstructions:
         )
         number = next(self._numbers)
         kind = self._config.type_of(type)
-        name = f"stopped.{number}"
+        name = f"{STOPPED}.{number}"
         self._scripted.place([Placement(name, type, lane, station, 0.0, Manner.STANDING)])
         warned = None
         if notice is not None:
@@ -183,7 +185,7 @@ class Obstructions:
         spacing = kind.length + kind.minimum_gap + convoy.speed * CONVOY_HEADWAY
         return [
             Placement(
-                f"convoy.{number}.{k:02d}",
+                f"{CONVOY}.{number}.{k:02d}",
                 convoy.type,
                 convoy.lane,
                 convoy.station - k * spacing,

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, KeysView
+from collections.abc import Callable, Iterable, KeysView
 from typing import TYPE_CHECKING, Any
 
 from iits_mj.errors import InputError
+from traffic_bridge.orders import Orders, Undo
 from traffic_bridge.vehicles.changes import MOBIL_FIELDS, SUMO_NAMES, changed, check_changes
 from traffic_bridge.vehicles.types import (
     HEAVY,
@@ -36,17 +37,16 @@ class Vehicles:
 
     def __init__(self, session: Session, types: tuple[VehicleType, ...]) -> None:
         self._session = session
-        self._types = {vehicle_type.name: vehicle_type for vehicle_type in types}
+        self._base = {vehicle_type.name: vehicle_type for vehicle_type in types}
+        self._types = dict(self._base)
+        self._orders = Orders()
         self._of_vehicle: dict[str, VehicleType] = {}
         self._drawn: dict[str, float] = {}
         self._desired: dict[str, float] = {}
         self._ceilings: dict[str, dict[str, float]] = {}
-        self._class_speed: dict[str, float] = {}
-        self._colors: dict[str, Color] = {}
         self._scripted: set[str] = set()
-        # LC2013's figures of a class, which SUMO does not hand on to vehicles that come later.
-        self._class_motives: dict[str, dict[str, Any]] = {}
         self._undressed: list[str] = []
+        self._told: list[Callable[[str], None]] = []
 
     # Coming and going, called by who puts vehicles on the road ---------------------------------
 
@@ -63,12 +63,10 @@ class Vehicles:
         """
         self._of_vehicle[name] = self._types[vehicle_type]
         self._drawn[name] = desired_speed
-        self._desired[name] = desired_speed
         if scripted:
             self._scripted.add(name)
-        else:
-            self._desired[name] = self._class_speed.get(vehicle_type, desired_speed)
-        if vehicle_type in self._class_motives:
+        self._desired[name] = self._wanted(name, "desired_speed")
+        if not LC2013_ATTRIBUTES.keys().isdisjoint(self._orders.fields(vehicle_type)):
             self._undressed.append(name)
         return self._desired[name]
 
@@ -79,17 +77,31 @@ class Vehicles:
         names, self._undressed = self._undressed, []
         for name in names:
             if name in self._of_vehicle:
-                self._apply(
-                    self._session.api.vehicle,
-                    name,
-                    self._class_motives.get(self._of_vehicle[name].name, {}),
-                )
+                # LC2013's figures of a class: SUMO does not hand them on to who comes later.
+                of_class = self._orders.fields(self._of_vehicle[name].name)
+                motives = [field for field in of_class if field in LC2013_ATTRIBUTES]
+                self._refresh_vehicle(name, motives)
 
     def forget(self, name: str) -> None:
-        """Drops a vehicle that has left."""
-        for table in (self._of_vehicle, self._drawn, self._desired, self._ceilings, self._colors):
+        """Drops a vehicle that has left, and tells who asked for it."""
+        for table in (self._of_vehicle, self._drawn, self._desired, self._ceilings):
             table.pop(name, None)
         self._scripted.discard(name)
+        self._orders.forget(name)
+        for tell in self._told:
+            tell(name)
+
+    def when_forgotten(self, tell: Callable[[str], None]) -> None:
+        """Has a function called with the name of every vehicle that has left."""
+        self._told.append(tell)
+
+    def drop_lost(self) -> None:
+        """Forgets vehicles that SUMO gave up: for some seconds there was no room to depart."""
+        with self._session.guard("reading the vehicles"):
+            api = self._session.api
+            there = {*api.vehicle.getIDList(), *api.simulation.getPendingVehicles()}
+        for name in [name for name in self._of_vehicle if name not in there]:
+            self.forget(name)
 
     def unscript(self, name: str) -> None:
         """Notes that a vehicle drives as others do from now on."""
@@ -99,7 +111,7 @@ class Vehicles:
 
     def ids(self) -> list[str]:
         """Names of the vehicles, sorted."""
-        self._drop_lost()
+        self.drop_lost()
         return sorted(self._of_vehicle)
 
     def names(self) -> KeysView[str]:
@@ -135,8 +147,9 @@ class Vehicles:
 
     def color(self, name: str) -> Color:
         """Paint of a vehicle, red, green, blue from 0 to 1: by its name from its type's colors."""
-        vehicle_type = self.type_of(name)
-        return self._colors.get(name) or vehicle_type.color_of(name)
+        self.type_of(name)
+        color: Color = self._wanted(name, "color")
+        return color
 
     def in_force(self, name: str) -> dict[str, Any]:
         """What holds for a vehicle now, each parameter that `change` takes.
@@ -147,7 +160,7 @@ class Vehicles:
         Raises:
           InputError: no such vehicle.
         """
-        self._drop_lost()
+        self.drop_lost()
         kind = self.type_of(name)
         api = self._session.api.vehicle
         found: dict[str, Any] = {}
@@ -163,8 +176,11 @@ class Vehicles:
 
     # Changing ----------------------------------------------------------------------------------
 
-    def change(self, target: str, **values: Any) -> Callable[[], None]:
+    def change(self, target: str, **values: Any) -> Undo:
         """Changes parameters of one vehicle, or of every present and future one of a type.
+
+        Of several changes of one parameter the newest that was not put back holds, those of a
+        vehicle and of its type alike; speeds of types do not hold for vehicles driven by events.
 
         Args:
           target: a vehicle's name, or a type's ("car", "van", "truck", "articulated", own ones).
@@ -174,37 +190,22 @@ class Vehicles:
             (red, green, blue from 0 to 1).
 
         Returns:
-          A function that puts these parameters back as they were, of vehicles that came since too.
+          A function that takes this change back, of vehicles that came since too: what was changed
+          before or in the meantime holds then, else what the type and the vehicle began with.
 
         Raises:
           InputError: unknown vehicle, unknown parameter or a value that is not allowed.
+          TrafficError: the simulation has ended.
         """
         check_changes(target, values)
         if "color" in values:
             values["color"] = check_color(target, values["color"])
-        self._drop_lost()
+        self.drop_lost()
         if target not in self._types:
-            before = self._values_of(target, values)
-            self._set(target, values)
-            return lambda: self._set(target, before) if target in self.ids() else None
-        members = [name for name, kind in self._of_vehicle.items() if kind.name == target]
-        befores = {name: self._values_of(name, values) for name in members}
-        class_before = (
-            self._types[target],
-            self._class_speed.get(target),
-            dict(self._class_motives.get(target, {})),
-        )
-        self._set_class(target, values)
-        for name in members:
-            self._set(name, self._meant_for(name, values))
-
-        def undo() -> None:
-            self._restore_class(target, values, class_before)
-            for name in self.ids():
-                if self._of_vehicle[name].name == target:
-                    former = befores.get(name) or self._class_values(name, values)
-                    self._set(name, self._meant_for(name, former))
-
+            self.type_of(target)
+        fields = tuple(values)
+        undo = self._orders.add(target, values, lambda: self._refresh(target, fields))
+        self._refresh(target, fields)
         return undo
 
     def hold_below(self, name: str, speed: float | None, why: str = "limit") -> None:
@@ -212,86 +213,68 @@ class Vehicles:
 
         Of several reasons the lowest speed holds; each is let go by itself.
         """
+        if name not in self._of_vehicle:
+            return
         reasons = self._ceilings.setdefault(name, {})
         if speed is None:
-            if reasons.pop(why, None) is None or name not in self._of_vehicle:
+            if reasons.pop(why, None) is None:
                 return
         elif abs(reasons.get(why, math.inf) - speed) < 1e-9:
             return
         else:
             reasons[why] = speed
-        self._session.api.vehicle.setMaxSpeed(name, max(self.present_speed(name), 0.01))
+        with self._session.guard(f"holding {name}"):
+            self._session.api.vehicle.setMaxSpeed(name, max(self.present_speed(name), 0.01))
 
     # Inside ------------------------------------------------------------------------------------
 
-    def _drop_lost(self) -> None:
-        """Forgets vehicles that SUMO gave up: for some seconds there was no room to depart."""
-        api = self._session.api
-        there = {*api.vehicle.getIDList(), *api.simulation.getPendingVehicles()}
-        for name in [name for name in self._of_vehicle if name not in there]:
-            self.forget(name)
+    def _wanted(self, name: str, field: str) -> Any:
+        """What is to hold for a vehicle: its or its class's newest order, else what it had."""
+        base = self._base[self._of_vehicle[name].name]
+        # Events set the speed of scripted vehicles, classes do not.
+        own = field == "desired_speed" and name in self._scripted
+        value = self._orders.newest(field, *((name,) if own else (name, base.name)))
+        if value is not None:
+            return value
+        if field == "desired_speed":
+            return self._drawn[name]
+        return base.color_of(name) if field == "color" else getattr(base, field)
 
-    def _meant_for(self, name: str, values: dict[str, Any]) -> dict[str, Any]:
-        """What of a class's change holds for a vehicle: events set the speed of scripted ones."""
-        if name not in self._scripted:
-            return values
-        return {field: value for field, value in values.items() if field != "desired_speed"}
+    def _refresh(self, target: str, fields: Iterable[str]) -> None:
+        """Puts into force what is ordered of a vehicle or class now."""
+        if target not in self._types:
+            self._refresh_vehicle(target, fields)
+            return
+        self._refresh_class(target, fields)
+        for name in [name for name, kind in self._of_vehicle.items() if kind.name == target]:
+            scripted = name in self._scripted
+            mine = [field for field in fields if field != "desired_speed" or not scripted]
+            self._refresh_vehicle(name, mine)
 
-    def _values_of(self, name: str, wanted: dict[str, Any]) -> dict[str, Any]:
-        kind = self.type_of(name)
-        own: dict[str, Any] = {"desired_speed": self._desired[name], "color": self.color(name)}
-        return {field: own[field] if field in own else getattr(kind, field) for field in wanted}
-
-    def _class_values(self, name: str, wanted: dict[str, Any]) -> dict[str, Any]:
-        """What a vehicle would have been given, had its class not been changed."""
-        kind = self._types[self._of_vehicle[name].name]
-        speed = self._class_speed.get(kind.name, self._drawn[name])
-        own: dict[str, Any] = {"desired_speed": speed, "color": kind.color_of(name)}
-        return {field: own[field] if field in own else getattr(kind, field) for field in wanted}
-
-    def _set(self, name: str, values: dict[str, Any]) -> None:
-        self._of_vehicle[name] = changed(self._of_vehicle[name], values)
+    def _refresh_vehicle(self, name: str, fields: Iterable[str]) -> None:
+        values = {field: self._wanted(name, field) for field in fields}
+        kind = changed(self._of_vehicle[name], values)
         if "color" in values:
-            self._colors[name] = values["color"]
+            kind = dataclasses.replace(kind, colors=self._types[kind.name].colors)
+        self._of_vehicle[name] = kind
         if "desired_speed" in values:
             self._desired[name] = float(values["desired_speed"])
-            values = {**values, "desired_speed": self.present_speed(name)}
+            values["desired_speed"] = self.present_speed(name)
         # A vehicle with a speed of its own has a private copy of its type in SUMO.
         self._apply(self._session.api.vehicle, name, values)
 
-    def _set_class(self, target: str, values: dict[str, Any]) -> None:
-        self._types[target] = changed(self._types[target], values)
-        if "color" in values:
-            color = (values["color"],)
-            self._types[target] = dataclasses.replace(self._types[target], colors=color)
-        if "desired_speed" in values:
-            self._class_speed[target] = float(values["desired_speed"])
-        motives = {n: v for n, v in values.items() if n in LC2013_ATTRIBUTES}
-        if motives:
-            self._class_motives.setdefault(target, {}).update(motives)
+    def _refresh_class(self, target: str, fields: Iterable[str]) -> None:
+        base = self._base[target]
         # Each vehicle is given its desired speed when it comes; SUMO's class keeps its highest.
-        rest = {name: value for name, value in values.items() if name != "desired_speed"}
-        self._apply(self._session.api.vehicletype, target, rest)
-
-    def _restore_class(
-        self,
-        target: str,
-        values: dict[str, Any],
-        before: tuple[VehicleType, float | None, dict[str, Any]],
-    ) -> None:
-        kind, speed, motives = before
-        fields: dict[str, Any] = {
-            n: getattr(kind, n) for n in values if n not in ("color", "desired_speed")
-        }
-        self._set_class(target, fields)
-        if "color" in values:
-            self._types[target] = dataclasses.replace(self._types[target], colors=kind.colors)
-        if "desired_speed" in values:
-            self._class_speed.pop(target, None)
-            if speed is not None:
-                self._class_speed[target] = speed
-        if self._class_motives.get(target) and not motives:
-            self._class_motives.pop(target)
+        ordered = {f: self._orders.newest(f, target) for f in fields if f != "desired_speed"}
+        color = ordered.pop("color", None)
+        values = {f: getattr(base, f) if v is None else v for f, v in ordered.items()}
+        kind = changed(self._types[target], values)
+        if "color" in fields:
+            colors = base.colors if color is None else (color,)
+            kind = dataclasses.replace(kind, colors=colors)
+        self._types[target] = kind
+        self._apply(self._session.api.vehicletype, target, values)
 
     def _apply(self, domain: Any, target: str, values: dict[str, Any]) -> None:
         if not values:

@@ -87,7 +87,8 @@ class ScriptedVehicles:
         """
         for placement in group:
             self.check(placement)
-        self._waiting.append(tuple(group))
+        with self._session.guard("placing vehicles"):
+            self._waiting.append(tuple(group))
 
     def check(self, placement: Placement) -> None:
         """Refuses a placement for which there is no lane.
