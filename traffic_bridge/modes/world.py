@@ -114,13 +114,13 @@ class World:
             self._demand.discard_pending()
             self._drop_arrived()
             return self._observe(ego)
-            if self._steps % ROLL_CALL == 0:
-                self.vehicles.drop_lost()
 
     def advance(self, ego: EgoState | None) -> VehicleFrame:
         """One step; the ego is where it is at the step's end. Returns the vehicles, by name."""
         with self.session.guard("adding vehicles"):
             station = None if ego is None else ego.station
+            if self._steps % ROLL_CALL == 0:
+                self.vehicles.drop_lost()
             self._demand.spawn(station)
             self.signals.step(self.time, station)
             if self._lane_changer is not None:

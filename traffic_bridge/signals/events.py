@@ -88,10 +88,10 @@ class Event:
 class LightState(Event):
     """Sets a traffic light by hand; when it ends, the program that ran before runs on.
 
-    Attributes:
     Of several events of one light the newest that has not ended holds; one by one they end, and
     each time the newest one left goes on.
 
+    Attributes:
       light: its name.
       state: a letter a link, or one for all, see `TrafficLights.set_state`.
     """
@@ -237,10 +237,10 @@ class SlowConvoy(Event):
 class VehicleChange(Event):
     """Changes parameters of one vehicle or of a class; when it ends, they are put back.
 
-    Attributes:
     Of several events that change a parameter the newest that has not ended holds. An event for a
     vehicle that is not on the road waits for it until its end; the end does not wait.
 
+    Attributes:
       target: name of a type or a vehicle; parameters: name and value, see `Vehicles.change`.
     """
 
