@@ -268,8 +268,8 @@ class Guard:
         session = self._session
         if not session.is_open:
             raise TrafficError(
-                f"{self._action}: it belongs to a simulation that has ended; take "
-                "traffic.vehicles / traffic.signals of the running one"
+                f"{self._action}: this belongs to a simulation that has ended; take "
+                "traffic.vehicles / traffic.signals of the running one, or call reset()"
             )
         if session._guards == 0 and not self._loading:
             session.check_held()

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from iits_mj.errors import InputError
+from iits_mj.errors import InputError, TrafficError
 from iits_mj.road import RoadMap
 from traffic_bridge import (
     LightPhase,
@@ -221,3 +221,23 @@ def test_the_phases_of_a_light_are_read_and_set_and_go_on_in_their_order(traffic
 def test_a_light_ahead_is_asked_for_by_a_lane_that_can_be(traffic, lane):
     with pytest.raises(InputError, match="must be a whole number from 0"):
         traffic.signals.light_ahead(0.0, lane=lane)
+
+
+def test_lights_of_an_ended_run_are_neither_read_nor_set(junction):
+    with PureSim(junction, TrafficConfig(density="empty")) as traffic:
+        traffic.reset()
+        signals = traffic.signals
+        end = signals.traffic_lights.hold_state("4", "r")
+        traffic.reset()
+        for call in (
+            end,
+            lambda: signals.state("4"),
+            lambda: signals.set_state("4", "r"),
+            lambda: signals.phases("4"),
+            lambda: signals.set_phase("4", 2),
+            lambda: signals.run_program("4"),
+            lambda: signals.light_ahead(0.0),
+        ):
+            with pytest.raises(TrafficError, match="belongs to a simulation that has ended"):
+                call()
+        assert traffic.signals.phase("4") == 0
