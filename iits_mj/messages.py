@@ -8,11 +8,14 @@ Lanes are counted from the right, 0 being the rightmost driving lane of the rout
 from __future__ import annotations
 
 import enum
+import numbers
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+
+from iits_mj.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
@@ -254,12 +257,36 @@ class TrackedVehicle:
 
 @dataclass(frozen=True, slots=True)
 class EgoFootprint:
-    """Size of the combination about its pose point (the steer axle centre) [m]."""
+    """Size of the combination about its pose point (the steer axle centre) [m].
+
+    Attributes:
+      front_overhang: from the pose point to the front bumper, 0 to the length.
+      length: 1 to 100 m, road trains have 53.5 m; width, height: 0.5 to 10 m, what roads carry.
+
+    Raises:
+      InputError: a size is no number or out of its range.
+    """
 
     front_overhang: float = 1.40
     length: float = 16.5
     width: float = 2.55
     height: float = 4.0
+
+    def __post_init__(self) -> None:
+        """Checks every size and keeps it as Python's own number."""
+        for name, least, most in (
+            ("length", 1.0, 100.0),
+            ("width", 0.5, 10.0),
+            ("height", 0.5, 10.0),
+            ("front_overhang", 0.0, self.length),
+        ):
+            value = getattr(self, name)
+            is_number = isinstance(value, numbers.Real) and not isinstance(value, bool)
+            if not is_number or not least <= value <= most:
+                raise InputError(
+                    f"footprint: {name} = {value!r} m: allowed is {least:g} to {most:g}"
+                )
+            object.__setattr__(self, name, float(value))
 
 
 @dataclass(frozen=True, slots=True)

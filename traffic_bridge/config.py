@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from iits_mj.errors import InputError
 from iits_mj.messages import EgoFootprint
-from traffic_bridge.checks import in_range, is_number
+from traffic_bridge.checks import in_range, is_number, make_plain, shown
 from traffic_bridge.signals.events import Event, SlowConvoy, StoppedVehicle, VehicleChange, event_of
 from traffic_bridge.vehicles.departures import Departure
 from traffic_bridge.vehicles.types import VehicleType, default_types, type_from_dict
@@ -69,7 +70,10 @@ class TrafficConfig:
     departures: tuple[Departure, ...] = ()
 
     def __post_init__(self) -> None:
-        """Checks every value; mappings given as `mix` or `density` become plain values."""
+        """Checks every value; mappings given as `mix` or `density` become plain values.
+
+        Numbers are kept as Python's own, so that a stored configuration stays JSON.
+        """
         if isinstance(self.density, Mapping):
             object.__setattr__(self, "mix", tuple(self.density.items()))
             for name, share in self.mix:
@@ -78,20 +82,21 @@ class TrafficConfig:
         if isinstance(self.mix, Mapping):
             object.__setattr__(self, "mix", tuple(self.mix.items()))
         if not _are_pairs(self.mix):
-            raise InputError(f"mix {self.mix!r}: must be names of types with their weights")
+            raise InputError(f"mix {shown(self.mix)}: must be names of types with their weights")
         if not isinstance(self.density, str):
             in_range("density", self.density, 0.0, 0.5)
         elif self.density not in DENSITIES:
             raise InputError(
-                f"density {self.density!r}: allowed are {', '.join(DENSITIES)}, "
+                f"density {shown(self.density)}: allowed are {', '.join(DENSITIES)}, "
                 "or a probability from 0 to 0.5 per second and lane"
             )
         if self.lane_change not in LANE_CHANGE_MODELS:
             raise InputError(
-                f"lane_change {self.lane_change!r}: allowed are {', '.join(LANE_CHANGE_MODELS)}"
+                f"lane_change {shown(self.lane_change)}: "
+                f"allowed are {', '.join(LANE_CHANGE_MODELS)}"
             )
         if self.scope not in SCOPES:
-            raise InputError(f"scope {self.scope!r}: allowed are {', '.join(SCOPES)}")
+            raise InputError(f"scope {shown(self.scope)}: allowed are {', '.join(SCOPES)}")
         in_range("speed_limit", self.speed_limit, 1.0, 70.0)
         in_range("view_range", self.view_range, 10.0, 5_000.0)
         in_range("step_length", self.step_length, 0.01, 1.0)
@@ -99,9 +104,12 @@ class TrafficConfig:
         in_range("clear_distance", self.clear_distance, 20.0, 5_000.0)
         in_range("fill_ahead", self.fill_ahead, 0.0, 200_000.0)
         in_range("fill_behind", self.fill_behind, 0.0, 200_000.0)
+        if not isinstance(self.footprint, EgoFootprint):
+            raise InputError(f"footprint {shown(self.footprint)}: must be an EgoFootprint")
         for what, kind in (("types", VehicleType), ("events", Event), ("departures", Departure)):
             object.__setattr__(self, what, _all_of(what, getattr(self, what), kind))
         self._check_names({vehicle_type.name for vehicle_type in self.types})
+        make_plain(self)
 
     def _check_names(self, names: set[str]) -> None:
         """Checks that types have different names, and that mix and scripts name types there are."""
@@ -111,9 +119,9 @@ class TrafficConfig:
         if not self.mix or any(name not in names for name, _ in self.mix):
             raise InputError(f"mix {self.mix!r}: the kinds are {known}")
         weights = [weight for _, weight in self.mix]
-        if any(not is_number(w) or w < 0.0 for w in weights) or not any(weights):
+        if any(not is_number(w) or w < 0.0 for w in weights) or not 0.0 < sum(weights) < math.inf:
             raise InputError(
-                f"mix {self.mix!r}: weights are zero or positive, one at least positive"
+                f"mix {shown(self.mix)}: weights are zero or positive, one at least positive"
             )
         for entry in (*self.events, *self.departures):
             wanted = None
@@ -169,13 +177,14 @@ class TrafficConfig:
             given["events"] = tuple(event_of(entry) for entry in given.get("events", ()))
             given["departures"] = tuple(Departure(**entry) for entry in given.get("departures", ()))
             return cls(**given)
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise InputError(f"stored traffic configuration is not usable: {error}") from error
 
 
 def _are_pairs(mix: Any) -> bool:
     return isinstance(mix, (tuple, list)) and all(
-        isinstance(entry, (tuple, list)) and len(entry) == 2 for entry in mix
+        isinstance(entry, (tuple, list)) and len(entry) == 2 and isinstance(entry[0], str)
+        for entry in mix
     )
 
 
@@ -186,8 +195,8 @@ def _all_of(what: str, entries: Any, kind: type) -> tuple[Any, ...]:
       InputError: one is of another class, or they are no sequence.
     """
     if isinstance(entries, (str, kind)) or not isinstance(entries, Iterable):
-        raise InputError(f"{what} {entries!r}: must be a sequence of {kind.__name__}")
+        raise InputError(f"{what} {shown(entries)}: must be a sequence of {kind.__name__}")
     for entry in (made := tuple(entries)):
         if not isinstance(entry, kind):
-            raise InputError(f"{what}: {entry!r} is no {kind.__name__}")
+            raise InputError(f"{what}: {shown(entry)} is no {kind.__name__}")
     return made

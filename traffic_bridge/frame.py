@@ -9,13 +9,14 @@ from __future__ import annotations
 import itertools
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, overload
+from typing import Any, NoReturn, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.errors import InputError
 from iits_mj.messages import TrackedVehicle
+from traffic_bridge.checks import is_number, is_whole, shown
 
 FloatArray = NDArray[np.float64]
 
@@ -77,24 +78,33 @@ class VehicleFrame(Sequence[TrackedVehicle]):
         """A frame of the given vehicles; one that is a frame already is returned as it is.
 
         Raises:
-          InputError: two vehicles have one id, or a figure is not finite.
+          InputError: something is no vehicle, two have one id, or a figure is no finite number.
         """
         if isinstance(vehicles, cls):
             return vehicles
-        rows = sorted(vehicles, key=lambda vehicle: vehicle.id)
+        if not isinstance(vehicles, Iterable):
+            raise InputError(f"a frame is made of TrackedVehicles, not of {shown(vehicles)}")
+        rows = list(vehicles)
+        for row in rows:
+            if not isinstance(row, TrackedVehicle):
+                raise InputError(f"a frame is made of TrackedVehicles, {shown(row)} is none")
+            if not isinstance(row.id, str):
+                raise InputError(f"vehicle {shown(row.id)}: its id must be a text")
+        rows.sort(key=lambda vehicle: vehicle.id)
         ids = [row.id for row in rows]
         if len(set(ids)) != len(ids):
             twice = next(a for a, b in itertools.pairwise(ids) if a == b)
             raise InputError(f"vehicle {twice!r} is there twice")
-        columns = np.array(
-            [[getattr(row, name) for row in rows] for name in COLUMNS], dtype=np.float64
-        ).reshape(len(COLUMNS), len(rows))
-        if not np.isfinite(columns).all():
-            column, row = np.argwhere(~np.isfinite(columns))[0]
-            raise InputError(
-                f"vehicle {ids[row]!r}: {COLUMNS[column]} is {columns[column, row]}: not finite"
-            )
+        if not all(isinstance(row.kind, str) and is_whole(row.lane) for row in rows):
+            _refuse(rows)
+        try:
+            table = np.array([[getattr(row, name) for row in rows] for name in COLUMNS])
+        except ValueError:  # something with a length of its own
+            _refuse(rows)
+        if table.dtype.kind not in "iuf" or not np.isfinite(table).all():
+            _refuse(rows)
         lanes = np.array([row.lane for row in rows], dtype=np.intp)
+        columns = table.astype(np.float64).reshape(len(COLUMNS), len(rows))
         return cls(ids, [row.kind for row in rows], lanes, columns)
 
     @property
@@ -108,17 +118,24 @@ class VehicleFrame(Sequence[TrackedVehicle]):
         Raises:
           InputError: there is no such column.
         """
-        try:
-            return self._columns[_PLACE[name]]
-        except KeyError:
-            raise InputError(f"column {name!r}: allowed are {', '.join(COLUMNS)}") from None
+        return self._columns[_place(name)]
 
     def columns(self, *names: str) -> FloatArray:
-        """Several figures of all vehicles, shape (len(names), n), copied."""
-        return self._columns[[_PLACE[name] for name in names]]
+        """Several figures of all vehicles, shape (len(names), n), copied.
+
+        Raises:
+          InputError: there is no such column.
+        """
+        return self._columns[[_place(name) for name in names]]
 
     def find(self, vehicle: str) -> TrackedVehicle | None:
-        """The vehicle of an id, None if it is not there."""
+        """The vehicle of an id, None if it is not there.
+
+        Raises:
+          InputError: the id is no text.
+        """
+        if not isinstance(vehicle, str):
+            raise InputError(f"vehicle {shown(vehicle)}: its id is a text")
         place = bisect_left(self.ids, vehicle)
         if place < len(self.ids) and self.ids[place] == vehicle:
             return self[place]
@@ -126,6 +143,7 @@ class VehicleFrame(Sequence[TrackedVehicle]):
 
     def select(self, chosen: NDArray[Any]) -> VehicleFrame:
         """The vehicles of a mask of shape (n,), or of increasing indices."""
+        chosen = np.asarray(chosen)
         where = np.flatnonzero(chosen) if chosen.dtype == bool else chosen
         if where.size == len(self):
             return self
@@ -185,3 +203,23 @@ class VehicleFrame(Sequence[TrackedVehicle]):
 
     def __repr__(self) -> str:
         return f"VehicleFrame of {len(self)}: {', '.join(self.ids[:5])}{' ...' * (len(self) > 5)}"
+
+
+def _place(column: str) -> int:
+    try:
+        return _PLACE[column]
+    except (KeyError, TypeError):
+        raise InputError(f"column {shown(column)}: allowed are {', '.join(COLUMNS)}") from None
+
+
+def _refuse(rows: Sequence[TrackedVehicle]) -> NoReturn:
+    """Names the first figure that is not what it should be."""
+    for row in rows:
+        if not isinstance(row.kind, str):
+            raise InputError(f"vehicle {row.id!r}: kind is {shown(row.kind)}: not a text")
+        if not is_whole(row.lane):
+            raise InputError(f"vehicle {row.id!r}: lane is {shown(row.lane)}: not a whole number")
+        for name in COLUMNS:
+            if not is_number(value := getattr(row, name)):
+                raise InputError(f"vehicle {row.id!r}: {name} is {shown(value)}: not finite")
+    raise InputError("a vehicle has a figure beyond what a float holds")

@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import math
 
@@ -5,7 +6,18 @@ import numpy as np
 import pytest
 
 from iits_mj.errors import InputError
-from traffic_bridge import KINDS, TrafficConfig, default_types
+from iits_mj.messages import EgoFootprint
+from iits_mj.road import Route
+from traffic_bridge import (
+    KINDS,
+    Departure,
+    InterSim,
+    PureSim,
+    SlowConvoy,
+    TrafficConfig,
+    VehicleChange,
+    default_types,
+)
 
 
 @pytest.mark.parametrize(
@@ -27,6 +39,14 @@ from traffic_bridge import KINDS, TrafficConfig, default_types
         ({"mix": {"car": "much"}}, "zero or positive"),
         ({"types": ()}, "at least one"),
         ({"types": 3}, "must be a sequence of VehicleType"),
+        ({"footprint": None}, "footprint None: must be an EgoFootprint"),
+        ({"footprint": "truck"}, "footprint 'truck': must be an EgoFootprint"),
+        ({"speed_limit": 10**400}, r"speed_limit = 10+\.\.\.: allowed is 1 to 70"),
+        ({"speed_limit": 10**6000}, "allowed is 1 to 70"),
+        ({"mix": (([], 1),)}, "must be names of types with their weights"),
+        ({"mix": {"car": 10**400}}, "zero or positive"),
+        ({"mix": {"car": 1e308, "van": 1e308}}, "zero or positive"),
+        ({"scope": []}, "route, both, map"),
     ],
 )
 def test_unusable_settings_are_refused_with_what_is_allowed(values, text):
@@ -42,6 +62,62 @@ def test_densities_have_the_papers_probabilities():
 def test_a_configuration_survives_json():
     config = TrafficConfig(density=0.1, mix={"car": 1.0, "truck": 0.5}, lane_change="mobil")
     assert TrafficConfig.from_dict(json.loads(json.dumps(config.as_dict()))) == config
+
+
+def test_numbers_of_numpy_are_numbers_and_a_stored_configuration_stays_json():
+    config = TrafficConfig(
+        density={"car": np.float32(0.25), "truck": np.float64(0.125)},
+        speed_limit=np.float32(15),
+        view_range=np.int64(200),
+        footprint=EgoFootprint(length=np.float32(12)),
+        types=[dataclasses.replace(kind, height=np.float32(2)) for kind in default_types()],
+        departures=[Departure(time=np.float32(3), lane=np.int64(1), speed=np.float32(9))],
+        events=[
+            SlowConvoy(station=np.float32(100), speed=np.float32(5), count=np.int8(2)),
+            VehicleChange(
+                target="car",
+                parameters={"time_headway": np.float32(2), "color": [np.float32(1), 0, 0]},
+            ),
+        ],
+    )
+    assert config.probability == 0.375
+    stored = json.loads(json.dumps(config.as_dict()))
+    assert TrafficConfig.from_dict(stored) == config
+    assert stored["speed_limit"] == 15.0
+    assert stored["departures"][0]["lane"] == 1
+    for seed in (np.int64(3), np.uint8(3)):
+        traffic = PureSim(Route.straight(length=1000.0), config, seed)
+        assert type(traffic.seed) is int
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        ({"length": math.nan}, "footprint: length = nan m: allowed is 1 to 100"),
+        ({"length": -5.0}, "length = -5.0 m"),
+        ({"width": 50.0}, "width = 50.0 m: allowed is 0.5 to 10"),
+        ({"height": "high"}, "height = 'high' m"),
+        ({"length": None}, "length = None m"),
+        ({"width": True}, "width = True m"),
+        ({"front_overhang": 17.0}, r"front_overhang = 17\.0 m: allowed is 0 to 16\.5"),
+    ],
+)
+def test_a_truck_has_a_size_that_roads_carry(values, text):
+    with pytest.raises(InputError, match=text):
+        EgoFootprint(**values)
+
+
+def test_a_simulation_is_made_of_a_route_and_a_configuration():
+    route = Route.straight(length=1000.0)
+    with pytest.raises(InputError, match="PureSim needs a TrafficConfig, not 'medium'"):
+        PureSim(route, "medium")
+    with pytest.raises(InputError, match=r"not a RoadMap: give road_map\.route\(\)"):
+        PureSim(route.road_map)
+    with pytest.raises(InputError, match="InterSim needs a Route, not None"):
+        InterSim(None)
+    for seed in (10**6000, np.True_, 1.0):
+        with pytest.raises(InputError, match="a whole number from 0 to 2147483647"):
+            PureSim(route, seed=seed)
 
 
 def test_a_damaged_stored_configuration_is_refused():

@@ -1,10 +1,13 @@
+import dataclasses
 import math
 import multiprocessing
 import os
 import pickle
+import re
 import signal
 import subprocess
 import sys
+import tempfile
 import textwrap
 import time
 from pathlib import Path
@@ -40,9 +43,23 @@ SPECS = (
 
 
 @pytest.fixture(scope="module")
-def worlds():
+def temporary(tmp_path_factory):
+    """A folder of temporary files of its own."""
+    folder = tmp_path_factory.mktemp("temporary")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tempfile, "tempdir", str(folder))
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def worlds(temporary):
     with TrafficWorlds(SPECS, timeout=60.0) as made:
         yield made
+
+
+def worlds_with_files(folder):
+    """Number of worlds whose SUMO has files in a folder of temporary files."""
+    return len(list(folder.glob("iits_mj_world_*/*/types.add.xml")))
 
 
 @pytest.fixture(scope="module")
@@ -140,20 +157,82 @@ def test_wrong_numbers_egos_and_seeds_are_refused_before_anything_happens(worlds
         worlds.step([ego(0, 1)])
     with pytest.raises(InputError, match="ego of world 1"):
         worlds.step([ego(0, 1), "truck"])
-    for wrong in ([1], [1, -1], [1, 2**31], [1, 0.5], [1, "a"]):
+    for wrong in ([1], [1, -1], [1, 2**31], [1, 0.5], [1, "a"], [1, True], 4, "ab"):
         with pytest.raises(InputError, match="seed"):
             worlds.reset(egos(0), seeds=wrong)
+    with pytest.raises(InputError, match=r"worlds = 1: must be numbers of worlds"):
+        worlds.step([ego(0, 1)], worlds=1)
+    for wrong in (5, ego(0, 1), "ab", {0: None, 1: None}):
+        with pytest.raises(InputError, match="must be a sequence of 2, one a world"):
+            worlds.step(wrong)
+    with pytest.raises(InputError, match="5 to call: must be a name"):
+        worlds.call(5)
     assert worlds.call("time") == (0.0, 0.0)
     assert worlds.call("seed") == (3, 4)
 
 
-def test_a_killed_process_is_named_and_its_world_can_be_reset(worlds, alone):
+class Unreadable:
+    """Goes out of this process, but raises an error where it is read."""
+
+    def __reduce__(self):
+        return eval, ("1 // 0",)
+
+
+def test_what_cannot_leave_the_process_is_refused_and_the_worlds_step_on(worlds, alone):
     worlds.reset(egos(0), seeds=[3, 4])
+    for lost in (lambda: 0, open(os.devnull), sys._getframe()):  # noqa: SIM115
+        with pytest.raises(InputError, match=r"'vehicles\.change' .* cannot be handed to another"):
+            worlds.call("vehicles.change", "car", time_headway=lost)
+    # The state of the first world is in order, that of the second holds what cannot be handed over.
+    with pytest.raises(InputError, match="ego of world 1 cannot be handed to another process"):
+        worlds.step([ego(0, 1), dataclasses.replace(ego(1, 1), gear=lambda: 0)])
+    with pytest.raises(InputError, match="ego of world 1 cannot be handed to another process"):
+        worlds.reset([ego(0, 0), dataclasses.replace(ego(1, 0), gear=lambda: 0)], seeds=[8, 9])
+    assert worlds.call("seed") == (3, 4)
+    assert worlds.step(egos(1)) == (alone[0][1], alone[1][1])
+
+
+def test_what_cannot_be_read_in_a_world_is_an_error_of_that_world_which_steps_on(worlds, alone):
+    worlds.reset(egos(0), seeds=[3, 4])
+    pids = worlds.pids
+    with pytest.raises(InputError, match="world 0: what was handed over cannot be read there"):
+        worlds.call("vehicles.change", "car", time_headway=Unreadable())
+    assert worlds.step(egos(1)) == (alone[0][1], alone[1][1])
+    assert worlds.pids == pids
+
+
+def test_an_interrupt_while_worlds_are_asked_leaves_no_answer_unheard(worlds, alone, monkeypatch):
+    worlds.reset(egos(0), seeds=[3, 4])
+
+    def interrupted(message):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(worlds._worlds[1], "send", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            worlds.step(egos(1))
+    with pytest.raises(TrafficError, match="world 0: was ended by an interrupt; reset it"):
+        worlds.step(egos(1))
+    assert worlds.reset(egos(0)) == (alone[0][0], alone[1][0])
+    assert worlds.step(egos(1)) == (alone[0][1], alone[1][1])
+
+
+def test_numbers_of_numpy_are_seeds_and_are_kept_as_pythons_own():
+    spec = WorldSpec(SPECS[0].route, seed=np.int64(3))
+    assert type(spec.seed) is int
+    assert spec == WorldSpec(SPECS[0].route, seed=3)
+
+
+@pytest.mark.parametrize("how", ["SIGKILL", "SIGTERM"])
+def test_a_killed_process_is_named_leaves_no_files_and_can_be_reset(how, worlds, alone, temporary):
+    worlds.reset(egos(0), seeds=[3, 4])
+    assert worlds_with_files(temporary) == 2
     killed = worlds.pids[1]
-    os.kill(killed, signal.SIGKILL)
-    with pytest.raises(TrafficError, match=r"world 1: its process ended.*SIGKILL.*reset"):
+    os.kill(killed, signal.Signals[how])
+    with pytest.raises(TrafficError, match=rf"world 1: its process ended.*{how}.*reset"):
         worlds.step(egos(1))
     assert worlds.pids[1] is None
+    assert worlds_with_files(temporary) == len(list(temporary.iterdir())) == 1
     with pytest.raises(TrafficError, match="world 1: its process ended"):
         worlds.step([ego(1, 1)], worlds=[1])
     assert worlds.reset([ego(1, 0)], worlds=[1]) == (alone[1][0],)
@@ -180,10 +259,13 @@ def test_what_is_no_world_is_refused():
     for wrong in (math.nan, 0.0, "a"):
         with pytest.raises(InputError, match="timeout"):
             TrafficWorlds(SPECS, timeout=wrong)
-    with pytest.raises(InputError, match="needs a Route and a TrafficConfig, not str"):
+    with pytest.raises(InputError, match="needs a Route, not 'road'"):
         WorldSpec("road")
-    with pytest.raises(InputError, match="mode"):
-        WorldSpec(SPECS[0].route, mode="ReSim")
+    with pytest.raises(InputError, match="needs a TrafficConfig, not None"):
+        WorldSpec(SPECS[0].route, None)
+    for wrong in ("ReSim", [], None):
+        with pytest.raises(InputError, match=r"mode .* allowed are InterSim, PureSim"):
+            WorldSpec(SPECS[0].route, mode=wrong)
     with pytest.raises(InputError, match="seed -1"):
         WorldSpec(SPECS[0].route, seed=-1)
     assert pickle.loads(pickle.dumps(WorldSpec(SPECS[0].route, mode="PureSim")))().mode == "PureSim"
@@ -204,12 +286,13 @@ def test_worlds_beside_a_simulation_of_this_process_do_not_disturb_it(worlds, al
         assert own.step() != first
 
 
-def test_worlds_end_when_their_owner_is_killed(tmp_path):
+@pytest.mark.parametrize("ending", ["SIGKILL", pytest.param("exit", marks=pytest.mark.slow)])
+def test_worlds_end_when_their_owner_ends_and_leave_no_files(ending, tmp_path):
     script = tmp_path / "owner.py"
     script.write_text(
         textwrap.dedent(
             """
-            import time
+            import sys
             from iits_mj.road import Route
             from traffic_bridge import TrafficWorlds, WorldSpec
 
@@ -217,19 +300,45 @@ def test_worlds_end_when_their_owner_is_killed(tmp_path):
                 worlds = TrafficWorlds([WorldSpec(Route.straight(length=1000.0))])
                 worlds.reset()
                 print(*worlds.pids, flush=True)
-                time.sleep(60.0)
+                sys.stdin.read()
             """
         )
     )
-    owner = subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True)
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    owner = subprocess.Popen(
+        [sys.executable, str(script)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"TMPDIR": str(folder)},
+    )
     (pid,) = map(int, owner.stdout.readline().split())
     assert is_running(pid)
-    owner.kill()
-    owner.communicate()
+    assert worlds_with_files(folder) == 1
+    if ending == "SIGKILL":
+        owner.kill()
+    owner.communicate()  # else to the end of the script, where nobody closes the worlds
     deadline = time.monotonic() + 20.0
-    while is_running(pid) and time.monotonic() < deadline:
-        time.sleep(0.05)
+    while (is_running(pid) or list(folder.iterdir())) and time.monotonic() < deadline:
+        time.sleep(0.02)
     assert not is_running(pid)
+    assert not list(folder.iterdir())
+
+
+@pytest.mark.slow
+def test_the_example_of_the_manual_steps_three_trucks_in_three_worlds(tmp_path):
+    manual = Path(__file__).parents[2] / "docs" / "traffic.md"
+    section = manual.read_text(encoding="utf-8").partition("## Many worlds")[2]
+    example = re.search(r"```python\n(.*?)```", section, re.DOTALL).group(1)
+    script = tmp_path / "example.py"
+    script.write_text(example, encoding="utf-8")
+    result = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    time, counts, gaps = re.findall(r"[(\[].*?[)\]]", result.stdout)
+    assert time == "(5.0, 5.0, 5.0)"
+    assert all(int(count) > 5 for count in counts.strip("[]").split(","))
+    assert all(float(gap) > 2.0 for gap in gaps.strip("[]").split())
 
 
 @pytest.mark.slow
@@ -245,7 +354,7 @@ def test_a_script_without_a_guarded_main_part_is_told_so(tmp_path):
     assert "__main__" in result.stderr.splitlines()[-1]
 
 
-def test_closing_leaves_no_process_and_closed_worlds_say_so(worlds):
+def test_closing_leaves_no_process_and_no_file_and_closed_worlds_say_so(worlds, temporary):
     # The last test of the file: the others share these worlds.
     worlds.reset(egos(0))
     pids = worlds.pids
@@ -254,5 +363,6 @@ def test_closing_leaves_no_process_and_closed_worlds_say_so(worlds):
     worlds.close()
     assert not any(map(is_running, pids))
     assert not multiprocessing.active_children()
+    assert not list(temporary.iterdir())
     with pytest.raises(TrafficError, match="are closed"):
         worlds.reset()

@@ -10,9 +10,7 @@ A world gives bit for bit what the same mode gives in this process. The processe
 
 from __future__ import annotations
 
-import math
-import operator
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -20,13 +18,15 @@ from iits_mj.closing import Closing
 from iits_mj.errors import Error, InputError, TrafficError
 from iits_mj.messages import EgoState
 from iits_mj.road import Route
+from traffic_bridge.checks import is_number, shown, whole
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.modes.sumo_modes import InterSim, PureSim
-from traffic_bridge.modes.world_process import END_TIME, Failure, WorldProcess
+from traffic_bridge.modes.world_process import END_TIME, Failure, WorldProcess, message_of
 
 MODES: dict[str, type[PureSim]] = {"InterSim": InterSim, "PureSim": PureSim}
 START_TIME = 120.0  # [s] for a process to import what it needs
+INTERRUPTED = "was ended by an interrupt; reset it to start it anew"
 
 
 @dataclass(frozen=True)
@@ -50,14 +50,11 @@ class WorldSpec:
 
     def __post_init__(self) -> None:
         """Checks what a process would find out late."""
-        if not isinstance(self.route, Route) or not isinstance(self.config, TrafficConfig):
-            raise InputError(
-                f"a world needs a Route and a TrafficConfig, not {type(self.route).__name__} and "
-                f"{type(self.config).__name__}"
-            )
-        if self.mode not in MODES:
-            raise InputError(f"mode {self.mode!r} of a world: allowed are {', '.join(MODES)}")
-        self()
+        if not isinstance(self.mode, str) or self.mode not in MODES:
+            raise InputError(f"mode {shown(self.mode)} of a world: allowed are {', '.join(MODES)}")
+        if not isinstance(self.config, TrafficConfig):
+            raise InputError(f"a world needs a TrafficConfig, not {shown(self.config)}")
+        object.__setattr__(self, "seed", self().seed)
 
     def __call__(self) -> PureSim:
         """The simulation, not begun yet."""
@@ -88,9 +85,9 @@ class TrafficWorlds(Closing):
         self.specs = tuple(specs) if isinstance(specs, Iterable) else ()
         if not self.specs or not all(isinstance(spec, WorldSpec) for spec in self.specs):
             raise InputError("TrafficWorlds needs at least one WorldSpec, and nothing else")
-        if not (isinstance(timeout, (int, float)) and math.isfinite(timeout) and timeout > 0.0):
-            raise InputError(f"timeout {timeout!r} s: must be positive and finite")
-        self.timeout = timeout
+        if not is_number(timeout) or not timeout > 0.0:
+            raise InputError(f"timeout {shown(timeout)} s: must be positive and finite")
+        self.timeout = float(timeout)
         self._worlds: list[WorldProcess] = []
         self._stepping: tuple[int, ...] | None = None
         try:
@@ -141,15 +138,18 @@ class TrafficWorlds(Closing):
         """
         asked = self._asked(worlds)
         given_egos = self._egos(egos, asked)
+        specs = list(self.specs)
         if seeds is not None:
-            self._reseed(asked, seeds)
-        dead = [k for k in asked if not self._worlds[k].alive]
-        for k in dead:
-            self._worlds[k].end()
-            self._worlds[k] = WorldProcess(self.specs[k])
-        self._collect(dead, START_TIME)
-        for k, ego in zip(asked, given_egos, strict=True):
-            self._worlds[k].send(("reset", ego, self.specs[k].seed))
+            given = _one_a_world("seeds", seeds, asked)
+            for k, seed in zip(asked, given, strict=True):
+                specs[k] = replace(specs[k], seed=whole("seed", seed))
+        messages = [
+            message_of(("reset", ego, specs[k].seed), f"ego of world {k}")
+            for k, ego in zip(asked, given_egos, strict=True)
+        ]
+        self.specs = tuple(specs)
+        self._revive([k for k in asked if not self._worlds[k].alive])
+        self._send(asked, messages)
         return self._collect(asked, self.timeout)
 
     def step(
@@ -175,8 +175,11 @@ class TrafficWorlds(Closing):
     ) -> None:
         """The first half of `step`: the worlds begin to work, and the caller may do so, too."""
         asked = self._asked(worlds)
-        for k, ego in zip(asked, self._egos(egos, asked), strict=True):
-            self._worlds[k].send(("step", ego))
+        messages = [
+            message_of(("step", ego), f"ego of world {k}")
+            for k, ego in zip(asked, self._egos(egos, asked), strict=True)
+        ]
+        self._send(asked, messages)
         self._stepping = asked
 
     def receive_step(self) -> tuple[VehicleFrame, ...]:
@@ -207,12 +210,15 @@ class TrafficWorlds(Closing):
           The answers, in the order of `worlds`; None for a function, which stays in its process.
 
         Raises:
-          InputError: there is no such name, or the method refuses its arguments.
+          InputError: there is no such name, the method refuses its arguments, or they cannot be
+            handed to another process (functions of a script, open files); no world is asked then.
           TrafficError: the simulation fails, or the answer cannot leave its process.
         """
         asked = self._asked(worlds)
-        for k in asked:
-            self._worlds[k].send(("call", path, arguments, options))
+        if not isinstance(path, str):
+            raise InputError(f"{shown(path)} to call: must be a name, such as 'vehicles.change'")
+        message = message_of(("call", path, arguments, options), f"what {path!r} is called with")
+        self._send(asked, [message] * len(asked))
         return self._collect(asked, self.timeout)
 
     def close(self) -> None:
@@ -233,30 +239,48 @@ class TrafficWorlds(Closing):
             raise TrafficError("a step is under way: receive_step() comes first")
         if worlds is None:
             return tuple(range(len(self)))
-        asked = tuple(_whole("world", k) for k in worlds)
+        if isinstance(worlds, str) or not isinstance(worlds, Iterable):
+            raise InputError(f"worlds = {shown(worlds)}: must be numbers of worlds, such as [0]")
+        asked = tuple(whole("world", k) for k in worlds)
         if len(set(asked)) != len(asked) or not set(asked) <= set(range(len(self))):
-            raise InputError(f"worlds {worlds!r}: each once, of 0 to {len(self) - 1}")
+            raise InputError(f"worlds {shown(asked)}: each once, of 0 to {len(self) - 1}")
         return asked
 
     def _egos(
         self, egos: Sequence[EgoState | None] | None, asked: tuple[int, ...]
-    ) -> Sequence[EgoState | None]:
+    ) -> tuple[EgoState | None, ...]:
         if egos is None:
-            return [None] * len(asked)
-        if len(egos) != len(asked):
-            raise InputError(f"{len(egos)} egos for {len(asked)} worlds: one a world is needed")
-        for k, ego in zip(asked, egos, strict=True):
+            return (None,) * len(asked)
+        given = _one_a_world("egos", egos, asked)
+        for k, ego in zip(asked, given, strict=True):
             if not (ego is None or isinstance(ego, EgoState)):
-                raise InputError(f"ego of world {k}: {ego!r} is neither an EgoState nor None")
-        return egos
+                raise InputError(f"ego of world {k}: {shown(ego)} is neither an EgoState nor None")
+        return given
 
-    def _reseed(self, asked: tuple[int, ...], seeds: Sequence[int]) -> None:
-        if len(seeds) != len(asked):
-            raise InputError(f"{len(seeds)} seeds for {len(asked)} worlds: one a world is needed")
-        specs = list(self.specs)
-        for k, seed in zip(asked, seeds, strict=True):
-            specs[k] = replace(specs[k], seed=_whole("seed", seed))
-        self.specs = tuple(specs)
+    def _revive(self, dead: Sequence[int]) -> None:
+        """Starts the processes of worlds anew that have ended."""
+        try:
+            for k in dead:
+                self._worlds[k].end()
+                self._worlds[k] = WorldProcess(self.specs[k])
+        except BaseException:
+            # Nobody would hear those say that they are ready.
+            for k in dead:
+                self._worlds[k].end("was not started; reset it to start it anew")
+            raise
+        self._collect(dead, START_TIME)
+
+    def _send(self, asked: Sequence[int], messages: Sequence[bytes]) -> None:
+        """Asks all or none: who was asked before an interrupt is ended, its answer unheard."""
+        begun: list[int] = []
+        try:
+            for k, message in zip(asked, messages, strict=True):
+                begun.append(k)
+                self._worlds[k].send(message)
+        except BaseException:
+            for k in begun:
+                self._worlds[k].end(INTERRUPTED)
+            raise
 
     def _collect(self, asked: Sequence[int], timeout: float) -> tuple[Any, ...]:
         """One answer of each asked world, in order; the first failure is raised at the end."""
@@ -271,15 +295,19 @@ class TrafficWorlds(Closing):
         except BaseException:
             # Interrupted: an answer that is still on its way would be taken for that to come.
             for k in asked[len(answers) :]:
-                self._worlds[k].end("was ended by an interrupt; reset it to start it anew")
+                self._worlds[k].end(INTERRUPTED)
             raise
         if first is not None:
             raise first
         return tuple(answers)
 
 
-def _whole(name: str, value: Any) -> int:
-    try:
-        return operator.index(value)
-    except TypeError:
-        raise InputError(f"{name} {value!r}: must be a whole number") from None
+def _one_a_world(what: str, given: Any, asked: tuple[int, ...]) -> tuple[Any, ...]:
+    if isinstance(given, (str, bytes, Mapping)) or not isinstance(given, Iterable):
+        raise InputError(
+            f"{what} = {shown(given)}: must be a sequence of {len(asked)}, one a world"
+        )
+    entries = tuple(given)
+    if len(entries) != len(asked):
+        raise InputError(f"{len(entries)} {what} for {len(asked)} worlds: one a world is needed")
+    return entries

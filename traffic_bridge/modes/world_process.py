@@ -5,12 +5,16 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import pickle
+import shutil
 import signal
+import sys
+import tempfile
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
+from multiprocessing.reduction import ForkingPickler
 from typing import TYPE_CHECKING, Any
 
 from iits_mj.errors import Error, InputError, TrafficError
@@ -28,6 +32,7 @@ _NOT_STARTED = (
     TypeError,
 )
 END_TIME = 5.0  # [s] for a process to end by itself
+_TERMINATED = 128 + signal.SIGTERM  # exit code, as shells have it
 
 
 @dataclass(frozen=True)
@@ -52,8 +57,23 @@ class Failure:
         return error
 
 
+def message_of(content: tuple[Any, ...], what: str) -> bytes:
+    """A message to a world, ready to be sent.
+
+    Raises:
+      InputError: what it holds cannot be handed to another process.
+    """
+    try:
+        return bytes(ForkingPickler.dumps(content))
+    except Exception as error:  # pickling runs code of what is pickled
+        raise InputError(f"{what} cannot be handed to another process: {error}") from error
+
+
 class WorldProcess:
     """Handle of a process in which one traffic simulation runs.
+
+    The process keeps its temporary files, SUMO's too, in a folder of its own. Both sides remove it,
+    so that nothing is left when one of them is killed.
 
     Args:
       make: makes the simulation, in the process; must be picklable.
@@ -65,14 +85,19 @@ class WorldProcess:
     def __init__(self, make: Callable[[], PureSim]) -> None:
         # A forked process would inherit a loaded SUMO, and threads of MuJoCo and torch half-way.
         context = multiprocessing.get_context("spawn")
+        try:
+            self._folder = tempfile.mkdtemp(prefix="iits_mj_world_")
+        except OSError as error:
+            raise TrafficError(f"the process of a world cannot be started: {error}") from error
         self._link, far = context.Pipe()
-        self._process = context.Process(target=serve, args=(far, make), daemon=True)
+        self._process = context.Process(target=serve, args=(far, make, self._folder), daemon=True)
         self._ended = ""
         self._working = False
         try:
             self._process.start()
         except _NOT_STARTED as error:
             self._link.close()
+            _remove(self._folder)
             raise TrafficError(f"the process of a world cannot be started: {error}") from error
         finally:
             far.close()
@@ -88,8 +113,8 @@ class WorldProcess:
         """The process's number, None when it has ended."""
         return None if self._ended else self._process.pid
 
-    def send(self, message: tuple[Any, ...]) -> None:
-        """Asks the world; `receive` gives the answer.
+    def send(self, message: bytes) -> None:
+        """Asks the world, see `message_of`; `receive` gives the answer.
 
         Raises:
           TrafficError: an answer is still to be received.
@@ -100,7 +125,7 @@ class WorldProcess:
         # Who has died is told by the answer.
         with contextlib.suppress(OSError):
             if not self._ended:
-                self._link.send(message)
+                self._link.send_bytes(message)
 
     def receive(self, timeout: float) -> Any:
         """The answer, or a `Failure`; a process that does not answer in time is ended [s]."""
@@ -109,27 +134,27 @@ class WorldProcess:
             return Failure(TrafficError, self._ended)
         try:
             if self._link.poll(timeout):
-                answer = self._link.recv()
+                answer = self._link.recv_bytes()
                 self._working = False
-                return answer
+                return _read(answer, TrafficError, "its answer")
             self.end(f"gave no answer for {timeout:g} s and was ended; reset it to start it anew")
-        except (EOFError, OSError, pickle.UnpicklingError):
+        except (EOFError, OSError):
             self._process.join(1.0)
             self.end(f"its process ended by itself ({self._cause()}); reset it to start it anew")
-        self._working = False
         return Failure(TrafficError, self._ended)
 
     def ask_to_end(self) -> None:
         """Lets the process close SUMO and end; `end` waits for it."""
         with contextlib.suppress(OSError):
             if not self._ended:
-                self._link.send(None)
+                self._link.send_bytes(b"")
 
     def end(self, why: str = "was ended", patience: float = 0.0) -> None:
         """Ends the process, at once or after some time to end by itself [s]."""
         if self._ended:
             return
         self._ended = why
+        self._working = False  # nobody answers
         if patience > 0.0:
             self._process.join(patience)
         if self._process.is_alive():
@@ -137,6 +162,7 @@ class WorldProcess:
         self._process.join()
         self._link.close()
         self._process.close()
+        _remove(self._folder)
 
     def _cause(self) -> str:
         code = self._process.exitcode
@@ -144,13 +170,18 @@ class WorldProcess:
             return "it hangs"
         if code < 0:
             return f"killed by {signal.Signals(-code).name}"
+        if code == _TERMINATED:
+            return "ended by SIGTERM"
         return f"exit code {code}"
 
 
-def serve(link: Connection, make: Callable[[], PureSim]) -> None:
+def serve(link: Connection, make: Callable[[], PureSim], folder: str) -> None:
     """Runs in the process: answers one message after the other until told to end."""
     # Ctrl-C reaches the whole group; the caller decides what becomes of its worlds.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Python ends a daemon so whose owner did not, and so does `timeout`: SUMO is closed before.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(_TERMINATED))
+    tempfile.tempdir = folder
     traffic: PureSim | None = None
 
     def begin() -> None:
@@ -158,15 +189,15 @@ def serve(link: Connection, make: Callable[[], PureSim]) -> None:
         traffic = make()
 
     try:
-        _answer(link, begin)
         # The end of the link is the end of the caller.
         with contextlib.suppress(EOFError, OSError):
-            while (message := link.recv()) is not None:
-                assert traffic is not None
-                _answer(link, partial(_do, traffic, *message))
+            _answer(link, begin)
+            while traffic is not None and (message := link.recv_bytes()):
+                _answer(link, partial(_do, traffic, message))
     finally:
         if traffic is not None:
             traffic.close()
+        _remove(folder)
 
 
 def _answer(link: Connection, action: Callable[[], Any]) -> None:
@@ -177,12 +208,30 @@ def _answer(link: Connection, action: Callable[[], Any]) -> None:
     except Exception as error:
         answer = Failure(TrafficError, f"{type(error).__name__}: {error}", traceback.format_exc())
     try:
-        link.send(answer)
-    except (pickle.PicklingError, TypeError, AttributeError) as error:
-        link.send(Failure(TrafficError, f"the answer cannot be handed over: {error}"))
+        given = bytes(ForkingPickler.dumps(answer))
+    except Exception as error:
+        refusal = Failure(TrafficError, f"the answer cannot be handed over: {error}")
+        given = bytes(ForkingPickler.dumps(refusal))
+    link.send_bytes(given)
 
 
-def _do(traffic: PureSim, what: str, *arguments: Any) -> Any:
+def _read(message: bytes, kind: type[Error], what: str) -> Any:
+    """What was sent, or a `Failure`: what one process can write another may not know."""
+    try:
+        return pickle.loads(message)
+    except Exception as error:
+        return Failure(kind, f"{what} cannot be read there: {type(error).__name__}: {error}")
+
+
+def _remove(folder: str) -> None:
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def _do(traffic: PureSim, message: bytes) -> Any:
+    content = _read(message, InputError, "what was handed over")
+    if isinstance(content, Failure):
+        return content
+    what, *arguments = content
     if what == "step":
         return traffic.step(*arguments)
     if what == "reset":

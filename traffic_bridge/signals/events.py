@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from iits_mj.errors import InputError
-from traffic_bridge.checks import in_range, is_whole
+from traffic_bridge.checks import in_range, is_whole, make_plain, plain
 from traffic_bridge.vehicles.changes import check_changes
 
 LONGEST = 1e6  # [m], [s]
@@ -59,6 +59,7 @@ class Event:
         if self.duration == 0.0:
             raise InputError(f"{self.name}: duration = 0 s: must be positive")
         self._check()
+        make_plain(self)
 
     def _check(self) -> None:
         """Checks the subclass's own values."""
@@ -259,8 +260,7 @@ class VehicleChange(Event):
                 f"{self.name}: parameters = {given!r}: must be names with values"
             ) from None
         check_changes(self.target, pairs)
-        fixed = tuple((n, tuple(v) if isinstance(v, list) else v) for n, v in pairs.items())
-        object.__setattr__(self, "parameters", fixed)
+        object.__setattr__(self, "parameters", plain(list(pairs.items())))
 
 
 EVENTS: dict[str, type[Event]] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from iits_mj.errors import InputError
-from traffic_bridge.checks import in_range, is_whole
+from traffic_bridge.checks import in_range, is_whole, make_plain
 
 
 @dataclass(frozen=True)
@@ -42,3 +42,4 @@ class Departure:
             in_range("departure: station", self.station, 0.0, 1e6)
         if self.speed is not None:
             in_range("departure: speed", self.speed, 0.5, 70.0)
+        make_plain(self)

@@ -125,7 +125,7 @@ class Vehicles:
         """The vehicle's present type, with the changes made to it."""
         try:
             return self._of_vehicle[name]
-        except KeyError:
+        except (KeyError, TypeError):
             raise InputError(f"no vehicle {name!r} in the traffic") from None
 
     def types(self) -> tuple[VehicleType, ...]:

@@ -16,7 +16,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from iits_mj.errors import InputError
-from traffic_bridge.checks import is_number
+from traffic_bridge.checks import in_range, is_number, make_plain, shown
 
 KINDS = ("car", "van", "truck", "articulated")
 HEAVY = ("truck", "articulated")
@@ -33,11 +33,43 @@ LC2013_ATTRIBUTES = {
     "lc_keep_right": "lcKeepRight",
     "lc_assertive": "lcAssertive",
 }
+POSITIVE = (
+    *("length", "width", "height", "acceleration", "deceleration", "time_headway"),
+    *("desired_speed_mean", "lc_assertive"),
+)
+# What a number may be at most, and why; `VehicleType` says what it is.
+HIGHEST = {
+    "length": 100.0,  # [m] road trains have 53.5 m
+    "width": 5.0,  # [m] an escorted load; a lane has 3 to 4 m, and SUMO keeps each in its lane
+    "height": 10.0,  # [m] an escorted load; bridges leave 4 to 5 m
+    "minimum_gap": 50.0,  # [m] drivers stop 1 to 8 m behind the next
+    "time_headway": 20.0,  # [s] drivers keep 0.5 to 4 s; at 20 s a lane carries 3 vehicles a minute
+    "acceleration": 15.0,  # [m/s2] like the next two: tires on a dry road hold 10 to 13 m/s2
+    "deceleration": 15.0,
+    "emergency_deceleration": 15.0,
+    "desired_speed_mean": 2.0,  # of a fraction that is cut at 1: with 2 everybody has 1
+    "desired_speed_deviation": 1.0,
+    "desired_speed_low": 1.0,  # the fraction is cut to [low, 1]
+    "politeness": 10.0,  # others' gain counts as much as one's own at 1
+    "change_threshold": 15.0,  # [m/s2] as accelerations: a higher one forbids lane changes no more
+    "keep_right_bias": 15.0,
+    "safe_braking": 15.0,
+    "lc_strategic": 100.0,  # SUMO's factors on 1; higher ones change nothing that can be seen
+    "lc_cooperative": 100.0,
+    "lc_speed_gain": 100.0,
+    "lc_keep_right": 100.0,
+    "lc_assertive": 100.0,
+}
 
 
 @dataclass(frozen=True)
 class VehicleType:
     """One type of vehicle; the four of the package, with sources, are in `types.toml`.
+
+    Numbers are zero or positive and at most `HIGHEST`: there SUMO and IDM still mean something on a
+    road (a vehicle fits on it, tires hold, flows come to more than a vehicle a minute). They are
+    kept as Python's own. Length, width, height, `acceleration`, `deceleration`, `time_headway`,
+    `desired_speed_mean` and `lc_assertive` are positive.
 
     Attributes:
       name: of the type; letters, digits, "_" and "-".
@@ -54,6 +86,9 @@ class VehicleType:
       colors: its paints, each red, green, blue from 0 to 1; a vehicle has one of them, by its name.
       lc_strategic, lc_cooperative, lc_speed_gain, lc_keep_right: eagerness of LC2013's four
         motives; lc_assertive: how much smaller gaps it takes. 1 is SUMO's default.
+
+    Raises:
+      InputError: a value is not allowed; the message names what is.
     """
 
     name: str
@@ -84,27 +119,19 @@ class VehicleType:
         """Checks every value; lists given as colors become tuples."""
         if not isinstance(self.name, str) or not _NAME.fullmatch(self.name) or self.name in _TAKEN:
             raise InputError(
-                f"vehicle type {self.name!r}: a name has 1 to 32 letters, digits, '_' or '-', "
+                f"vehicle type {shown(self.name)}: a name has 1 to 32 letters, digits, '_' or '-', "
                 f"begins with a letter and is none of {', '.join(_TAKEN)}"
             )
         object.__setattr__(self, "look", self.look or self.name)
         if self.look not in KINDS:
             raise InputError(
-                f"vehicle type {self.name!r}: look {self.look!r}: allowed are {', '.join(KINDS)}"
+                f"vehicle type {self.name!r}: look {shown(self.look)}: "
+                f"allowed are {', '.join(KINDS)}"
             )
         object.__setattr__(self, "colors", _colors(self.name, self.colors))
-        for entry in dataclasses.fields(self):
-            if entry.name in ("name", "look", "colors"):
-                continue
-            value = getattr(self, entry.name)
-            if not is_number(value) or value < 0.0:
-                raise InputError(f"{self.name}.{entry.name} = {value!r}: must be zero or positive")
-        for name in (
-            *("length", "width", "height", "acceleration", "deceleration", "time_headway"),
-            *("desired_speed_mean", "lc_assertive"),
-        ):
-            if getattr(self, name) <= 0.0:
-                raise InputError(f"{self.name}.{name} = {getattr(self, name)!r}: must be positive")
+        for name in HIGHEST:
+            check_parameter(f"{self.name}.{name}", name, getattr(self, name))
+        make_plain(self)
 
     @property
     def kind(self) -> str:
@@ -215,6 +242,21 @@ def type_from_dict(values: Mapping[str, Any]) -> VehicleType:
         raise InputError(f"vehicle type {given.get('name')!r}: {error}") from error
 
 
+def check_parameter(label: str, name: str, value: object) -> None:
+    """Refuses what a parameter of a vehicle type cannot be; `HIGHEST` has its name.
+
+    Raises:
+      InputError: says what is allowed.
+    """
+    if not is_number(value):
+        raise InputError(f"{label} = {shown(value)}: must be finite and not negative")
+    if value < 0.0:  # type: ignore[operator]
+        raise InputError(f"{label} = {value!r}: must be zero or positive")
+    if name in POSITIVE and value == 0.0:
+        raise InputError(f"{label} = {value!r}: must be positive")
+    in_range(label, value, 0.0, HIGHEST[name])
+
+
 def check_color(name: str, color: object) -> Color:
     """A color as a tuple.
 
@@ -226,13 +268,15 @@ def check_color(name: str, color: object) -> Color:
         or len(color) != 3
         or any(not is_number(value) or not 0.0 <= value <= 1.0 for value in color)
     ):
-        raise InputError(f"{name}: color {color!r}: must be red, green, blue, each from 0 to 1")
+        raise InputError(
+            f"{name}: color {shown(color)}: must be red, green, blue, each from 0 to 1"
+        )
     return float(color[0]), float(color[1]), float(color[2])
 
 
 def _colors(name: str, colors: object) -> tuple[Color, ...]:
     if not isinstance(colors, (tuple, list)) or not colors:
-        raise InputError(f"{name}.colors = {colors!r}: must be a list of at least one color")
+        raise InputError(f"{name}.colors = {shown(colors)}: must be a list of at least one color")
     return tuple(check_color(name, color) for color in colors)
 
 
