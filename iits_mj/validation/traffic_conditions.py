@@ -23,7 +23,6 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -32,32 +31,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.errors import InputError
-from iits_mj.road import Route
-from iits_mj.validation.traffic_flow import FlowLog, FlowSamples
-from traffic_bridge.config import TrafficConfig
-from traffic_bridge.modes.sumo_modes import PureSim
+from iits_mj.validation.traffic_flow import FlowSamples
 from traffic_bridge.vehicles.departures import Departure
 from traffic_bridge.vehicles.idm import IdmParameters, equilibrium_gap
-from traffic_bridge.vehicles.types import VehicleType, default_types
 
 FloatArray = NDArray[np.float64]
 # The driver of a vehicle of a lane, drawn with a generator.
 Drivers = Callable[[int, np.random.Generator], IdmParameters]
 
-RUN_OUT = 100.0  # [m] beyond the stretch
+EXIT_SHARE = 0.8  # of the stretch, where a boundary that stands still is
 WARM_UP = 60.0  # [s] before a window begins, under its first conditions
 WINDOW = 150.0  # [s]
 RESERVE = 1.15  # length of the column over what the recorded flow would use up
 CLOSE = 0.3  # [s]: time headway beyond the boundary
 BIN = 2.0  # [s] over which recorded speeds are averaged
-SAMPLE_PERIOD = 0.5  # [s] between samples of the simulated flow
-SPEED_CAP = 40.0  # [m/s]: limit of the simulated road, above every desired speed
 TYPE = "car"
-RESOLUTION = 0.05  # [m/s] of the speeds that are told
 SLOWEST = 0.5  # [m/s]: nobody is told to stand
-# Who drives at a recorded speed keeps close, so that the others' distances do not slow it down.
-DRIVEN = {"time_headway": CLOSE, "acceleration": 2.0}
-LANE_WIDTH = 3.66  # [m]
+WAVE = 4.5  # [m/s] upstream, see `without_model`
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,13 +87,21 @@ class Conditions:
         return self.speed / self.spacing
 
     @classmethod
-    def of(cls, recorded: FlowSamples, others: FlowSamples, vehicle_length: float) -> Conditions:
+    def of(
+        cls,
+        recorded: FlowSamples,
+        others: FlowSamples,
+        vehicle_length: float,
+        fixed: bool = False,
+    ) -> Conditions:
         """The conditions of a recorded flow whose stations begin near zero.
 
         Args:
           recorded: followers.
           others: their leaders.
           vehicle_length: mean [m].
+          fixed: the boundary stands still instead, where the last fifth of the stretch begins, and
+            its speed is the mean of who is recorded there, interpolated where nobody is.
 
         Raises:
           InputError: a lane has nobody with a leader.
@@ -119,9 +117,16 @@ class Conditions:
             known = mine.select(np.isfinite(mine.spacing))
             if not len(known):
                 raise InputError(f"lane {lane}: nobody behind a leader was recorded")
-            first = _foremost(mine)
+            if fixed:
+                first = mine.select(mine.station > EXIT_SHARE * length)
+                if not len(first):
+                    raise InputError(
+                        f"lane {lane}: nobody was recorded on the last fifth of {length:.0f} m"
+                    )
+            else:
+                first = _foremost(mine)
             place, share = _binned(first.time, first.station, edges)
-            head.append(place)
+            head.append(np.full_like(place, EXIT_SHARE * length) if fixed else place)
             head_speed.append(_binned(first.time, first.speed, edges)[0])
             covered.append(share)
             speed.append(float(known.speed.mean()))
@@ -192,96 +197,24 @@ class Conditions:
         return list(itertools.pairwise(edges))
 
 
-def entering_type(length: float) -> VehicleType:
-    """Of a vehicle until it is on the road, where it gets a driver."""
-    return dataclasses.replace(
-        default_types()[0],
-        length=length,
-        minimum_gap=0.5,
-        time_headway=CLOSE,
-        acceleration=1.5,
-        deceleration=2.0,
-    )
-
-
-def drive(
-    conditions: Conditions, drivers: Drivers, window: tuple[float, float], seed: int = 0
-) -> FlowSamples:
-    """Runs PureSim under recorded conditions, lane by lane.
-
-    Args:
-      conditions: see the module.
-      drivers: who drives.
-      window: beginning and end of what is simulated, in the recording's time [s].
-      seed: of the traffic and of the drivers.
-
-    Returns:
-      The simulated flow at the recording's times, lanes and stations.
-    """
-    rng = np.random.default_rng(seed)
-    parts = [
-        _drive_lane(conditions, drivers, window, lane, rng) for lane in range(conditions.lanes)
-    ]
-    return FlowSamples.joined(parts)
-
-
-def _drive_lane(
-    conditions: Conditions,
-    drivers: Drivers,
-    window: tuple[float, float],
-    lane: int,
-    rng: np.random.Generator,
-) -> FlowSamples:
-    begin, end = window
-    total = WARM_UP + end - begin
-    before = conditions.lead_in(lane, begin, end)
-    route = Route.straight(
-        before + conditions.length + RUN_OUT, 1, lane_width=LANE_WIDTH, speed_limit=SPEED_CAP
-    )
-    departures, found = conditions.column(lane, begin, end, drivers, rng)
-    config = TrafficConfig(
-        density="empty",
-        speed_limit=SPEED_CAP,
-        lane_change_duration=0.0,
-        types=(entering_type(conditions.vehicle_length),),
-        mix=((TYPE, 1.0),),
-        departures=departures,
-    )
-    log = FlowLog()
-    told: dict[str, float] = {}
-    with PureSim(route, config) as traffic:
-        frame = traffic.reset()
-        stride = round(SAMPLE_PERIOD / config.step_length)
-        for step in range(round(total / config.step_length) + 1):
-            if step % stride == 0:
-                time = traffic.time - WARM_UP + begin
-                speed = conditions.speed_at(lane, time)
-                station = frame.column("station") + 0.5 * frame.column("length") - before
-                free = station < conditions.head_at(lane, time)
-                for i, name in enumerate(frame.ids):
-                    if free[i]:
-                        if told.get(name) != math.inf:
-                            told[name] = math.inf
-                            # Vehicles of the list are named by their place in it.
-                            driver = found[int(name.rpartition(".d")[2])]
-                            traffic.vehicles.change(name, **dataclasses.asdict(driver))
-                    elif abs(told.get(name, math.inf) - speed) > RESOLUTION:
-                        told[name] = speed
-                        traffic.vehicles.change(name, desired_speed=speed, **DRIVEN)
-                if time >= begin:
-                    log.add(time, frame, before)
-            frame = traffic.step()
-    samples = log.samples
-    return dataclasses.replace(
-        samples,
-        station=samples.station - before,
-        lane=np.full(len(samples), lane, dtype=np.int64),
-    )
-
-
 def compared(samples: FlowSamples, conditions: Conditions) -> FlowSamples:
     """The part of a flow that is compared: on the stretch, behind the boundary."""
     return samples.select(conditions.is_free(samples))
+
+
+def without_model(samples: FlowSamples, conditions: Conditions) -> FlowSamples:
+    """The entries with the speed that came upstream from the boundary as a wave, and no driver.
+
+    Treiber and Kesting (2013), section 8.5: disturbances in congested traffic travel upstream at
+    about 15 to 20 km/h, whatever the drivers. What this gets right a model cannot take credit for.
+    """
+    speed = np.empty(len(samples))
+    for lane in range(conditions.lanes):
+        mine = samples.lane == lane
+        time = samples.time[mine]
+        apart = conditions.head_at(lane, time) - samples.station[mine]
+        speed[mine] = np.interp(time - apart / WAVE, conditions.time, conditions.head_speed[lane])
+    return dataclasses.replace(samples, speed=speed)
 
 
 def _foremost(samples: FlowSamples) -> FlowSamples:

@@ -56,6 +56,10 @@ class FlowSamples:
         """The entries of a mask of shape (n,)."""
         return self.reweighted(self.weight, keep)
 
+    def moved(self, distance: float) -> FlowSamples:
+        """The same flow with its stations moved by a distance [m]."""
+        return dataclasses.replace(self, station=self.station + distance)
+
     def reweighted(self, weight: FloatArray, keep: NDArray[np.bool_]) -> FlowSamples:
         """The entries of a mask, with other weights, both of shape (n,)."""
         return FlowSamples(
@@ -205,6 +209,14 @@ def levels(recorded: FlowSamples) -> dict[str, NDArray[np.int64]]:
     share = np.cumsum(count[order]) / count.sum()
     level = np.minimum(np.searchsorted((1.0 / 3.0, 2.0 / 3.0), share, side="left"), 2)
     return {name: np.sort(cells[order[level == i]]) for i, name in enumerate(LEVELS)}
+
+
+def densities(recorded: FlowSamples, cells: dict[str, NDArray[np.int64]]) -> dict[str, float]:
+    """Mean density of each level [vehicles a kilometer and lane]."""
+    return {
+        name: 1e3 / weighted_mean(recorded.select(np.isin(recorded.cells(), members)), "spacing")
+        for name, members in cells.items()
+    }
 
 
 def wasserstein(a: FlowSamples, b: FlowSamples, name: str = "speed") -> float:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import tempfile
+from pathlib import Path
+
 import numpy as np
 
 from iits_mj.results import Check
@@ -30,10 +33,11 @@ def own_recording(duration: float = 30.0) -> list[Check]:
         seen.append(recorder.reset())
         while recorder.time < duration - 1e-9:
             seen.append(recorder.step())
-        recording = recorder.recording
-    with RepSim(route, recording) as replay:
-        found = [replay.reset()]
-        found += [replay.step() for _ in seen[1:]]
+        with tempfile.TemporaryDirectory(prefix="iits_mj_replay_") as folder:
+            path = recorder.save(Path(folder) / "recording.npz")
+            with RepSim(route, path) as replay:
+                found = [replay.reset()]
+                found += [replay.step() for _ in seen[1:]]
     distance = max(_difference(a, b) for a, b in zip(seen, found, strict=True))
     ours, theirs = _samples(seen), _samples(found)
     return [

@@ -8,6 +8,7 @@ import pytest
 from iits_mj.cli import main
 from iits_mj.errors import InputError
 from iits_mj.validation import traffic_conditions as conditions_of
+from iits_mj.validation.traffic_drive import drive
 from iits_mj.validation.traffic_flow import (
     FlowLog,
     FlowSamples,
@@ -130,7 +131,7 @@ def test_a_queue_drives_as_fast_as_its_end_and_keeps_its_equilibrium_distance():
     # A driver of a stable string: an unstable one would make waves of the exit's jolts.
     driver = IdmParameters(20.0, 1.6, 2.0, 1.5, 1.5)
     conditions = _queue()
-    flow = conditions_of.drive(conditions, lambda _lane, _rng: driver, (0.0, 100.0))
+    flow = drive(conditions, lambda _lane, _rng: driver, (0.0, 100.0))
     early = flow.select((flow.time > 30.0) & (flow.time < 45.0) & (flow.station > 100.0))
     early = conditions_of.compared(early, conditions)
     assert early.speed == pytest.approx(8.0, abs=0.3)
