@@ -4,29 +4,57 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from iits_mj.errors import InputError
 from iits_mj.messages import EgoFootprint, EgoState
 from iits_mj.road import Route
-from traffic_bridge.modes.placed import EGO_TYPE, PlacedVehicle
+from traffic_bridge.modes.beside import Beside
+from traffic_bridge.modes.placed import EGO_TYPE, END, PlacedVehicle
 from traffic_bridge.modes.smoothing import Box
-from traffic_bridge.network.lanes import RouteLanes
+from traffic_bridge.network.lanes import LaneTable, RouteLanes
 from traffic_bridge.session import Session
+from traffic_bridge.vehicles.ego_room import EgoRoom
 
 EGO = "ego"
 SHADOW = "shadow"
-# The truck counts as being in a second lane as well from this overlap on [m].
-OVERLAP = 0.3
+ASTRAY = 50.0  # [m] between an ego's place on the route and its place in the map, at most
+AXIS_POINTS = 17  # along the combination
+SHORTEST = 0.5  # [m] of its rear that SUMO still has to know
+ALONG = "along.0"  # SUMO's route along the ego's
+AGAINST = "ego.against"  # SUMO's route along the oncoming lanes
 
 
-def check_ego(ego: EgoState) -> None:
-    """Refuses an ego state with values that are not finite.
+def check_ego(ego: EgoState, route: Route | None = None) -> None:
+    """Refuses an ego state with values that are not finite, or that contradict each other.
+
+    Args:
+      ego: to check.
+      route: to compare its station and offset with its x and y; None where only one is used.
 
     Raises:
       InputError: names the field.
     """
+    if not isinstance(ego, EgoState):
+        raise InputError(f"ego = {ego!r}: must be an EgoState")
     for name in ("x", "y", "yaw", "speed", "station", "offset", "trailer_offset"):
-        if not math.isfinite(getattr(ego, name)):
-            raise InputError(f"ego.{name} = {getattr(ego, name)!r}: must be finite")
+        value = getattr(ego, name)
+        try:
+            finite = math.isfinite(value)
+        except TypeError:
+            raise InputError(f"ego.{name} = {value!r}: must be a number") from None
+        if not finite:
+            raise InputError(f"ego.{name} = {value!r}: must be finite")
+    if route is None:
+        return
+    point = route.evaluate(ego.station, ego.offset)
+    apart = math.hypot(ego.x - point.x, ego.y - point.y)
+    if not apart <= ASTRAY:
+        raise InputError(
+            f"ego.station = {ego.station:g}, ego.offset = {ego.offset:g}: that place of the route "
+            f"is {apart:.3g} m from ego.x = {ego.x:g}, ego.y = {ego.y:g}; at most {ASTRAY:g} m are "
+            "allowed"
+        )
 
 
 def ego_type_xml(footprint: EgoFootprint) -> str:
@@ -50,7 +78,8 @@ class EgoInTraffic:
 
     SUMO's lane-based world knows one lane per vehicle. While the truck straddles two lanes, in a
     lane change or with its trailer still in the old lane, a second vehicle of the same length (the
-    shadow) stands in the other lane beside it, so that nobody there drives into its side.
+    shadow) stands in the other lane beside it, so that nobody there drives into its side. On an
+    oncoming lane it stands still: those who come there stop before it.
     """
 
     def __init__(
@@ -67,8 +96,10 @@ class EgoInTraffic:
         self._route = route
         self._footprint = footprint
         self._step = step
-        self._truck: PlacedVehicle | None = None
-        self._shadow: PlacedVehicle | None = None
+        # The truck by its name, the shadows by SUMO's route that they are on.
+        self._placed: dict[str, PlacedVehicle] = {}
+        self._beside = Beside(session, lanes, route)
+        self._has_way_against = False
         self._shadows = 0
 
     def front(self, ego: EgoState) -> tuple[float, float, float, float]:
@@ -87,19 +118,52 @@ class EgoInTraffic:
             Box(middle, ego.trailer_offset, ego.speed, size.length, size.width),
         )
 
+    def room(self, ego: EgoState, traffic_speed: float) -> EgoRoom:
+        """What the truck takes of the road before anybody else is there.
+
+        Args:
+          ego: the truck.
+          traffic_speed: of the others, about [m/s].
+        """
+        _, _, station, offset = self.front(ego)
+        part = np.linspace(0.0, 1.0, AXIS_POINTS)
+        offsets = ego.trailer_offset + part * (offset - ego.trailer_offset)
+        points = self._route.evaluate(station + (part - 1.0) * self._footprint.length, offsets)
+        return EgoRoom(
+            station,
+            self._route.lane_at(station, offset),
+            ego.speed,
+            np.stack((points.x, points.y), axis=1),
+            self._footprint,
+            traffic_speed,
+        )
+
     def place(self, ego: EgoState) -> None:
-        """Moves the truck (and its shadow) to where it is at the end of the coming step."""
+        """Moves the truck (and its shadows) to where it is at the end of the coming step.
+
+        Beyond the end of the route SUMO would let it arrive and forget it. So it stays there with
+        what is still on the road, until its rear is past the end, too.
+        """
         x, y, station, offset = self.front(ego)
-        lane = self._route.lane_at(station, offset)
+        length = self._footprint.length
+        hidden = max(station - (self._route.length - END), 0.0)
         with self._session.guard("placing the ego truck"):
-            if station >= self._route.length - 1.0:
-                # SUMO would let it arrive and forget it.
-                self._remove()
+            if length - hidden < SHORTEST:
+                for role in (EGO, ALONG, AGAINST):
+                    self._drop(role)
                 return
-            if self._truck is None:
-                self._truck = PlacedVehicle(self._session, self._lanes, EGO, self._step)
-            self._put(self._truck, ego, station, offset, lane, (x, y))
-            self._place_shadow(ego, station, lane)
+            if hidden > 0.0:
+                station = self._route.length - END
+                point = self._route.evaluate(station, offset)
+                x, y = float(point.x), float(point.y)
+            lane = self._route.lane_at(station, offset)
+            truck = self._known(EGO)
+            truck.cut(length, hidden)
+            self._put(truck, ego, station, offset, lane, (x, y))
+            edges = self._beside.edges(self._footprint.width, (ego.offset, ego.trailer_offset))
+            self._place_shadow(ego, station, self._beside.second(lane, station, edges), hidden)
+            against = self._beside.opposite(station, edges)
+            self._place_against(against, station - length + hidden, edges)
 
     def _put(
         self,
@@ -112,43 +176,52 @@ class EgoInTraffic:
     ) -> None:
         speed = max(ego.speed, 0.0)
         if lane >= 0:
-            table = self._lanes.covering(lane, station) or self._lanes.find(lane, station)
+            table = self._beside.table(lane, station)
             if table is not None:
                 position = table.position_of(station)
                 placed.put(table, position, offset - table.at(position)[1], speed)
                 return
         placed.move(*self._lanes.to_sumo(*point), ego.yaw, speed)
 
-    def _place_shadow(self, ego: EgoState, station: float, lane: int) -> None:
-        second = self._second_lane(ego, station, lane)
+    def _place_shadow(self, ego: EgoState, station: float, second: int, hidden: float) -> None:
+        """Has a shadow in a second lane of the route; -1 is none."""
         if second < 0:
-            self._remove_shadow()
+            self._drop(ALONG)
             return
-        if self._shadow is None:
-            name = f"{SHADOW}.{self._shadows}"
-            self._shadows += 1
-            self._shadow = PlacedVehicle(self._session, self._lanes, name, self._step)
+        shadow = self._known(ALONG)
+        shadow.cut(self._footprint.length, hidden)
         offset = float(self._route.lane_offset(second, station))
         point = self._route.evaluate(station, offset)
-        self._put(self._shadow, ego, station, offset, second, (float(point.x), float(point.y)))
+        self._put(shadow, ego, station, offset, second, (float(point.x), float(point.y)))
 
-    def _second_lane(self, ego: EgoState, station: float, lane: int) -> int:
-        """The lane other than the ego's that tractor or trailer reaches into, -1 for none."""
-        half = 0.5 * self._footprint.width - OVERLAP
-        offsets = (ego.offset, ego.trailer_offset)
-        for edge in (max(offsets) + half, min(offsets) - half):
-            other = self._route.lane_at(station, edge)
-            if other not in (-1, lane) and self._lanes.find(other, station) is not None:
-                return other
-        return -1
+    def _place_against(
+        self, table: LaneTable | None, rear: float, edges: tuple[float, float]
+    ) -> None:
+        """Has a shadow in an oncoming lane, its front where the truck's rear is; None is none."""
+        if table is None:
+            self._drop(AGAINST)
+            return
+        if not self._has_way_against:
+            self._api.route.add(AGAINST, list(self._lanes.oncoming_edges))
+            self._has_way_against = True
+        table = self._beside.opposite(rear, edges) or table
+        position = min(table.position_of(rear), table.length - END)
+        self._known(AGAINST).put(table, max(position, 0.0), 0.0, 0.0)
 
-    def _remove_shadow(self) -> None:
-        if self._shadow is not None:
-            self._shadow.remove()
-            self._shadow = None
+    def _known(self, role: str) -> PlacedVehicle:
+        """The truck or a shadow, which SUMO has from now on."""
+        if role not in self._placed:
+            name = role
+            if role != EGO:
+                name = f"{SHADOW}.{self._shadows}"
+                self._shadows += 1
+            way = AGAINST if role == AGAINST else ALONG
+            self._placed[role] = PlacedVehicle(
+                self._session, self._lanes, name, self._step, way=way
+            )
+        return self._placed[role]
 
-    def _remove(self) -> None:
-        self._remove_shadow()
-        if self._truck is not None:
-            self._truck.remove()
-            self._truck = None
+    def _drop(self, role: str) -> None:
+        """Takes the truck or a shadow out of SUMO."""
+        if role in self._placed:
+            self._placed.pop(role).remove()

@@ -6,20 +6,17 @@ import math
 from typing import NamedTuple
 
 from iits_mj.road import Route
-from traffic_bridge.modes.placed import PlacedVehicle
+from traffic_bridge.modes.beside import Beside
+from traffic_bridge.modes.placed import END, PlacedVehicle
 from traffic_bridge.network.lanes import LaneTable, RouteLanes
 from traffic_bridge.recording.replay import Replay
 from traffic_bridge.session import Session
 
 PREFIX = "guest."
-# A vehicle counts as being in a second lane as well from this overlap on [m].
-OVERLAP = 0.3
 CENTERED = 0.25  # [m] from its lane's centre: nobody there reaches into another one so far
 # Time before a recorded lane change from which a vehicle claims the lane it goes to, as one that
 # indicates [s].
 INDICATED = 3.0
-END = 1.0  # [m] before the end of the route: SUMO would let a vehicle arrive and forget it
-
 
 _COLUMNS = ("x", "y", "yaw", "speed", "station", "offset", "length", "width")
 
@@ -64,6 +61,7 @@ class Guests:
         self._route = route
         self._replay = replay
         self._step = step
+        self._beside = Beside(session, lanes, route)
         self._placed: dict[str, PlacedVehicle] = {}
 
     def place(self, time: float) -> None:
@@ -102,23 +100,16 @@ class Guests:
 
     def _second_lane(self, place: _Place, goal: int) -> int:
         """The other lane that a vehicle reaches into or is about to go to, -1 for none."""
-        if abs(goal - place.lane) == 1 and goal >= 0 and self._table(goal, place.front):
+        if abs(goal - place.lane) == 1 and goal >= 0 and self._beside.table(goal, place.front):
             return goal
-        table = self._table(place.lane, place.front)
+        table = self._beside.table(place.lane, place.front)
         if table is not None and abs(_side(table, place)) < CENTERED:
             return -1
-        half = 0.5 * place.width - OVERLAP
-        for side in (half, -half):
-            other = self._route.lane_at(place.front, place.offset + side)
-            if other not in (-1, place.lane) and self._table(other, place.front):
-                return int(other)
-        return -1
-
-    def _table(self, lane: int, station: float) -> LaneTable | None:
-        return self._lanes.covering(lane, station) or self._lanes.find(lane, station)
+        edges = self._beside.edges(place.width, (place.offset,))
+        return self._beside.second(place.lane, place.front, edges)
 
     def _put(self, placed: PlacedVehicle, place: _Place) -> None:
-        table = self._table(place.lane, place.front) if place.lane >= 0 else None
+        table = self._beside.table(place.lane, place.front) if place.lane >= 0 else None
         speed = max(place.speed, 0.0)
         if table is not None:
             placed.put(table, table.position_of(place.front), _side(table, place), speed)

@@ -12,6 +12,7 @@ EGO_TYPE = "ego"  # the type of all of them; SUMO needs their size only
 EXACT_POSE = 2
 FASTEST = 60.0  # [m/s]: one that is farther away has been moved, not driven
 ROLLBACK = 0.3  # [m] that one may roll back before it is moved
+END = 1.0  # [m] before the end of the route: SUMO would let a vehicle arrive and forget it
 MATCH_RADIUS = 30.0  # [m] in which SUMO looks for its lane; SUMO's default of 100 costs more
 
 
@@ -28,6 +29,7 @@ class PlacedVehicle:
       name: of the vehicle.
       step: length of a step [s].
       size: length and width [m]; default: those of the ego's type.
+      way: name of the SUMO route that it is on.
     """
 
     def __init__(
@@ -37,15 +39,17 @@ class PlacedVehicle:
         name: str,
         step: float,
         size: tuple[float, float] | None = None,
+        way: str = "along.0",
     ) -> None:
         self.name = name
+        self._cut = False
         self._api = session.api
         self._lanes = lanes
         self._step = step
         self._get_lane = session.getter("vehicle", "getLaneID")
         self._get_position = session.getter("vehicle", "getLanePosition")
         vehicle = self._api.vehicle
-        vehicle.add(name, "along.0", typeID=EGO_TYPE, departSpeed="0")
+        vehicle.add(name, way, typeID=EGO_TYPE, departSpeed="0")
         vehicle.setSpeedMode(name, 0)
         vehicle.setLaneChangeMode(name, 0)
         if size is not None:
@@ -55,6 +59,17 @@ class PlacedVehicle:
     def remove(self) -> None:
         """Takes it out of the traffic."""
         self._api.vehicle.remove(self.name)
+
+    def cut(self, length: float, hidden: float) -> None:
+        """Leaves out the front part of it, which is beyond the end of the route.
+
+        Args:
+          length: of the whole vehicle [m].
+          hidden: length of that part [m], 0 for none.
+        """
+        if hidden > 0.0 or self._cut:
+            self._cut = hidden > 0.0
+            self._api.vehicle.setLength(self.name, length - hidden)
 
     def put(self, table: LaneTable, position: float, side: float, speed: float) -> None:
         """Has it at a place on a lane after the coming step.
@@ -68,7 +83,8 @@ class PlacedVehicle:
         vehicle = self._api.vehicle
         here = self._get_lane(self.name)
         way = None
-        if here:
+        # What is cut does not advance in SUMO, but has its speed for those behind.
+        if here and not self._cut:
             way = self._lanes.way(here, self._get_position(self.name), table, position)
         if way is None or not -ROLLBACK <= way <= FASTEST * self._step:
             way = min(speed * self._step, position)

@@ -101,12 +101,7 @@ class World:
             self.signals.begin(None if ego is None else ego.station)
             if self.guests is not None:
                 self.guests.place(0.0)
-            if ego is None:
-                self._demand.fill(None, -1, 0.0)
-            else:
-                _, _, station, offset = self._ego.front(ego)
-                lane = self.route.lane_at(station, offset)
-                self._demand.fill(station, lane, ego.speed)
+            self._demand.fill(None if ego is None else self._ego.room(ego, self.config.speed_limit))
         if self._with_ego and ego is not None:
             self._ego.place(ego)
         self.session.step()
@@ -124,7 +119,7 @@ class World:
             self._demand.spawn(station)
             self.signals.step(self.time, station)
             if self._lane_changer is not None:
-                self._lane_changer.step(self.time)
+                self._lane_changer.step(self.time, lambda: self._demand.entries(station))
             if self.guests is not None:
                 self.guests.place(self.time + self.config.step_length)
         if self._with_ego and ego is not None:

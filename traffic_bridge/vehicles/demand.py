@@ -13,13 +13,10 @@ from traffic_bridge.network.net_file import NetFile, NetLane
 from traffic_bridge.network.nets import Network
 from traffic_bridge.session import Session
 from traffic_bridge.signals.limits import SpeedLimits
+from traffic_bridge.vehicles.ego_room import EgoRoom
 from traffic_bridge.vehicles.map_demand import MapDemand
-from traffic_bridge.vehicles.registry import Vehicles
+from traffic_bridge.vehicles.registry import Vehicles, VehicleType
 
-# Free road kept around the ego in its own lane at the beginning: a minimum and a time [m], [s].
-EGO_GAP = 30.0
-EGO_HEADWAY = 3.0
-NEXT_LANE_GAP = 15.0
 LANE_END = 300.0  # [m] before the end of a lane that closes: nobody begins there
 # SUMO's lane-change mode under MOBIL: SUMO itself only leaves lanes that end (bit 0), and carries
 # out our requests where that is not an immediate collision (bit 8).
@@ -78,16 +75,14 @@ class Demand:
             self._entrances.append(lanes.of_edge(lanes.oncoming_edges[0]))
             self._define_routes("against", lanes.oncoming_edges)
 
-    def fill(self, ego_station: float | None, ego_lane: int, ego_speed: float) -> None:
+    def fill(self, ego: EgoRoom | None) -> None:
         """Populates the road as the flow would have in the long run, with room for the ego.
 
         Args:
-          ego_station: of the ego's front bumper [m]; None for the beginning of the road.
-          ego_lane: lane of the ego, -1 where there is no ego.
-          ego_speed: [m/s].
+          ego: where it stands; None where there is none, which fills from the road's beginning.
         """
         config = self._config
-        here = 0.0 if ego_station is None else ego_station
+        here = 0.0 if ego is None else ego.station
         low, high = here - config.fill_behind, here + config.fill_ahead
         ways = [(1, self._lanes.edges)]
         if self._map is None:
@@ -95,12 +90,10 @@ class Demand:
         for direction, edges in ways:
             for index, edge in enumerate(edges):
                 for table in self._lanes.of_edge(edge):
-                    self._fill_lane(
-                        table, index, direction, low, high, ego_station, ego_lane, ego_speed
-                    )
+                    self._fill_lane(table, index, direction, low, high, ego)
         if self._map is not None and config.probability > 0.0:
             for lane in self._map.elsewhere:
-                self._fill_elsewhere(self._map, lane, low, high)
+                self._fill_elsewhere(self._map, lane, low, high, ego)
 
     def _fill_lane(
         self,
@@ -109,9 +102,7 @@ class Demand:
         direction: int,
         low: float,
         high: float,
-        ego_station: float | None,
-        ego_lane: int,
-        ego_speed: float,
+        ego: EgoRoom | None,
     ) -> None:
         config = self._config
         if config.probability <= 0.0:
@@ -126,35 +117,13 @@ class Demand:
             station, _ = table.at(position)
             vehicle = config.type_of(kind)
             inside = low <= station <= high and position > vehicle.length + 1.0
-            if inside and not (
-                direction > 0
-                and self._hits_ego(
-                    station, vehicle.length, table.lane, ego_station, ego_lane, ego_speed
-                )
-            ):
+            if inside and not _meets(ego, table, position, vehicle):
                 route = f"{'along' if direction > 0 else 'against'}.{index}"
                 limit = self._ways.speed(table.id, position, edges[index:])
                 self._add(kind, desired, route, table, f"{position:.3f}", limit)
             # The next one far enough that SUMO can insert both at their speeds.
             least = vehicle.length + vehicle.minimum_gap + 1.5 * config.speed_limit
             position += max(least, float(self._rng.exponential(mean_gap)))
-
-    def _hits_ego(
-        self,
-        station: float,
-        length: float,
-        lane: int,
-        ego_station: float | None,
-        ego_lane: int,
-        ego_speed: float,
-    ) -> bool:
-        if ego_station is None:
-            return False
-        clear = NEXT_LANE_GAP
-        if lane == ego_lane or ego_lane < 0:
-            clear = max(EGO_GAP, EGO_HEADWAY * max(ego_speed, self._config.speed_limit))
-        rear = ego_station - self._config.footprint.length
-        return station > rear - clear and station - length < ego_station + clear
 
     def spawn(self, ego_station: float | None) -> None:
         """Lets arrive who arrives in one step; nobody appears near the ego."""
@@ -176,6 +145,21 @@ class Demand:
                     if not near:
                         route = "along.0" if way == 0 else "against.0"
                         self._add(kind, desired, route, table, "base")
+
+    def entries(self, ego_station: float | None) -> list[str]:
+        """Edges at whose beginnings vehicles may appear now."""
+        if self._config.probability <= 0.0:
+            return []
+        open_to = [
+            entrance[0].edge
+            for entrance in self._entrances
+            if entrance and not self._is_near(ego_station, float(entrance[0].station[0]))
+        ]
+        for lane in () if self._map is None else self._map.entrances:
+            table = self._lanes.table(lane.id)
+            if not self._is_near(ego_station, float(table.station[0]), float(table.offset[0])):
+                open_to.append(lane.edge)
+        return open_to
 
     def discard_pending(self) -> None:
         """Takes back vehicles for which SUMO found no room at once."""
@@ -203,7 +187,9 @@ class Demand:
             if not self._is_near(ego_station, float(table.station[0]), float(table.offset[0])):
                 self._add_trip(kind, desired, trip, lane, "base")
 
-    def _fill_elsewhere(self, trips: MapDemand, lane: NetLane, low: float, high: float) -> None:
+    def _fill_elsewhere(
+        self, trips: MapDemand, lane: NetLane, low: float, high: float, ego: EgoRoom | None
+    ) -> None:
         config, rng = self._config, self._map_rng
         table = self._lanes.table(lane.id)
         speed = min(config.speed_limit, lane.speed)
@@ -214,7 +200,8 @@ class Demand:
             trip = trips.trip(lane, rng)
             vehicle = config.type_of(kind)
             free = position > vehicle.length + 1.0 and low <= table.at(position)[0] <= high
-            if free and position < self._ways.room(lane.id, trip) - LANE_END:
+            free = free and position < self._ways.room(lane.id, trip) - LANE_END
+            if free and not _meets(ego, table, position, vehicle):
                 self._add_trip(kind, desired, trip, lane, f"{position:.3f}")
             least = vehicle.length + vehicle.minimum_gap + 1.5 * speed
             position += max(least, float(rng.exponential(mean_gap)))
@@ -251,7 +238,8 @@ class Demand:
         front = 0.0 if position == "base" else float(position)
         slowing = self._config.type_of(kind).deceleration
         sign = self._limits.entering(table, front, slowing)
-        limit = min(self._api.lane.getMaxSpeed(table.id), ahead, sign)
+        fastest = self._api.vehicletype.getMaxSpeed(kind)
+        limit = min(self._api.lane.getMaxSpeed(table.id), fastest, ahead, sign)
         # A speed above the lane's limit would inflate the vehicle's speed factor for life.
         self._insert(kind, desired, route, table.index, position, limit)
 
@@ -284,3 +272,12 @@ class Demand:
         """One SUMO route from every edge on: vehicles begin on the first edge of their route."""
         for index in range(len(edges)):
             self._api.route.add(f"{name}.{index}", list(edges[index:]))
+
+
+def _meets(ego: EgoRoom | None, table: LaneTable, position: float, vehicle: VehicleType) -> bool:
+    """Whether a vehicle that begins at a position of a lane would be too near the ego."""
+    if ego is None:
+        return False
+    if table.direction > 0:
+        return ego.takes(table.at(position)[0], vehicle.length, table.lane)
+    return ego.blocks(table, position, vehicle.length, vehicle.width)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable, Collection
 from functools import lru_cache
 
 from traffic_bridge.config import TrafficConfig
@@ -15,6 +16,7 @@ from traffic_bridge.vehicles.registry import Vehicles, VehicleType
 
 PERIOD = 1.0  # [s] between rounds of decisions
 LOOK_AHEAD = 400.0  # [m]: nobody goes to a lane that ends within this distance
+ENTRY = 1.0  # [m] from the beginning of a lane to the rear of who appears there, at most
 REST = 6.0  # [s] after a lane change before the next
 
 
@@ -23,7 +25,9 @@ class LaneChanger:
 
     Who changes lanes by MOBIL is told by SUMO's lane-change mode, which the demand sets; all other
     vehicles (the truck and its shadow, standing and replayed vehicles) are there to be minded. SUMO
-    itself only moves vehicles to the lanes from which their way goes on.
+    itself only moves vehicles to the lanes from which their way goes on. Where traffic enters nobody
+    changes lanes until the entrance is far enough behind: SUMO, which takes a lane as free as soon
+    as it is left, would put the next vehicle where the last one is still seen.
 
     Args:
       session: the running SUMO.
@@ -39,6 +43,12 @@ class LaneChanger:
         # When a vehicle was told to change lanes, and to which side (+1 left).
         self._changed: dict[str, tuple[float, int]] = {}
         self._until = PERIOD
+        self._entries: frozenset[str] = frozenset()
+        self._near_entry: dict[str, float] = {}
+        longest = max(kind.length for kind in config.types)
+        self._entry_zone = ENTRY + longest + config.speed_limit * config.lane_change_duration
+        # The rear of who is in it may still be on the lane before.
+        self._entry_reach = self._entry_zone + longest
         self._ways: dict[str, Onward] = {}
         self._obstacle = lru_cache(maxsize=64)(self._obstacle_of_length)
 
@@ -46,21 +56,25 @@ class LaneChanger:
         """Drops a vehicle that has left."""
         self._changed.pop(name, None)
 
-    def step(self, time: float) -> None:
+    def step(self, time: float, entries: Callable[[], Collection[str]] = tuple) -> None:
         """One traffic step; a round of decisions when it is due.
 
         Args:
           time: of the traffic [s].
+          entries: gives the edges at whose beginnings vehicles may appear now.
         """
         self._until -= self._config.step_length
         if self._until > 1e-9:
             return
         self._until = PERIOD
         vehicle = self._api.vehicle
+        self._note_entries(frozenset(entries()))
         permitted: dict[str, bool] = {}
 
         def may_change(place: Place, target: Lane) -> bool:
             if time - self._changed.get(place.driver.name, (-math.inf, 0))[0] < REST:
+                return False
+            if self._is_near_entry(place):
                 return False
             if target.id not in permitted:
                 permitted[target.id] = self._is_open(target)
@@ -109,6 +123,15 @@ class LaneChanger:
             following = dict(zip(reversed(edges[:-1]), reversed(edges[1:]), strict=True))
             self._ways[route] = following.get
         return self._ways[route]
+
+    def _note_entries(self, entries: frozenset[str]) -> None:
+        if entries != self._entries:
+            self._entries = entries
+            self._near_entry = self._graph.from_entries(entries, self._entry_reach)
+
+    def _is_near_entry(self, place: Place) -> bool:
+        begin = self._near_entry.get(place.lane.id, math.inf)
+        return begin + place.position - place.driver.type.length < self._entry_zone
 
     def _is_open(self, lane: Lane) -> bool:
         closed = self._api.lane.getDisallowed(lane.id)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, insort
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -82,6 +82,24 @@ class LaneGraph:
     def before(self, lane: Lane) -> list[Lane]:
         """The lanes whose ends lead to a lane's beginning."""
         return self._before[lane.id]
+
+    def from_entries(self, edges: Collection[str], reach: float) -> dict[str, float]:
+        """How far the beginnings of lanes are from where traffic enters [m], by lane.
+
+        Args:
+          edges: at whose beginnings it enters.
+          reach: lanes farther away are left out [m].
+        """
+        found = {lane.id: 0.0 for lane in self.lanes.values() if lane.edge in edges}
+        todo = list(found)
+        while todo:
+            lane = self.lanes[todo.pop()]
+            way = found[lane.id] + lane.length
+            for after, _ in lane.links:
+                if way < min(reach, found.get(after, math.inf)):
+                    found[after] = way
+                    todo.append(after)
+        return found
 
 
 @dataclass(slots=True)

@@ -182,9 +182,14 @@ class ScriptedVehicles:
         name, vehicle = placement.name, self._api.vehicle
         scripted = placement.manner is not Manner.FREE
         desired = self._vehicles.add(name, placement.type, placement.speed, scripted)
-        speed = min(desired, placement.speed)
         with self._session.guard(f"placing {name}"):
             route = self._route(table)
+            # SUMO refuses who departs faster than its type or the limit of the edge, which is the
+            # first lane's.
+            limits = [self._api.lane.getMaxSpeed(lane) for lane in (table.id, f"{table.edge}_0")]
+            fastest = self._api.vehicletype.getMaxSpeed(placement.type)
+            # A little less: SUMO compares the figure as it is written here.
+            speed = min(desired, placement.speed, fastest - 1e-3, *(v - 1e-3 for v in limits))
             vehicle.add(name, route, typeID=placement.type, departSpeed=f"{speed:.3f}")
             vehicle.moveTo(name, table.id, table.position_of(placement.station))
             if placement.manner is Manner.STANDING:
