@@ -132,6 +132,10 @@ def test_vehicles_are_changed_through_the_process(worlds):
         worlds.call("_world.session")
     with pytest.raises(TrafficError, match="cannot be handed over"):
         worlds.call("vehicles", worlds=[0])
+    with pytest.raises(
+        InputError, match=r"world 0: 'vehicles\.change' .* wrong arguments: missing"
+    ):
+        worlds.call("vehicles.change", time_headway=2.5)
     with pytest.raises(InputError, match=r"world 0: no vehicle 'bus\.1'"):
         worlds.call("vehicles.change", "bus.1", worlds=[0], time_headway=1.0)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import inspect
 import multiprocessing
 import pickle
 import shutil
@@ -245,6 +246,12 @@ def _do(traffic: PureSim, message: bytes) -> Any:
         if name.startswith("_") or not hasattr(value, name):
             raise InputError(f"{path!r}: a traffic simulation has no public {name!r} there")
         value = getattr(value, name)
-    answer = value(*args, **options) if callable(value) else value
+    if not callable(value):
+        return value
+    try:
+        inspect.signature(value).bind(*args, **options)
+    except TypeError as error:
+        raise InputError(f"{path!r} is called with wrong arguments: {error}") from error
+    answer = value(*args, **options)
     # A function, such as one that takes a change back, belongs to the simulation of this process.
     return None if callable(answer) else answer
