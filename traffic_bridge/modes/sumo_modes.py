@@ -6,12 +6,14 @@ time to be reached, then `close()`; each is a context manager.
 
 from __future__ import annotations
 
+from types import NoneType
 from typing import Protocol, runtime_checkable
 
 from iits_mj.closing import Closing
 from iits_mj.errors import InputError, TrafficError
 from iits_mj.messages import EgoState
-from iits_mj.road import Route
+from iits_mj.road import RoadMap, Route
+from traffic_bridge.checks import is_whole, shown, whole
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.modes.ego import check_ego
@@ -58,18 +60,23 @@ class PureSim(Mode):
       seed: one seed gives bit-identical vehicles in every run and process.
 
     Raises:
-      InputError: the seed is not a whole number from 0 to 2^31 - 1.
+      InputError: no route or configuration, or the seed is no whole number from 0 to 2^31 - 1.
     """
 
     mode = "PureSim"
     with_ego = False
 
     def __init__(self, route: Route, config: TrafficConfig | None = None, seed: int = 0) -> None:
-        if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**31:
-            raise InputError(f"seed {seed!r}: a whole number from 0 to {2**31 - 1}")
-        self.route = route
-        self.config = config or TrafficConfig()
-        self.seed = seed
+        self.route = _checked_route(self.mode, route)
+        if not isinstance(config, (TrafficConfig, NoneType)):
+            raise InputError(
+                f"{self.mode} needs a TrafficConfig, not {shown(config)}, for example "
+                'TrafficConfig(density="medium")'
+            )
+        self.config = TrafficConfig() if config is None else config
+        if not is_whole(seed) or not 0 <= seed < 2**31:
+            raise InputError(f"seed {shown(seed)}: a whole number from 0 to {2**31 - 1}")
+        self.seed = whole("seed", seed)
         self._world: World | None = None
         self._lanes: RouteLanes | None = None
 
@@ -109,7 +116,7 @@ class PureSim(Mode):
         """
         self.close()
         if ego is not None:
-            check_ego(ego, self.route if self.with_ego else None)
+            check_ego(ego)
         self._world = World(self.route, self.config, self.seed, self.with_ego, self._lanes)
         self._lanes = self._world.lanes
         self._prepare(self._world)
@@ -127,7 +134,7 @@ class PureSim(Mode):
         """
         world = self._running
         if ego is not None:
-            check_ego(ego, self.route if self.with_ego else None)
+            check_ego(ego)
         # Whatever ends a step early, an interrupt too, ends SUMO.
         with world.session.guard("advancing the traffic"):
             return world.advance(ego)
@@ -182,3 +189,11 @@ class InterSim(PureSim):
             offset=offset,
             trailer_offset=offset,
         )
+
+
+def _checked_route(mode: str, route: object) -> Route:
+    if isinstance(route, Route):
+        return route
+    if isinstance(route, RoadMap):
+        raise InputError(f"{mode} needs a Route, not a RoadMap: give road_map.route()")
+    raise InputError(f"{mode} needs a Route, not {shown(route)}: RoadMap.builtin().route() is one")
