@@ -116,7 +116,7 @@ class PureSim(Mode):
         """
         self.close()
         if ego is not None:
-            check_ego(ego)
+            check_ego(ego, self.route if self.with_ego else None)
         self._world = World(self.route, self.config, self.seed, self.with_ego, self._lanes)
         self._lanes = self._world.lanes
         self._prepare(self._world)
@@ -134,7 +134,7 @@ class PureSim(Mode):
         """
         world = self._running
         if ego is not None:
-            check_ego(ego)
+            check_ego(ego, self.route if self.with_ego else None)
         # Whatever ends a step early, an interrupt too, ends SUMO.
         with world.session.guard("advancing the traffic"):
             return world.advance(ego)
