@@ -25,9 +25,11 @@ class LaneChanger:
 
     Who changes lanes by MOBIL is told by SUMO's lane-change mode, which the demand sets; all other
     vehicles (the truck and its shadow, standing and replayed vehicles) are there to be minded. SUMO
-    itself only moves vehicles to the lanes from which their way goes on. Where traffic enters nobody
-    changes lanes until the entrance is far enough behind: SUMO, which takes a lane as free as soon
-    as it is left, would put the next vehicle where the last one is still seen.
+    itself only moves vehicles to the lanes from which their way goes on.
+
+    Where traffic enters nobody changes lanes until the entrance is far enough behind: SUMO, which
+    takes a lane as free as soon as it is left, would put the next vehicle where the last one is
+    still seen.
 
     Args:
       session: the running SUMO.
