@@ -4,12 +4,16 @@ import dataclasses
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 from scripted_truck import ego_at, ego_box, overlap, vehicle_box
 
 from iits_mj.errors import InputError
+from iits_mj.messages import EgoFootprint
 from iits_mj.road import RoadMap, Route
 from traffic_bridge import Departure, InterSim, PureSim, SlowConvoy, TrafficConfig
+from traffic_bridge.network.lane_table import LaneTable
+from traffic_bridge.vehicles.ego_room import EgoRoom
 
 MAPS = Path(__file__).resolve().parents[2] / "../shared/data/xodr"
 both_models = pytest.mark.parametrize("lane_change", ["lc2013", "mobil"])
@@ -152,17 +156,21 @@ def test_nobody_begins_in_the_way_of_a_truck_that_reaches_over_the_centre_line(s
             assert not 200.0 - LENGTH < v.station < 230.0, v
 
 
-def test_nobody_begins_inside_a_truck_that_stands_across_a_junction():
-    route = road("esmini_fabriksgatan_traffic_lights")
-    crossed = 0
-    for station in (205.0, 215.0, 225.0, 235.0):
-        truck = ego_at(route, 0.0, station, 0.0, float(route.lane_offset(0, station)))
-        for seed in range(3):
-            with InterSim(route, TrafficConfig(density=0.5, scope="map"), seed=seed) as traffic:
-                vehicles = traffic.reset(truck)
-            crossed += len(vehicles)
-            assert not [v for v in vehicles if overlap(ego_box(truck), vehicle_box(v))]
-    assert crossed > 20
+def crossing_lane(length=200.0, spacing=5.0):
+    """A lane of another road, northwards, that crosses the x axis at its middle."""
+    count = round(length / spacing) + 1
+    y = np.linspace(-0.5 * length, 0.5 * length, count)
+    pose = np.zeros((7, count))
+    pose[1], pose[3] = y, 0.5 * math.pi
+    return LaneTable("a_0", "a", 0, -1, 0, length, spacing, np.zeros(count), y, pose)
+
+
+def test_a_crossing_road_stays_free_before_a_truck_that_stands_across_it_and_not_behind():
+    axis = np.stack((np.linspace(-8.0, 8.5, 17), np.zeros(17)), axis=1)
+    room = EgoRoom(8.5, 0, 0.0, axis, EgoFootprint(), traffic_speed=10.0)
+    taken = {front: room.blocks(crossing_lane(), front, 4.7, 1.85) for front in range(10, 200, 10)}
+    # Its side is at 98.7 m, 30 m are kept before it, and the vehicle's rear has to be past it.
+    assert [front for front, blocked in taken.items() if blocked] == [70, 80, 90, 100]
 
 
 # The end of the route ----------------------------------------------------------------------------
