@@ -11,11 +11,20 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from numbers import Integral, Real
 from typing import Any
 
 from iits_mj.errors import InputError
 
 _KEY = "iits_mj.option"
+_GIVEN = "iits_mj.given"
+# What a value must be where the default is of a type; bool is an int to Python.
+_KINDS = (
+    (bool, bool, "on or off, True or False"),
+    (int, Integral, "a whole number"),
+    (float, Real, "a number"),
+    (str, str, "text"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,13 +70,28 @@ def option(default: Any = dataclasses.MISSING, **settings: Any) -> Any:
     return dataclasses.field(default=default, metadata=metadata)
 
 
+def given_names() -> Any:
+    """A dataclass field, a `frozenset[str]`: the options that were given on the command line.
+
+    A value that equals the default says nothing about that. From Python it is empty.
+    """
+    return dataclasses.field(
+        default=frozenset(), compare=False, repr=False, metadata={_GIVEN: True}
+    )
+
+
+def holders_of_given(kind: type[Any]) -> list[str]:
+    """The fields of a dataclass that were made by `given_names`."""
+    return [field.name for field in dataclasses.fields(kind) if _GIVEN in field.metadata]
+
+
 def of(field: dataclasses.Field[Any]) -> Option | None:
     """The `Option` of a dataclass field, None when it is not one."""
     return field.metadata.get(_KEY)
 
 
 def check(config: Any) -> None:
-    """Holds every option of a dataclass instance against its bounds and choices.
+    """Holds every option of a dataclass instance against its type, bounds and choices.
 
     Raises:
       InputError: the first value that is not allowed, with its name, value, and what is.
@@ -75,7 +99,17 @@ def check(config: Any) -> None:
     for field in dataclasses.fields(config):
         rule = of(field)
         if rule is not None:
-            check_value(field.name.replace("_", "-"), getattr(config, field.name), rule)
+            name, value = field.name.replace("_", "-"), getattr(config, field.name)
+            _check_kind(name, value, field.default)
+            check_value(name, value, rule)
+
+
+def _check_kind(name: str, value: Any, default: Any) -> None:
+    for kind, wanted, what in _KINDS:
+        if isinstance(default, kind):
+            if not isinstance(value, wanted) or isinstance(value, bool) is not (kind is bool):
+                raise InputError(f"{name} {value!r} is not {what}")
+            return
 
 
 def check_value(name: str, value: Any, rule: Option) -> None:
@@ -85,11 +119,17 @@ def check_value(name: str, value: Any, rule: Option) -> None:
     allowed = rule.allowed()
     if allowed is not None and value not in allowed:
         raise InputError(f"{name} {value!r} is not known; use one of: {', '.join(allowed)}")
-    if not isinstance(value, (int, float)):
+    if not isinstance(value, Real):
+        if rule.low is not None or rule.high is not None:
+            raise InputError(f"{name} {value!r} is not a number")
         return
-    if not math.isfinite(value):
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
         raise InputError(f"{name} {value!r} is not a finite number")
-    below = rule.low is not None and value < rule.low
-    above = rule.high is not None and value > rule.high
+    below = rule.low is not None and number < rule.low
+    above = rule.high is not None and number > rule.high
     if below or above:
         raise InputError(f"{name} {value:g} is not allowed; use {rule.bounds()}")

@@ -3,6 +3,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -91,3 +92,30 @@ def test_help_names_unit_bounds_choices_and_default() -> None:
     assert "a speed; 0 to 40 m/s; default 10" in text
     assert "one of a, b; default a" in text
     assert "--there, --no-there" in text
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked(Example):
+    given: frozenset[str] = options.given_names()
+
+
+def test_an_option_given_with_its_default_value_is_known_as_given() -> None:
+    asked = arguments.parse(Asked, ("x", "--speed", "10", "--there"), "example", "")
+    assert asked.given == {"file", "speed", "there"}
+    assert Asked(file=Path("x")).given == frozenset()
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ({"speed": "fast"}, "speed 'fast' is not a number"),
+        ({"speed": True}, "speed True is not a number"),
+        ({"speed": None}, "speed None is not a number"),
+        ({"count": 1.5}, "count 1.5 is not a whole number"),
+        ({"there": 1}, "there 1 is not on or off"),
+        ({"name": 3}, "name 3 is not text"),
+    ],
+)
+def test_a_python_value_of_another_kind_is_refused(values: dict[str, Any], told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        Example(file=Path("x"), **values)

@@ -89,6 +89,8 @@ def build_parser(kind: type[Any], prog: str, description: str) -> Parser:
 def parse(kind: type[T], arguments: Sequence[str], prog: str, description: str) -> T:
     """An instance of the dataclass `kind` from command-line arguments.
 
+    A field made by `options.given_names` gets the names of the options that were given.
+
     Raises:
       InputError: unknown flag, missing or unusable value; SystemExit(0) after `--help`.
     """
@@ -100,6 +102,8 @@ def parse(kind: type[T], arguments: Sequence[str], prog: str, description: str) 
         if rule is None or text is None:
             continue
         given[name] = _convert(kind, name, text, rule)
+    names = frozenset(given)
+    given |= dict.fromkeys(options.holders_of_given(kind), names)
     instance = kind(**given)
     options.check(instance)
     return instance

@@ -34,6 +34,7 @@ from iits_mj.simulation.driver import Driver
 from iits_mj.simulation.ending import DivergedError
 from iits_mj.simulation.figures import drive_figures
 from iits_mj.simulation.log_driver import LogDriver
+from iits_mj.simulation.recorded_options import check_given
 from iits_mj.simulation.summary import counts_text, to_text
 from iits_mj.truck import Truck
 
@@ -70,6 +71,8 @@ class Kept:
 @dataclass(frozen=True, kw_only=True)
 class Options(Kept, DriveConfig):
     """Flags of `iits-mj drive`: the drive itself and what is kept of it."""
+
+    given: frozenset[str] = option_fields.given_names()
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +130,7 @@ class Outcome:
 
 def run(options: Options) -> int:
     """Drives, writes everything and prints the summary."""
+    check_given(options, options.given)
     return perform(Job("drive", options, options, options, duration=options.duration))
 
 

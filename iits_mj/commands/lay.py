@@ -10,11 +10,12 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from iits_mj.commands.output import prepare_folder
+from iits_mj.commands.output import prepare_file
 from iits_mj.errors import InputError
 from iits_mj.options import option
 from iits_mj.simulation.parts import load_map
 from traffic_bridge.datasets import Lay, lay, read_trajectories, without_noise, write_fcd
+from traffic_bridge.recording.file import target
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,9 +73,9 @@ class Options:
 
 def run(options: Options) -> int:
     """Reads, lays, writes, and says what was done."""
-    prepare_folder(options.file.parent, "file")
+    prepare_file(target(options.file), "--file")
     if options.fcd is not None:
-        prepare_folder(options.fcd.parent, "fcd")
+        prepare_file(options.fcd, "--fcd")
     trajectories = read_trajectories(
         options.data,
         units=options.units,

@@ -28,15 +28,34 @@ def prepare_folder(folder: Path, name: str = "out") -> Path:
     Raises:
       InputError: it cannot be made, is not a folder, or cannot be written to.
     """
+    _prove(folder, f"--{name} {str(folder)!r}")
+    return folder
+
+
+def prepare_file(path: Path, name: str) -> Path:
+    """Makes the folder of a file and proves that a file can be written in it.
+
+    Args:
+      path: of the file.
+      name: of the option as shown, for messages.
+
+    Raises:
+      InputError: the path is a folder, or nothing can be written where it is to lie.
+    """
+    shown = f"{name} {str(path)!r}"
+    if path.is_dir():
+        raise InputError(f"{shown} is a folder; name a file")
+    _prove(path.parent, shown)
+    return path
+
+
+def _prove(folder: Path, shown: str) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise InputError(
-            f"--{name} {str(folder)!r} cannot be written: {error.strerror or error}"
-        ) from None
-    return folder
+        raise InputError(f"{shown} cannot be written: {error.strerror or error}") from None
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:

@@ -9,10 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from iits_mj.commands.output import prepare_folder, progress_bar
+from iits_mj.commands.output import prepare_file, progress_bar
 from iits_mj.options import option
 from iits_mj.simulation import DriveConfig, Simulation
 from iits_mj.simulation.ending import DivergedError
+from traffic_bridge.recording.file import target
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,7 +25,7 @@ class Options(DriveConfig):
 
 def run(options: Options) -> int:
     """Drives without pictures and writes the recording, also of a drive that was cut short."""
-    prepare_folder(options.file.parent, "FILE")
+    prepare_file(target(options.file), "FILE")
     with Simulation(options, record=True, visuals=False) as simulation:
         try:
             with progress_bar(options.duration) as progress:

@@ -9,6 +9,7 @@ option is refused with the reason.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +18,8 @@ from iits_mj.commands.output import progress_bar
 from iits_mj.errors import InputError, TrafficError
 from iits_mj.options import option
 from iits_mj.simulation.parts import load_map
-from iits_mj.simulation.redrive import RedriveError, check_options, redrive
+from iits_mj.simulation.recorded_options import check_options
+from iits_mj.simulation.redrive import RedriveError, redrive
 from traffic_bridge import Recording, ReSim
 
 
@@ -37,7 +39,11 @@ class Options(drive.Options):
 
 
 def run(options: Options) -> int:
-    """Drives as `iits-mj drive` does, or verifies the recording."""
+    """Drives as `iits-mj drive` does, or verifies the recording.
+
+    Raises:
+      InputError: an option has no meaning here, or is not that of the recording.
+    """
     if options.verify:
         return _verify(options)
     if options.truck:
@@ -48,6 +54,10 @@ def run(options: Options) -> int:
 def _verify(options: Options) -> int:
     assert options.recording is not None
     path = options.recording
+    for field in dataclasses.fields(drive.Kept):
+        if field.name in options.given:
+            flag = field.name.replace("_", "-")
+            raise InputError(f"--{flag} has no meaning with --verify, which keeps nothing")
     try:
         lines = _drive_again(path, options) if options.truck else _traffic_again(path, options)
     except (TrafficError, RedriveError) as error:
@@ -60,15 +70,14 @@ def _verify(options: Options) -> int:
 
 def _traffic_again(path: Path, options: Options) -> list[str]:
     with ReSim(load_map(options.map).route(), path) as traffic:
-        if "drive" in traffic.recording.meta:
-            check_options(traffic.recording, f"recording {path}", options)
+        check_options(traffic.recording, f"recording {path}", options, options.given)
         digest = traffic.verify()
         return [f"re-run bit for bit, {len(traffic)} frames, hash of poses {digest[:12]}"]
 
 
 def _drive_again(path: Path, options: Options) -> list[str]:
     recording, name = Recording.load(path), f"recording {path}"
-    check_options(recording, name, options)
+    check_options(recording, name, options, options.given)
     with progress_bar(float(recording.time[-1])) as progress:
         same = redrive(recording, name, options.map, progress)
     return [

@@ -15,8 +15,9 @@ from typing import Any
 import mujoco.viewer
 
 from iits_mj.errors import RenderError
-from iits_mj.options import option
+from iits_mj.options import given_names, option
 from iits_mj.simulation import DriveConfig, Frame, Simulation
+from iits_mj.simulation.recorded_options import check_given
 
 PERIOD = 0.02
 
@@ -28,6 +29,7 @@ class Options(DriveConfig):
     pace: float = option(
         1.0, help="simulated time over wall time", low=0.1, high=20.0, metavar="FACTOR"
     )
+    given: frozenset[str] = given_names()
 
 
 class _Window:
@@ -56,7 +58,9 @@ def run(options: Options) -> int:
 
     Raises:
       RenderError: there is no display.
+      InputError: an option has no meaning here.
     """
+    check_given(options, options.given)
     shown = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if platform.system() == "Linux" and not shown:
         raise RenderError(

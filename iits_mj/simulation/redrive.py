@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,19 +13,17 @@ from iits_mj.errors import Error, InputError
 from iits_mj.messages import Decision, EgoState, Scene, Trajectory, VehicleCommand
 from iits_mj.road import Route
 from iits_mj.simulation.config import DriveConfig
-from iits_mj.simulation.drive_log import StateHash, stored_options, truck_versions
+from iits_mj.simulation.drive_log import StateHash, truck_versions
 from iits_mj.simulation.frame import Frame
 from iits_mj.simulation.log_driver import nothing_planned
 from iits_mj.simulation.loop import Simulation
 from iits_mj.simulation.parts import load_map
+from iits_mj.simulation.recorded_options import FILES, options_of
 from iits_mj.truck import Truck
 from traffic_bridge import PoseDigest, Recording, VehicleFrame
 from traffic_bridge.modes.resim import difference, traffic_of
 from traffic_bridge.recording.provenance import demand_same
 from traffic_bridge.recording.rows import EGO_COLUMNS, ego_row
-
-# Files whose content the recording holds itself or checks by its hash.
-_FILES = ("map", "recording", "events")
 
 
 class RedriveError(Error):
@@ -82,23 +80,6 @@ class CommandPlayer:
         return float("nan")
 
 
-def check_options(recording: Recording, name: str, asked: DriveConfig) -> None:
-    """Refuses options that are given and differ from those of the recording.
-
-    Raises:
-      InputError: names the first.
-    """
-    then = _options(recording, name)
-    for field in dataclasses.fields(DriveConfig):
-        value = stored_options(asked)[field.name]
-        given = getattr(asked, field.name) != field.default and field.name not in _FILES
-        if given and value != then.get(field.name):
-            flag = field.name.replace("_", "-")
-            raise InputError(
-                f"{name}: made with {flag} {then.get(field.name)}, asked is {flag} {value}"
-            )
-
-
 def redrive(
     recording: Recording,
     name: str,
@@ -124,7 +105,7 @@ def redrive(
 
     def driver(_: Route, truck: Truck) -> CommandPlayer:
         found = recording.meta["drive"].get("versions")
-        demand_same(dict(found or {}), truck_versions(truck.parameters), name)
+        demand_same(found, truck_versions(truck.parameters), name)
         return CommandPlayer(recording)
 
     with Simulation(config, driver=driver, traffic=lambda *_: traffic, visuals=False) as again:
@@ -162,24 +143,17 @@ def _compare_truck(recording: Recording, k: int, ego: EgoState, state_hash: int)
         )
 
 
-def _options(recording: Recording, name: str) -> dict[str, Any]:
-    drive = recording.meta.get("drive")
-    if not isinstance(drive, dict) or not isinstance(drive.get("options"), dict):
-        raise InputError(f"{name}: is of a traffic without a drive: its truck cannot be driven")
-    return dict(drive["options"])
-
-
 def _config(recording: Recording, name: str, map_path: Path | None) -> DriveConfig:
     """The options of then. Commands were noted where they reached the truck: they go straight."""
-    options = _options(recording, name)
+    options = options_of(recording, name)
     known = {field.name for field in dataclasses.fields(DriveConfig)}
     if set(options) != known:
         other = sorted(set(options) ^ known)
         raise InputError(f"{name}: made with other options than there are now: {', '.join(other)}")
     if len(recording) == 0 or len(recording.truck_hash) == 0:
         raise InputError(f"{name}: has no state of the truck")
-    files = dict.fromkeys(known.intersection(_FILES))
+    files = dict.fromkeys(known.intersection(FILES))
     try:
         return DriveConfig(**{**options, **files, "map": map_path, "commands": "direct"})
-    except TypeError as error:
+    except (TypeError, InputError) as error:
         raise InputError(f"{name}: its options are not usable: {error}") from error

@@ -18,8 +18,10 @@ from iits_mj import cli
 from iits_mj.errors import InputError
 from iits_mj.simulation import DriveConfig, Frame, Simulation
 from iits_mj.simulation import drive_log as drive_log_module
-from iits_mj.simulation.redrive import RedriveError, check_options, redrive
-from traffic_bridge import Recording, RepSim
+from iits_mj.simulation.parts import load_map
+from iits_mj.simulation.recorded_options import check_options
+from iits_mj.simulation.redrive import RedriveError, redrive
+from traffic_bridge import PureSim, Recorder, Recording, RepSim, TrafficConfig
 
 CONFIG = DriveConfig(duration=4.0, density="dense", start_station=2500.0, seed=3)
 
@@ -127,10 +129,115 @@ def test_another_map_is_refused(recorded: Path, tmp_path: Path) -> None:
 
 def test_options_that_are_given_must_be_those_of_then(recorded: Path) -> None:
     recording = Recording.load(recorded)
-    check_options(recording, "drive", DriveConfig())
-    check_options(recording, "drive", CONFIG)
+    check_options(recording, "drive", DriveConfig(), ())
+    check_options(recording, "drive", CONFIG, [f.name for f in dataclasses.fields(DriveConfig)])
     with pytest.raises(InputError, match="made with density dense, asked is density sparse"):
-        check_options(recording, "drive", DriveConfig(density="sparse"))
+        check_options(recording, "drive", DriveConfig(density="sparse"), ["density"])
+    with pytest.raises(InputError, match="made with seed 3, asked is seed 0"):
+        check_options(recording, "drive", DriveConfig(seed=0), ["seed"])
+
+
+def test_events_that_are_given_must_be_those_of_then(recorded: Path, tmp_path: Path) -> None:
+    closure = '[[events]]\nevent = "lane_closure"\nlane = 0\nstart = 2700.0\nend = {}\n'
+    first, other = tmp_path / "first.toml", tmp_path / "other.toml"
+    first.write_text(closure.format(2750.0))
+    other.write_text(closure.format(2760.0))
+    with pytest.raises(InputError, match=r"drive: made with no events, .*other\.toml"):
+        check_options(Recording.load(recorded), "drive", DriveConfig(events=other), {"events"})
+    with Simulation(
+        dataclasses.replace(CONFIG, events=first, duration=1.0), record=True, visuals=False
+    ) as simulation:
+        simulation.run()
+        recording = Recording.load(simulation.save_recording(tmp_path / "works"))
+    check_options(recording, "works", DriveConfig(events=first), {"events"})
+    with pytest.raises(InputError, match=r"made with other events than those of .*other\.toml"):
+        check_options(recording, "works", DriveConfig(events=other), {"events"})
+
+
+def test_traffic_without_a_truck_answers_for_its_own_options_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    route = load_map(None).route()
+    with Recorder(
+        PureSim(route, TrafficConfig(density="sparse", fill_ahead=500.0), seed=4)
+    ) as traffic:
+        traffic.reset()
+        path = str(traffic.save(tmp_path / "traffic.npz"))
+    words = ["--density", "sparse", "--seed", "4", "--traffic-mode", "pure"]
+    assert cli.main(["replay", path, "--verify", *words]) == 0
+    for flag, value, said in (
+        ("--seed", "0", "made with seed 4, asked is seed 0"),
+        ("--payload", "36000", "does not hold payload"),
+    ):
+        assert cli.main(["replay", path, "--verify", flag, value]) == 2
+        assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("payload", "heavy"),
+        ("payload", None),
+        ("payload", 1e9),
+        ("start_lane", 0.5),
+        ("reactive", "yes"),
+        ("decision", 7),
+        ("payload_height", "high"),
+    ],
+)
+def test_a_stored_option_of_another_kind_is_one_clear_error(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: Any
+) -> None:
+    drive = Recording.load(recorded).meta["drive"]
+    drive = drive | {"options": drive["options"] | {option: value}}
+    path = edited(recorded, meta={"drive": drive}).save(tmp_path / "edited.npz")
+    assert cli.main(["replay", str(path), "--verify", "--truck"]) == 2
+    said = capsys.readouterr().err
+    assert "edited.npz: its options are not usable: " + option.replace("_", "-") in said
+
+
+@pytest.mark.parametrize("versions", [None, [], "old", {"mujoco": 3}])
+def test_stored_versions_of_another_kind_are_another_version(recorded: Path, versions: Any) -> None:
+    drive = Recording.load(recorded).meta["drive"] | {"versions": versions}
+    with pytest.raises(InputError, match=r"drive: made with mujoco (unknown|3), here is"):
+        redrive(edited(recorded, meta={"drive": drive}), "drive", None)
+
+
+def test_stored_settings_that_are_not_usable_name_their_file(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = Recording.load(recorded).meta["config"]
+    for k, wrong in enumerate(({"density": "huge"}, {"wind": 1}, {"types": 3})):
+        path = edited(recorded, meta={"config": config | wrong}).save(tmp_path / f"odd{k}.npz")
+        assert cli.main(["replay", str(path), "--verify"]) == 2
+        assert f"odd{k}.npz: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("there", ["d1", "d1.npz"])
+def test_a_folder_in_the_place_of_a_recording_is_told_before_the_drive(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    there: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / there).mkdir()
+    assert cli.main(["record", "d1", "--duration", "86400"]) == 2
+    assert (
+        f"recording d1: cannot be written: {there} is a folder; name a file"
+        in capsys.readouterr().err
+    )
+    assert [path.name for path in tmp_path.iterdir()] == [there]
+
+
+def test_a_recording_that_cannot_be_written_is_named_as_it_was_given(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("")
+    path = tmp_path / "file" / "x.npz"
+    assert cli.main(["record", str(path), "--duration", "86400"]) == 2
+    assert f"FILE '{path}' cannot be written" in (said := capsys.readouterr().err)
+    assert "--FILE" not in said
 
 
 def test_options_of_another_time_are_refused(recorded: Path) -> None:
@@ -179,6 +286,17 @@ def test_live_traffic_joins_the_recorded_one_on_request(recorded: Path) -> None:
         (["--reactive", "--traffic-mode", "none", "--out", "out"], "use traffic-mode inter"),
         (["--verify", "--density", "sparse"], "made with density dense"),
         (["--verify", "--truck", "--payload", "1000"], "made with payload 36000.0, asked"),
+        # The defaults of these flags, given all the same.
+        (["--verify", "--seed", "0"], "made with seed 3, asked is seed 0"),
+        (["--verify", "--truck", "--duration", "120"], "made with duration 4.0, asked is"),
+        (["--verify", "--events", "missing.toml"], "missing.toml: cannot be read"),
+        (["--verify", "--truck", "--events", "missing.toml"], "missing.toml: cannot be read"),
+        (["--verify", "--reactive"], "made with reactive False"),
+        (["--verify", "--out", "out"], "--out has no meaning with --verify"),
+        (["--density", "dense"], "--density has no meaning in recorded traffic"),
+        (["--lane-change", "mobil"], "--lane-change has no meaning in recorded traffic"),
+        (["--seed", "0"], "--seed has no meaning in recorded traffic"),
+        (["--traffic-mode", "inter"], "--traffic-mode has no meaning in recorded traffic"),
     ],
 )
 def test_wrong_use_is_one_line(

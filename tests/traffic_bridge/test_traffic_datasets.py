@@ -1,6 +1,7 @@
 """Every reader gives the motion that was written, in SI units."""
 
 import gzip
+import re
 import subprocess
 from pathlib import Path
 
@@ -230,6 +231,72 @@ def test_metres_taken_for_feet_are_noticed(tmp_path):
     with pytest.raises(InputError, match=r"is the file in m\?"):
         read_trajectories(path)
     compare(read_trajectories(path, units="m"))
+
+
+@pytest.mark.parametrize(
+    ("factor", "likely"),
+    [
+        (3.6, "a factor of 3.6, as of km/h"),
+        (sets.FOOT, "a factor of 0.3048, as of m/s taken for ft/s"),
+        (1 / sets.FOOT, "a factor of 1/0.3048"),
+        (1.467, "no usual factor"),
+        (0.0, "no usual factor"),
+    ],
+)
+def test_speeds_that_the_positions_do_not_make_are_refused_with_the_factor(
+    tmp_path, factor, likely
+):
+    rows = list(sets.ngsim_rows())
+    for row in rows:
+        row[sets.NGSIM_HEADER.index("v_Vel")] *= factor
+    path = sets.write_ngsim(tmp_path / "units.csv", rows=rows)
+    with pytest.raises(InputError, match=r"units\.csv, column 'v_Vel': the median speed") as caught:
+        read_trajectories(path)
+    assert likely in str(caught.value)
+
+
+@pytest.mark.parametrize("column", ["v_vel", "preceding_vel"])
+def test_either_speed_of_a_pair_is_held_against_its_positions(tmp_path, column):
+    import pyarrow.compute
+    import pyarrow.parquet
+
+    path = sets.write_pairs(tmp_path / "pairs.parquet")
+    table = pyarrow.parquet.read_table(path)
+    faster = pyarrow.compute.multiply(table[column], 3.6)
+    place = table.column_names.index(column)
+    pyarrow.parquet.write_table(table.set_column(place, column, faster), path)
+    with pytest.raises(InputError, match=rf"pairs\.parquet, column '{column}'.* factor of 3\.6"):
+        read_trajectories(path)
+
+
+def test_km_per_hour_in_boxes_and_floating_car_data_are_noticed(tmp_path, sumo_run):
+    path = sets.write_highd(tmp_path / "set")
+    head, *lines = path.read_text().splitlines()
+    cells = [line.split(",") for line in lines]
+    for cell in cells:
+        cell[6] = str(3.6 * float(cell[6]))
+    path.write_text("\n".join([head, *map(",".join, cells)]))
+    with pytest.raises(InputError, match=r"column 'xVelocity'.* factor of 3\.6"):
+        read_trajectories(path)
+    text = (sumo_run / "out.xml").read_text()
+    other = tmp_path / "kmh.xml"
+    other.write_text(re.sub(r' speed="([^"]+)"', lambda m: f' speed="{3.6 * float(m[1])}"', text))
+    with pytest.raises(InputError, match=r"column 'speed'.* factor of 3\.6"):
+        read_trajectories(other)
+
+
+def test_jitter_queues_and_few_rows_are_no_wrong_units(tmp_path):
+    rng = np.random.default_rng(5)
+    way, speed = (sets.NGSIM_HEADER.index(name) for name in ("Local_Y", "v_Vel"))
+    rows = list(sets.ngsim_rows())
+    for row in rows:
+        row[way] += rng.normal(0.0, 1.5)  # feet, as raw NGSIM has it
+    read_trajectories(sets.write_ngsim(tmp_path / "jitter.csv", rows=rows))
+    for row in rows:
+        row[way], row[speed] = 10.0 * row[0] + rng.normal(0.0, 0.5), 0.0
+    read_trajectories(sets.write_ngsim(tmp_path / "queue.csv", rows=rows))
+    few = [[*row[:speed], 99.0, *row[speed + 1 :]] for row in rows if row[1] < 103]
+    read_trajectories(sets.write_ngsim(tmp_path / "few.csv", rows=few))
 
 
 @pytest.mark.parametrize(

@@ -32,6 +32,9 @@ def test_lay_writes_a_recording_and_says_what_it_did(tmp_path, capsys):
         (("--main-lanes", "0"), "1 to 30"),
         (("--start-station", "1e9"), "is not allowed"),
         (("--map", "/nowhere.xodr"), "/nowhere.xodr"),
+        (("--fcd", "."), "--fcd '.' is a folder; name a file"),
+        (("--file", "/"), "recording /: cannot be written: / is a folder; name a file"),
+        (("--file", "/proc/x.npz"), "--file '/proc/x.npz' cannot be written"),
     ],
 )
 def test_wrong_use_is_one_line_and_exit_code_2(tmp_path, capsys, flags, words):

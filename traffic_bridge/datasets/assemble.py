@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.errors import InputError
+from traffic_bridge.datasets.speeds import check_speeds
 from traffic_bridge.datasets.trajectories import INSTANT, Trajectories
 
 FloatArray = NDArray[np.float64]
@@ -34,6 +35,8 @@ class Rows:
       lane: index from the right, shape (k,).
       acceleration: shape (k,), or None to derive it from the speeds.
       leader: name of the vehicle ahead, shape (k,), or None to find it by lane and station.
+      speed_column: what the file calls the speed, which is then held against the positions; None:
+        the units of both are beyond doubt.
     """
 
     source: str
@@ -49,6 +52,7 @@ class Rows:
     speed: FloatArray
     acceleration: FloatArray | None = None
     leader: NDArray[np.generic] | None = None
+    speed_column: str | None = None
 
     def must(self, good: NDArray[np.bool_], column: str, what: str) -> None:
         """Raises InputError for the first row that is not good, naming file, row and column."""
@@ -70,7 +74,8 @@ def assemble(
     puts vehicles elsewhere that are stuck.
 
     Raises:
-      InputError: there are no rows, a value is impossible, or a vehicle is at two places at once.
+      InputError: there are no rows, a value is impossible, a vehicle is at two places at once, or
+        the speeds are not those of the positions.
     """
     if not len(rows.time):
         raise InputError(f"{rows.source}: no rows")
@@ -92,6 +97,9 @@ def assemble(
     part = np.cumsum(new | apart) - 1
     first = np.flatnonzero(new | apart)
     speed, station, lane = rows.speed[order], rows.station[order], rows.lane[order]
+    if rows.speed_column is not None:
+        what = f"{rows.source}, column {rows.speed_column!r}"
+        check_speeds(what, part, time, station, speed)
     if rows.acceleration is None:
         acceleration = _slope(time, speed, first)
     else:

@@ -89,6 +89,7 @@ def read_fcd(table: Table, path: Path, *, types: Mapping[str, Size] | None = Non
         speed=speed[keep],
         acceleration=numbers("acceleration")[keep] if table.has(*column("acceleration")) else None,
         leader=table.texts(*column("leaderID"))[there][keep] if has_leader else None,
+        speed_column=table.name(*column("speed")),
     )
     return assemble(rows, int(index[keep].max()) + 1, LANE_WIDTH, (*beside, *notes, *unknown))
 

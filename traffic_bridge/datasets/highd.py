@@ -83,6 +83,7 @@ def read_highd(table: Table, path: Path, *, direction: int | None = None) -> Tra
         speed=np.where(speed > -STANDSTILL_NOISE, np.maximum(speed, 0.0), speed),
         acceleration=ahead * table.numbers("xAcceleration")[keep],
         leader=table.integers("precedingId")[keep],
+        speed_column="xVelocity",
     )
     return assemble(rows, lanes, float(np.mean(np.diff(markings))), notes)
 

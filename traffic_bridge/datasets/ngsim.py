@@ -108,6 +108,7 @@ def read_ngsim(
         speed=table.numbers("v_Vel", "Vehicle Velocity")[keep] * scale,
         acceleration=table.numbers("v_Acc", "Vehicle Acceleration")[keep] * scale,
         leader=preceding[keep],
+        speed_column=table.name("v_Vel", "Vehicle Velocity"),
     )
     return assemble(rows, lanes, LANE_WIDTH, notes)
 

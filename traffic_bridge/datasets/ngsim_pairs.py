@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from traffic_bridge.datasets.assemble import Rows, assemble
 from traffic_bridge.datasets.ngsim import FRAME, LANE_WIDTH, kinds_of
+from traffic_bridge.datasets.speeds import check_speeds
 from traffic_bridge.datasets.table import Table
 from traffic_bridge.datasets.trajectories import Trajectories
 
@@ -31,7 +32,8 @@ def read_ngsim_pairs(table: Table, path: Path) -> Trajectories:
     known, zero when it never is.
 
     Raises:
-      InputError: a column is missing, or a value is impossible; the message names row and column.
+      InputError: a column is missing, or a value is impossible, or speeds are not those of the
+        positions; the message names row and column.
     """
     count = table.rows
     frame = table.integers("frame_id")
@@ -68,7 +70,14 @@ def read_ngsim_pairs(table: Table, path: Path) -> Trajectories:
         acceleration=both("v_acc")[order],
         leader=np.concatenate((leader, np.full(count, "")))[order],
     )
-    return assemble(rows, lanes, LANE_WIDTH)
+    found = assemble(rows, lanes, LANE_WIDTH)
+    # Each column by itself: in the rows of both, one that is wrong may be the smaller part.
+    _, vehicle = np.unique(names, return_inverse=True)
+    speed = both("v_vel")
+    for column, part in (("v_vel", slice(count)), ("preceding_vel", slice(count, None))):
+        what = f"{rows.source}, column {column!r}"
+        check_speeds(what, vehicle[part], time[part], station[part], speed[part])
+    return found
 
 
 def _first_of_each(

@@ -57,6 +57,14 @@ class Table:
         """Whether there is a column of one of these names."""
         return any(plain(name) in self._columns for name in names)
 
+    def name(self, *names: str) -> str:
+        """What the file calls a column.
+
+        Raises:
+          InputError: it is not there.
+        """
+        return self._find(names)[0]
+
     def numbers(self, *names: str, finite: bool = True) -> FloatArray:
         """A column of finite numbers, shape (n,).
 

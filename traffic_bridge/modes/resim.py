@@ -60,10 +60,25 @@ def traffic_of(recording: Recording, name: str, route: Route) -> PureSim:
     demand_same(found, versions(), name, advice)
     net = {"a SUMO net of hash": net_hash(build_network(route).path)}
     demand_same({"a SUMO net of hash": str(meta.get("net_hash"))}, net, name, advice)
-    config, seed = meta.get("config"), meta.get("seed")
-    if not isinstance(config, dict) or not isinstance(seed, int):
-        raise InputError(f"{name}: has no settings or no seed")
-    return MODES[mode](route, TrafficConfig.from_dict(config), seed)
+    seed = meta.get("seed")
+    if not isinstance(seed, int):
+        raise InputError(f"{name}: has no seed")
+    return MODES[mode](route, config_of(recording, name), seed)
+
+
+def config_of(recording: Recording, name: str) -> TrafficConfig:
+    """The settings of the traffic that a recording was made of.
+
+    Raises:
+      InputError: there are none, or they are not usable; begins with the recording's name.
+    """
+    config = recording.meta.get("config")
+    if not isinstance(config, dict):
+        raise InputError(f"{name}: has no settings")
+    try:
+        return TrafficConfig.from_dict(config)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from error
 
 
 def _texts(values: Any) -> dict[str, str]:

@@ -24,9 +24,25 @@ _NEW_COLUMNS = ("pitch", "roll", "yaw_rate")
 _OF_DRIVES = ("command_time", "command", "truck_hash")
 
 
+def target(path: Path) -> Path:
+    """Where a recording of a path is written: with the ending `.npz`.
+
+    Raises:
+      InputError: the path is a folder, with the ending or without.
+    """
+    named = path if path.suffix == ".npz" or not path.name else path.with_name(path.name + ".npz")
+    for each in (path, named):
+        if each.is_dir():
+            raise InputError(
+                f"recording {path}: cannot be written: {each} is a folder; name a file, as in "
+                f"{each / 'drive.npz'}"
+            )
+    return named
+
+
 def write(recording: Recording, path: Path) -> Path:
     """Writes a file; see `Recording.save`."""
-    path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
+    path = target(path)
     arrays: dict[str, NDArray[Any]] = {
         "meta": np.array(json.dumps(recording.meta)),
         "time": recording.time,

@@ -5,7 +5,9 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import re
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,11 +33,11 @@ def net_hash(net: Path) -> str:
     return hashlib.sha256(_COMMENT.sub(b"", net.read_bytes())).hexdigest()
 
 
-def demand_same(found: dict[str, str], here: dict[str, str], what: str, advice: str = "") -> None:
+def demand_same(found: Any, here: dict[str, str], what: str, advice: str = "") -> None:
     """Refuses to go on where something is not as it was.
 
     Args:
-      found: names and versions of then.
+      found: names and versions of then, as they were stored; what is no mapping knows none.
       here: those of now; each must be the same then.
       what: whose they are, the beginning of the message.
       advice: end of the message.
@@ -43,15 +45,16 @@ def demand_same(found: dict[str, str], here: dict[str, str], what: str, advice: 
     Raises:
       InputError: names the first that differs, with both versions.
     """
+    stored = found if isinstance(found, Mapping) else {}
     for name, version in here.items():
-        if found.get(name) != version:
+        then = stored.get(name)
+        if then != version:
             raise InputError(
-                f"{what}: made with {name} {_short(found.get(name))}, here is {_short(version)}"
-                f"{advice}"
+                f"{what}: made with {name} {_short(then)}, here is {_short(version)}{advice}"
             )
 
 
-def _short(version: str | None) -> str:
+def _short(version: Any) -> str:
     """A hash by its first digits, everything else as it is."""
-    text = version or "unknown"
+    text = str(version or "unknown")
     return text[:12] if re.fullmatch(r"[0-9a-f]{40,}", text) else text
