@@ -175,4 +175,4 @@ def test_wrong_input_is_one_clear_error(call, message):
 def test_calibrated_types_change_the_car_alone():
     for ours, default in zip(calibrated_types(), default_types(), strict=True):
         assert (ours == default) == (ours.name != "car")
-    assert TrafficConfig(types=calibrated_types()).types[0].time_headway == 1.03
+    assert TrafficConfig(types=calibrated_types()).types[0].time_headway == 1.09
