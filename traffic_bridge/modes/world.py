@@ -82,7 +82,7 @@ class World:
             lane_change_duration=config.lane_change_duration,
         )
         self._lane_changer = (
-            LaneChanger(self.session, self.vehicles, config)
+            LaneChanger(self.session, lanes.graph, self.vehicles, config)
             if config.lane_change == "mobil"
             else None
         )

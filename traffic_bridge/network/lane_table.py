@@ -50,11 +50,6 @@ class LaneTable:
     offset: FloatArray
     pose: FloatArray
 
-    @property
-    def on_route(self) -> bool:
-        """Whether it is a lane of the route, in the route's direction."""
-        return self.direction > 0
-
     @cached_property
     def _plain(self) -> tuple[list[float], list[float]]:
         """Stations, increasing, and offsets in the order of the samples, as plain numbers."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from iits_mj.errors import TrafficError
 from iits_mj.road import Route
 from iits_mj.road.elements import DRIVING_TYPES
+from traffic_bridge.network.lane_graph import LaneGraph
 from traffic_bridge.network.lane_poses import LanePoses
 from traffic_bridge.network.lane_table import (
     JUNCTION_SPACING,
@@ -42,6 +43,7 @@ class RouteLanes:
     Attributes:
       edges: ids of SUMO's edges in driving order; oncoming_edges: of the way back, or empty.
       tables: lanes of the route by SUMO lane id, junction-internal and oncoming ones included.
+      graph: which lane of the net leads onto which.
       poses: every lane that a vehicle has been on, those of other roads too.
 
     Raises:
@@ -59,10 +61,10 @@ class RouteLanes:
         self._route = route
         self.tables: dict[str, LaneTable] = {}
         self._kinds: dict[str, str] = {}
-        self._before: dict[str, tuple[str, ...]] = {}
         self._boxes: tuple[list[str], FloatArray] | None = None
         self.poses = LanePoses(self.table)
         with session.guard("reading the network"):
+            self.graph = LaneGraph.read(self._api)
             chain = RouteEdges(self._api, route)
             self.edges = chain.along(1)
             self._build(self.edges, 1)
@@ -73,7 +75,6 @@ class RouteLanes:
                 self._kinds = lane_kinds(network.path)
                 self.oncoming_edges = chain.along(-1)
                 self._build(self.oncoming_edges, -1)
-            self._find_before()
 
     def table(self, lane: str) -> LaneTable:
         """Table of any lane of the net; those that are not the route's are made when asked for."""
@@ -82,7 +83,7 @@ class RouteLanes:
 
     def before(self, lane: str) -> tuple[str, ...]:
         """The lanes that lead onto a lane, internal ones included, sorted."""
-        return self._before.get(lane, ())
+        return tuple(sorted(before.id for before in self.graph.before(self.graph.lanes[lane])))
 
     def boxes(self) -> tuple[list[str], FloatArray]:
         """Every lane of the net and the box around it, in SUMO's coordinates.
@@ -106,15 +107,6 @@ class RouteLanes:
         with session.guard("setting the rules of the lanes"):
             for table in self.tables.values():
                 self._set_rules(table)
-
-    def goes_on(self, table: LaneTable) -> bool:
-        """Whether a lane leads on along the route; the last edge's lanes do, too (they end)."""
-        edges = self.edges if table.direction > 0 else self.oncoming_edges
-        place = edges.index(table.edge)
-        if place + 1 == len(edges):
-            return True
-        links = self._api.lane.getLinks(table.id)
-        return any(link[0].rpartition("_")[0] == edges[place + 1] for link in links)
 
     def of_edge(self, edge: str) -> list[LaneTable]:
         """Driving lanes of an edge, from the right."""
@@ -244,21 +236,6 @@ class RouteLanes:
         spacing = length / (len(station) - 1)
         pose = surface_pose(surface)
         return LaneTable(name, edge, int(index), -1, 0, length, spacing, station, offset, pose)
-
-    def _find_before(self) -> None:
-        """Which lanes lead onto which, over the internal lanes of junctions."""
-        found: dict[str, set[str]] = {}
-        lane = self._api.lane
-        for name in lane.getIDList():
-            for link in () if name.startswith(":") else lane.getLinks(name):
-                here, internal = name, link[4]
-                # A long turn is split in two internal lanes.
-                while internal:
-                    found.setdefault(internal, set()).add(here)
-                    onward = lane.getLinks(internal)
-                    here, internal = internal, onward[0][4] if onward else ""
-                found.setdefault(link[0], set()).add(here)
-        self._before = {name: tuple(sorted(lanes)) for name, lanes in found.items()}
 
     def _route_lane(self, station: FloatArray, offset: FloatArray) -> int:
         """The driving lane a SUMO lane lies on along most of its way, or -1 (a shoulder)."""

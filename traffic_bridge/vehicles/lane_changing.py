@@ -8,10 +8,11 @@ from collections.abc import Callable, Collection
 from functools import lru_cache
 
 from traffic_bridge.config import TrafficConfig
+from traffic_bridge.network.lane_graph import Lane, LaneGraph, Onward
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles.demand import MOBIL_MODE
-from traffic_bridge.vehicles.lane_graph import Lane, LaneGraph, Occupancy, Onward, Place, decide
 from traffic_bridge.vehicles.mobil import Driver
+from traffic_bridge.vehicles.occupancy import Occupancy, Place, decide
 from traffic_bridge.vehicles.registry import Vehicles, VehicleType
 
 PERIOD = 1.0  # [s] between rounds of decisions
@@ -33,13 +34,16 @@ class LaneChanger:
 
     Args:
       session: the running SUMO.
+      graph: the lanes of its net.
       vehicles: what each vehicle is.
       config: with the step length and the kinds of vehicles.
     """
 
-    def __init__(self, session: Session, vehicles: Vehicles, config: TrafficConfig) -> None:
+    def __init__(
+        self, session: Session, graph: LaneGraph, vehicles: Vehicles, config: TrafficConfig
+    ) -> None:
         self._api = session.api
-        self._graph = LaneGraph.read(session.api)
+        self._graph = graph
         self._vehicles = vehicles
         self._config = config
         # When a vehicle was told to change lanes, and to which side (+1 left).
