@@ -11,7 +11,7 @@ from iits_mj.options import option
 
 @dataclass(frozen=True, kw_only=True)
 class ValidateConfig:
-    """How to validate the truck and the traffic."""
+    """How to validate the truck, the traffic and the planning."""
 
     payload: float | None = option(
         None,
@@ -31,6 +31,12 @@ class ValidateConfig:
     )
     data: Path | None = option(
         None, help="recorded trajectories to hold the traffic against", metavar="FILE"
+    )
+    roads: Path | None = option(
+        None,
+        help="folder with the roads and cycles that fuel is measured on: jinan_altimap_pcc.csv, "
+        "EPA_Ph2_urban_highway_55mph.csv, EPA_Ph2_rural_interstate_65mph.csv",
+        metavar="DIR",
     )
     quick: bool = option(False, help="a shorter form that ends within a minute")
 
