@@ -38,6 +38,12 @@ class ValidateConfig:
         "EPA_Ph2_urban_highway_55mph.csv, EPA_Ph2_rural_interstate_65mph.csv",
         metavar="DIR",
     )
+    runs: Path | None = option(
+        None,
+        help="folder in which finished drives are kept, so that a validation that was stopped goes "
+        "on; drives of another version of the code are not taken",
+        metavar="DIR",
+    )
     quick: bool = option(False, help="a shorter form that ends within a minute")
 
     def __post_init__(self) -> None:
