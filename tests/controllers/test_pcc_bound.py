@@ -1,0 +1,150 @@
+"""The convex lower bound: below every drive, and met by the plan."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from controllers.pcc import PccConfig, RoadProfile
+from controllers.pcc.bound import _Relaxation, lower_bound
+from controllers.pcc.fuel import FuelMap
+from controllers.pcc.planner import lower_speeds, make_vehicle
+from controllers.pcc.solver import Solver, Task
+from controllers.pcc.vehicle import cruise, durations, full_power_speed
+from iits_mj.errors import PlanningError
+from iits_mj.parameters import TruckParameters
+
+PARAMETERS = TruckParameters.load()
+FUEL_MAP = FuelMap(PARAMETERS)
+
+
+def random_road(seed, intervals=80, steepest=0.04):
+    rng = np.random.default_rng(seed)
+    grade = np.convolve(rng.normal(size=intervals + 20), np.ones(21) / 21.0, "valid")
+    grade *= steepest * rng.uniform(0.3, 1.0) / np.abs(grade).max()
+    height = np.concatenate([[0.0], np.cumsum(50.0 * grade)])
+    station = 50.0 * np.arange(intervals + 1)
+    return RoadProfile(station, height, np.full(station.size, np.inf), f"seed {seed}")
+
+
+def task_on(road, mass=55_000.0, k_a=0.0, v_ref=20.0):
+    config = PccConfig(v_ref=v_ref, v_max=25.0)
+    vehicle = make_vehicle(PARAMETERS, FUEL_MAP, mass, config)
+    base = cruise(vehicle, road, v_ref, v_ref)
+    fastest = full_power_speed(vehicle, road, v_ref, np.full(base.size, config.v_max))
+    low = lower_speeds(fastest, config.v_min) ** 2
+    high = np.maximum(config.v_max**2, low)
+    low[[0, -1]] = high[[0, -1]] = base[[0, -1]] ** 2
+    total = float(durations(base, road).sum())
+    return vehicle, Task(road, low, high, total, np.zeros(base.size), 1e-3 * k_a), base
+
+
+def cost(vehicle, task, speed):
+    a = np.diff(speed**2) / (2.0 * task.road.step)
+    time = durations(speed, task.road)
+    total = vehicle.fuel_of(speed, task.road).sum() + task.k_a * float(a**2 @ time)
+    return total + task.price_time * time.sum() - task.price_energy * speed[-1] ** 2
+
+
+def feasible(vehicle, task, speed):
+    net = vehicle.net_force(speed, task.road)
+    power = net * 0.5 * (speed[1:] + speed[:-1]) / vehicle.efficiency
+    in_band = (speed**2 >= task.b_low - 1e-9).all() and (speed**2 <= task.b_high + 1e-9).all()
+    in_time = durations(speed, task.road).sum() <= task.time_max + 1e-9
+    brakes = -vehicle.power_drag * vehicle.efficiency / speed.max() - vehicle.brake_max
+    return in_band and in_time and power.max() <= vehicle.power_max and net.min() >= brakes
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("mass", "k_a"), [(55_000.0, 0.0), (19_000.0, 2.0)])
+def test_plan_meets_the_bound_so_it_is_the_global_optimum(seed, mass, k_a):
+    vehicle, task, base = task_on(random_road(seed), mass, k_a)
+    answer = Solver(vehicle, task.road.intervals, task.road.step).solve(task, base)
+    bound = lower_bound(vehicle, task)
+    assert bound.converged
+    assert bound.slack < 1e-5
+    assert -1e-9 < bound.gap(cost(vehicle, task, answer.speed)) < 1e-5
+    assert np.abs(bound.speed - answer.speed).max() < 0.1
+
+
+def test_no_drive_that_keeps_the_limits_is_below_the_bound():
+    vehicle, task, base = task_on(random_road(7), k_a=0.5)
+    plan = Solver(vehicle, task.road.intervals, task.road.step).solve(task, base).speed
+    bound = lower_bound(vehicle, task).cost
+    rng = np.random.default_rng(1)
+    tried = 0
+    for _ in range(3000):
+        # Between plan and cruise, with bumps of random length.
+        bump = np.convolve(rng.normal(size=base.size + 10), np.ones(11) / 11.0, "valid")
+        bump[[0, -1]] = 0.0
+        speed = base + rng.uniform(0.0, 1.0) * (plan - base) + rng.uniform(0.0, 1.0) * np.abs(bump)
+        speed[[0, -1]] = base[[0, -1]]
+        if feasible(vehicle, task, speed):
+            tried += 1
+            assert cost(vehicle, task, speed) >= bound
+    assert tried > 50
+
+
+def test_any_point_and_any_multipliers_give_a_bound():
+    vehicle, task, base = task_on(random_road(3), k_a=0.5)
+    optimum = cost(
+        vehicle, task, Solver(vehicle, task.road.intervals, task.road.step).solve(task, base).speed
+    )
+    relaxation = _Relaxation(vehicle, task)
+    point, multipliers, _, _ = relaxation.solve()
+    rng = np.random.default_rng(2)
+    for share in (0.0, 0.01, 0.3, 1.0):
+        boxes = (relaxation.b_box, relaxation.e_box, relaxation.t_box)
+        other = tuple(rng.uniform(low, high) for low, high in boxes)
+        at = tuple((1.0 - share) * z + share * x for z, x in zip(point, other, strict=True))
+        y = multipliers * rng.uniform(1.0 - share, 1.0 + share, multipliers.shape)
+        value = relaxation.dual_value(at, y)
+        assert value <= optimum
+        if share == 0.0:
+            assert value == pytest.approx(optimum, rel=1e-5)
+
+
+def test_bound_stays_below_where_the_relaxation_is_loose():
+    # A weight of acceleration beyond reason makes waiting on the spot worth its time.
+    vehicle, task, base = task_on(random_road(5, steepest=0.05), k_a=400.0)
+    answer = Solver(vehicle, task.road.intervals, task.road.step).solve(task, base)
+    bound = lower_bound(vehicle, task)
+    assert bound.slack > 0.01
+    assert bound.gap(cost(vehicle, task, answer.speed)) > 0.0
+
+
+def test_prices_of_time_and_end_speed_take_the_place_of_a_trip_time():
+    vehicle, task, base = task_on(random_road(6))
+    low, high = task.b_low.copy(), task.b_high.copy()
+    low[-1], high[-1] = 12.5**2, 25.0**2
+    task = replace(
+        task, b_low=low, b_high=high, time_max=np.inf, price_time=0.008, price_energy=2e-3
+    )
+    answer = Solver(vehicle, task.road.intervals, task.road.step).solve(task, base)
+    gap = lower_bound(vehicle, task).gap(cost(vehicle, task, answer.speed))
+    assert -1e-9 < gap < 1e-5
+
+
+def test_bound_on_the_fuel_is_below_that_on_the_cost():
+    vehicle, task, _ = task_on(random_road(4), k_a=50.0)
+    assert lower_bound(vehicle, replace(task, k_a=0.0)).cost < lower_bound(vehicle, task).cost
+
+
+def test_less_time_never_lowers_the_bound():
+    vehicle, task, _ = task_on(random_road(2))
+    shorter = replace(task, time_max=0.99 * task.time_max)
+    assert lower_bound(vehicle, shorter).cost > lower_bound(vehicle, task).cost
+
+
+def test_a_task_without_speed_limits_is_refused():
+    vehicle, task, _ = task_on(random_road(0))
+    with pytest.raises(PlanningError, match="finite at every node"):
+        lower_bound(vehicle, replace(task, b_high=np.full(task.b_high.size, np.inf)))
+
+
+def test_bounds_that_contradict_are_named():
+    vehicle, task, _ = task_on(random_road(0))
+    low = task.b_low.copy()
+    low[10] = 700.0
+    with pytest.raises(PlanningError, match="station 500 m"):
+        lower_bound(vehicle, replace(task, b_low=low))
