@@ -1,12 +1,16 @@
-"""How long a lane change takes: from speed, curvature, payload and roll-over margin."""
+"""How long a lane change takes: from speed, curvature, cross-slope, payload and roll-over margin.
+
+The trailer's lateral acceleration may not exceed shares of the truck's static roll-over threshold:
+one for the change alone, one for change and road together. On the steer axle's path that is less
+by the rearward amplification. Comfort bounds what an empty truck could bear.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+from controllers.lateral_limits import RollMargin
 from controllers.quintic import Quintic, shortest_to_zero
-
-EMPTY_MASS, LADEN_MASS = 19_000.0, 55_000.0
 
 
 @dataclass(frozen=True)
@@ -14,9 +18,11 @@ class LaneChangeConfig:
     """Limits of lane changes.
 
     Attributes:
-      acceleration_empty: lateral, of the change alone, empty truck [m/s2].
-      acceleration_laden: the same at 55 t [m/s2]; rearward amplification acts on it.
-      acceleration_total: lateral, change and road curve together [m/s2].
+      comfort_acceleration: lateral, of the change alone, whatever the truck could bear [m/s2].
+      change_share: of the roll-over threshold, for the trailer's acceleration by the change alone;
+        0.18 of 0.39 g gives a 55 t truck at 60 km/h 0.68 m/s2, which takes 6 s.
+      total_share: the same for change and road together; a third of the threshold lifts no wheel of
+        a laden truck, at 0.42 some load is left on all of them.
       jerk: lateral [m/s3].
       duration_min: [s].
       duration_max: [s].
@@ -32,9 +38,9 @@ class LaneChangeConfig:
       merge_distance: the same as way [m].
     """
 
-    acceleration_empty: float = 0.85
-    acceleration_laden: float = 0.6
-    acceleration_total: float = 1.6
+    comfort_acceleration: float = 0.85
+    change_share: float = 0.18
+    total_share: float = 0.42
     jerk: float = 1.3
     duration_min: float = 4.5
     duration_max: float = 9.0
@@ -50,20 +56,20 @@ class LaneChangeConfig:
     merge_distance: float = 200.0
 
 
-def lateral_limit(mass: float, speed: float, curvature: float, config: LaneChangeConfig) -> float:
-    """Lateral acceleration that a change may use [m/s2].
+def lateral_limit(margin: RollMargin, speed: float, felt: float, config: LaneChangeConfig) -> float:
+    """Lateral acceleration of the path that a change may add [m/s2]; not positive: none.
 
     Args:
-      mass: of the combination [kg]; the limit falls linearly from empty to laden.
+      margin: of the truck with its load.
       speed: [m/s].
-      curvature: greatest magnitude along the change [1/m].
+      felt: greatest lateral acceleration that the road gives along the change [m/s2], by curvature
+        and cross-slope, a magnitude.
       config: limits.
     """
-    share = min(max((mass - EMPTY_MASS) / (LADEN_MASS - EMPTY_MASS), 0.0), 1.0)
-    own = config.acceleration_empty + share * (
-        config.acceleration_laden - config.acceleration_empty
-    )
-    return min(own, config.acceleration_total - speed**2 * abs(curvature))
+    amplified = margin.amplified(speed)
+    own = config.change_share * margin.threshold / amplified
+    left = (config.total_share * margin.threshold - felt) / amplified
+    return min(own, left, config.comfort_acceleration)
 
 
 def quintic_change(
@@ -72,12 +78,20 @@ def quintic_change(
     slope: float,
     bend: float,
     speed: float,
-    mass: float,
-    curvature: float,
+    limit: float,
     config: LaneChangeConfig,
 ) -> Quintic | None:
-    """The shortest comfortable change of `size` metres, or None when the curve leaves no room."""
-    limit = lateral_limit(mass, speed, curvature, config)
+    """The shortest comfortable change of `size` metres, or None when there is none.
+
+    Args:
+      station: start [m].
+      size: distance to the target lane's path [m]; slope [1] and bend [1/m]: its derivatives.
+      slope: see size.
+      bend: see size.
+      speed: greatest during the change [m/s].
+      limit: see `lateral_limit`.
+      config: limits.
+    """
     if limit <= 0.0:
         return None
     return shortest_to_zero(
@@ -101,15 +115,29 @@ def quintic_back(
     bend: float,
     speed: float,
     config: LaneChangeConfig,
+    limit: float | None = None,
 ) -> Quintic:
-    """Back to a lane's middle, briskly: for aborts and recoveries. Always gives a curve."""
+    """Back to a lane's middle, briskly: for aborts and recoveries. Always gives a curve.
+
+    Args:
+      station: start [m].
+      value: offset from the path there [m]; slope [1] and bend [1/m]: its derivatives.
+      slope: see value.
+      bend: see value.
+      speed: greatest during the manoeuvre [m/s].
+      config: limits.
+      limit: lateral acceleration that the truck can bear here, if that is known [m/s2].
+    """
+    bearable = config.abort_acceleration
+    if limit is not None:
+        bearable = min(bearable, max(limit, 0.25 * bearable))
     found = shortest_to_zero(
         station,
         value,
         slope,
         bend,
         speed,
-        config.abort_acceleration,
+        bearable,
         config.abort_jerk,
         2.5,
         3.0 * config.duration_max,

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.units import GRAVITY
+
 if TYPE_CHECKING:
     from iits_mj.road import Route
 
@@ -33,6 +35,8 @@ class LanePath:
       half_width: of the lane at the start [m].
       end: station at which the lane or the road ends, or infinity when not within sight.
       lane: index at the start.
+      rows: index of the lane at each station, shape (n,); none given: `lane` everywhere.
+      shift: from the middle to where the steer axle is to be, shape (n,) [m]; none given: zero.
     """
 
     station: FloatArray
@@ -41,10 +45,21 @@ class LanePath:
     half_width: float
     end: float
     lane: int
+    rows: NDArray[np.int64] | None = None
+    shift: FloatArray | None = None
 
     def offset_at(self, station: FloatArray | float) -> FloatArray:
         """Offset of the lane's middle [m], same shape as station."""
         return np.asarray(np.interp(station, self.station, self.offset))
+
+    @property
+    def driven(self) -> FloatArray:
+        """Offset at which the steer axle is to be, shape (n,) [m]."""
+        return self.offset if self.shift is None else self.offset + self.shift
+
+    def driven_at(self, station: FloatArray | float) -> FloatArray:
+        """Offset at which the steer axle is to be [m], same shape as station."""
+        return np.asarray(np.interp(station, self.station, self.driven))
 
 
 class RoadPreview:
@@ -52,6 +67,12 @@ class RoadPreview:
 
     Args:
       route: the truck's road.
+
+    Attributes:
+      station: of the rows' columns, shape (n,), `step` apart [m].
+      offset, half_width, speed_limit: of the lanes, shape (lanes, n); offset is NaN for no lane.
+      curvature, grade, height, superelevation: of the reference line, shape (n,).
+      shift: wanted offset of the steer axle from the lane's middle, shape (lanes, n) [m].
     """
 
     def __init__(self, route: Route) -> None:
@@ -69,12 +90,16 @@ class RoadPreview:
         offset = np.array([route.lane_offset(lane, self.station) for lane in range(lanes)])
         self.offset = np.where(usable, offset, np.nan)
         self.half_width = 0.5 * width
+        self.shift = np.zeros_like(self.offset)
         self.speed_limit = np.array(
             [[route.speed_limit(float(s), lane) for s in self.station] for lane in range(lanes)]
         )
+        point = route.evaluate(self.station, 0.0)
         # Averaged over 25 m: seams of real maps carry spikes that no truck drives.
-        raw = np.asarray(route.evaluate(self.station, 0.0).curvature, dtype=float)
+        raw = np.asarray(point.curvature, dtype=float)
         self.curvature = np.convolve(np.pad(raw, 2, mode="edge"), np.full(5, 0.2), mode="valid")
+        self.height = np.asarray(point.z, dtype=float)
+        self.superelevation = np.asarray(point.superelevation, dtype=float)
         self.grade = np.asarray(route.smoothed_grade(self.station), dtype=float)
 
     def index(self, station: float) -> int:
@@ -98,8 +123,9 @@ class RoadPreview:
         last = min(len(self.station) - 1, here + math.ceil(ahead / self.step))
         offsets = np.empty(last - first + 1)
         limits = np.empty(last - first + 1)
-        end_forward = self._walk(lane, here, range(here, last + 1), first, offsets, limits)
-        self._walk(lane, here, range(here, first - 1, -1), first, offsets, limits)
+        rows = np.empty(last - first + 1, dtype=np.int64)
+        end_forward = self._walk(lane, here, range(here, last + 1), first, offsets, limits, rows)
+        self._walk(lane, here, range(here, first - 1, -1), first, offsets, limits, rows)
         end = math.inf
         if end_forward <= last:
             end = float(self.station[end_forward])
@@ -112,7 +138,24 @@ class RoadPreview:
             half_width=float(self.half_width[max(lane, 0), here]),
             end=end,
             lane=lane,
+            rows=rows,
+            shift=self.shift[rows, np.arange(first, last + 1)],
         )
+
+    def felt(self, station: FloatArray, speed: float) -> FloatArray:
+        """Lateral acceleration that the road alone gives at a speed [m/s2], shape as station.
+
+        `v^2 kappa + g tan(superelevation)`: positive where the truck is pressed to the right.
+        """
+        curvature = np.interp(station, self.station, self.curvature)
+        bank = np.interp(station, self.station, self.superelevation)
+        return np.asarray(speed**2 * curvature + GRAVITY * np.tan(bank))
+
+    def height_at(self, station: FloatArray, offset: FloatArray) -> FloatArray:
+        """Height of the surface [m] within some centimetres, shape as station and offset."""
+        bank = np.interp(station, self.station, self.superelevation)
+        level = np.interp(station, self.station, self.height)
+        return np.asarray(level + offset * np.tan(bank))
 
     def _walk(
         self,
@@ -122,8 +165,9 @@ class RoadPreview:
         first: int,
         offsets: FloatArray,
         limits: FloatArray,
+        rows: NDArray[np.int64],
     ) -> int:
-        """Fills offsets and limits along columns; returns the first column without the lane."""
+        """Fills offsets, limits and rows; returns the first column without the lane."""
         row, value = lane, float(self.offset[lane, here])
         limit = float(self.speed_limit[lane, here])
         ended = len(self.station)
@@ -141,4 +185,5 @@ class RoadPreview:
                     value, limit = candidate, float(self.speed_limit[row, column])
             offsets[column - first] = value
             limits[column - first] = limit
+            rows[column - first] = max(row, 0)
         return ended

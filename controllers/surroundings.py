@@ -7,12 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.road_preview import LanePath
+from controllers.road_preview import LanePath, RoadPreview
 from iits_mj.errors import InputError
 from iits_mj.messages import Scene, TrackedVehicle
 
 FloatArray = NDArray[np.float64]
 INTRUSION = 0.3
+# Clearances of bridges are 4.5 m and more, grades and crests shift heights by less than this [m].
+OTHER_LEVEL = 3.0
+# Slower than this across the lane is weaving, not changing lanes [m/s].
+WEAVING = 0.3
+
+
+_USED = ("station", "offset", "speed", "lateral_speed", "length", "width")
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,39 +40,75 @@ class Surroundings:
     A vehicle is in a lane when its body reaches 0.3 m or more into it now, or will within
     `anticipation` seconds at its present lateral speed: who changes lanes is in both.
 
+    Args:
+      scene: the truck and the traffic.
+      anticipation: [s].
+      preview: of the road; with it, who drives on another level, on a bridge above say, is left
+        out. A vehicle with x, y and z all zero has no pose, and counts by station and offset alone.
+
     Raises:
-      InputError: a vehicle's station, offset or speed is not finite; the message names it.
+      InputError: a vehicle's station, offset, speed, size or height is not finite; the message
+        names it.
     """
 
-    def __init__(self, scene: Scene, anticipation: float = 1.0) -> None:
+    def __init__(
+        self, scene: Scene, anticipation: float = 1.0, preview: RoadPreview | None = None
+    ) -> None:
         self.scene = scene
         self.front = scene.ego.station + scene.footprint.front_overhang
         self.rear = self.front - scene.footprint.length
+        names = (*_USED, "x", "y", "z")
         rows = [
-            (v.station, v.offset, v.speed, v.lateral_speed, v.length, v.width)
+            (v.station, v.offset, v.speed, v.lateral_speed, v.length, v.width, v.x, v.y, v.z)
             for v in scene.vehicles
         ]
-        table = np.array(rows, dtype=float).reshape(-1, 6)
+        table = np.array(rows, dtype=float).reshape(-1, len(names))
         bad = np.argwhere(~np.isfinite(table))
         if bad.size:
             row, column = bad[0]
-            name = ("station", "offset", "speed", "lateral_speed", "length", "width")[column]
             raise InputError(
-                f"vehicle {scene.vehicles[row].id!r}: {name} is {table[row, column]}: not finite"
+                f"vehicle {scene.vehicles[row].id!r}: {names[column]} is {table[row, column]}: "
+                "not finite"
             )
         self.station, self.offset, self.speed = table[:, 0], table[:, 1], table[:, 2]
         self._half_length, self._half_width = 0.5 * table[:, 4], 0.5 * table[:, 5]
+        self._lateral_speed = table[:, 3]
         self._predicted = self.offset + anticipation * table[:, 3]
+        self._here = np.ones(len(table), dtype=bool)
+        if preview is not None and len(table):
+            height = table[:, 8] - preview.height_at(self.station, self.offset)
+            posed = (table[:, 6:9] != 0.0).any(axis=1)
+            self._here = ~posed | (np.abs(height) < OTHER_LEVEL)
 
-    def within(self, path: LanePath) -> NDArray[np.bool_]:
-        """Which vehicles are in the lane of a path, shape (n,)."""
+    def within(self, path: LanePath, entering: float = 0.0) -> NDArray[np.bool_]:
+        """Which vehicles are in the lane of a path, shape (n,).
+
+        Args:
+          path: of the lane.
+          entering: those count, too, that move across faster than they weave and will be in the
+            lane within so much time [s].
+        """
         middle = path.offset_at(self.station)
         reach = path.half_width + self._half_width - INTRUSION
-        now = np.abs(self.offset - middle) < reach
-        soon = np.abs(self._predicted - middle) < reach
-        inside = (self.station >= path.station[0]) & (self.station <= path.station[-1])
+        inside = (np.abs(self.offset - middle) < reach) | (np.abs(self._predicted - middle) < reach)
+        if entering > 0.0:
+            crossing = np.abs(self._lateral_speed) > WEAVING
+            later = self.offset + entering * self._lateral_speed
+            # Who would be across the whole lane by then has been in it.
+            through = (self.offset - middle) * (later - middle) < 0.0
+            inside |= crossing & ((np.abs(later - middle) < reach) | through)
+        seen = (self.station >= path.station[0]) & (self.station <= path.station[-1])
         # Beyond a lane's end nobody drives in it.
-        return (now | soon) & inside & (self.station <= path.end)
+        return inside & seen & (self.station <= path.end) & self._here
+
+    def in_lane(self, path: LanePath, entering: float = 0.0) -> list[Neighbor]:
+        """Everybody in the lane of a path, in the scene's order; `entering` as of `within`."""
+        if not self.station.size:
+            return []
+        return [
+            Neighbor(self.scene.vehicles[int(i)], self.gap(int(i)))
+            for i in np.flatnonzero(self.within(path, entering))
+        ]
 
     def leader(self, path: LanePath) -> Neighbor | None:
         """The nearest vehicle whose middle is ahead of the truck's front bumper."""

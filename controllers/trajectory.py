@@ -38,10 +38,11 @@ def on_road(
       step: between points [s].
       urgency: greatest deceleration that a leader requires, for logs [m/s2].
     """
-    slope_table = np.gradient(path.offset, preview.step)
+    driven = path.driven
+    slope_table = np.gradient(driven, preview.step)
     slope = np.interp(station, path.station, slope_table)
     bend = np.interp(station, path.station, np.gradient(slope_table, preview.step))
-    offset = path.offset_at(station)
+    offset = np.interp(station, path.station, driven)
     if residual is not None:
         q, first, second, _ = residual.evaluate(station)
         offset, slope, bend = offset + q, slope + first, bend + second
@@ -91,7 +92,7 @@ def lead_while_passing(
     ego = scene.ego
     clear = 0.5 * (old.vehicle.width + scene.footprint.width) + side_gap
     stations = np.linspace(ego.station, max(residual.end, ego.station + 1.0), 40)
-    offsets = path.offset_at(stations) + residual.evaluate(stations)[0]
+    offsets = path.driven_at(stations) + residual.evaluate(stations)[0]
     aside = np.abs(offsets - old.vehicle.offset) > clear
     free_at = float(stations[int(np.argmax(aside))]) if aside.any() else float(stations[-1])
     until = (free_at - ego.station) / max(ego.speed, 1.0)

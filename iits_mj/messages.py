@@ -289,14 +289,62 @@ class EgoFootprint:
             object.__setattr__(self, name, float(value))
 
 
+class LightState(enum.Enum):
+    """What a traffic light shows; red with yellow counts as red."""
+
+    GREEN = "green"
+    YELLOW = "yellow"
+    RED = "red"
+
+
+@dataclass(frozen=True, slots=True)
+class TrafficLight:
+    """The next traffic light on the route.
+
+    Attributes:
+      station: of its stop line [m].
+      state: what it shows now.
+      next_switch: time until it shows something else [s], None where nobody knows.
+      next_state: what it shows then, None where nobody knows.
+    """
+
+    station: float
+    state: LightState
+    next_switch: float | None = None
+    next_state: LightState | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedZone:
+    """A limit set on a stretch of the route, in place of the map's.
+
+    Attributes:
+      start, end: stations [m]; limit: [m/s]; lane: from the right, None for all lanes.
+    """
+
+    start: float
+    end: float
+    limit: float
+    lane: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RoadSignals:
+    """What lights and changing signs say; where zones overlap the later one holds."""
+
+    light: TrafficLight | None = None
+    zones: tuple[SpeedZone, ...] = ()
+
+
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What the stack sees at one instant: the ego truck and the traffic around it."""
+    """What the stack sees at one instant: the ego truck, the traffic and the signs around it."""
 
     time: float
     ego: EgoState
     vehicles: Sequence[TrackedVehicle] = ()
     footprint: EgoFootprint = EgoFootprint()
+    signals: RoadSignals = RoadSignals()
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,7 @@ from iits_mj.simulation.driver import Driver
 from iits_mj.simulation.ending import DivergedError, check_finite, find_ending
 from iits_mj.simulation.frame import Frame, Observer
 from iits_mj.simulation.parts import load_map, make_stack, make_traffic
+from iits_mj.simulation.signals import read_signals
 from iits_mj.simulation.start import check_start
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
 from iits_mj.truck import Truck
@@ -292,7 +293,8 @@ class Simulation(Closing):
         return copy.copy(self.truck).observe()
 
     def _plan(self, ego: EgoState) -> None:
-        self.scene = Scene(ego.time, ego, self.vehicles, self.truck.footprint)
+        signals = read_signals(self.traffic, ego, self.route, self.truck.footprint)
+        self.scene = Scene(ego.time, ego, self.vehicles, self.truck.footprint, signals)
         self.trajectory = self.driver.plan(self.scene)
 
     def _mirror(self, *, new: bool = False) -> None:

@@ -164,8 +164,9 @@ def test_the_truck_stops_before_a_lane_end_that_it_cannot_leave():
         return tuple(car(road, f"c{i}", 200.0 + 12.0 * i, 1, 0.0) for i in range(50))
 
     drive = Ideal(road, 500.0, 0, 14.0).run(60.0, wall)
+    room = drive.planner.config.merge.room
     assert drive.ego.speed < 0.05
-    assert 780.0 < drive.ego.station + 1.4 < 800.0
+    assert drive.ego.station + 1.4 == pytest.approx(800.0 - room, abs=3.0)
 
 
 def test_the_truck_stops_before_the_road_ends():
@@ -229,7 +230,7 @@ def test_no_planned_trajectory_breaks_its_limits(data):
     assert plan.acceleration.max() <= speed.following.acceleration_max + 1e-9
     if plan.mode is PlanMode.LANE_CHANGE:
         lateral = plan.curvature * np.maximum(plan.speed, ego.speed) ** 2
-        assert np.abs(lateral).max() <= planner.config.change.acceleration_empty * 1.1
+        assert np.abs(lateral).max() <= planner.config.change.comfort_acceleration * 1.01
 
 
 def test_the_same_scenes_give_the_same_plans():

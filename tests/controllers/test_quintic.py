@@ -4,8 +4,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controllers.lane_change import LaneChangeConfig, lateral_limit, quintic_change
+from controllers.lateral_limits import RollMargins
 from controllers.quintic import Quintic, shortest_to_zero
 from iits_mj.errors import InputError
+from iits_mj.parameters import TruckParameters
+
+MASSES = (19_000.0, 37_000.0, 55_000.0)
+MARGINS = RollMargins(TruckParameters.load(), 1.0 / LaneChangeConfig().duration_min)
 
 
 @given(
@@ -43,31 +48,46 @@ def test_a_value_that_is_not_finite_is_named(bad):
 
 @settings(max_examples=60, deadline=None)
 @given(
-    size=st.floats(2.5, 5.0), speed=st.floats(4, 25), mass=st.floats(19_000, 55_000),
-    radius=st.floats(500, 1e6),
+    size=st.floats(2.5, 5.0), speed=st.floats(4, 25), mass=st.sampled_from(MASSES),
+    felt=st.floats(0.0, 2.0),
 )  # fmt: skip
-def test_no_lane_change_breaks_its_lateral_limits(size, speed, mass, radius):
-    config = LaneChangeConfig()
-    change = quintic_change(0.0, size, 0.0, 0.0, speed, mass, 1.0 / radius, config)
+def test_no_lane_change_breaks_its_lateral_limits(size, speed, mass, felt):
+    config, margin = LaneChangeConfig(), MARGINS.at(mass)
+    limit = lateral_limit(margin, speed, felt, config)
+    change = quintic_change(0.0, size, 0.0, 0.0, speed, limit, config)
     if change is None:
         return
     acceleration, jerk = change.peak_lateral(speed)
-    assert acceleration <= lateral_limit(mass, speed, 1.0 / radius, config) + 1e-9
+    assert acceleration <= limit + 1e-9
+    assert acceleration * margin.amplified(speed) + felt <= 0.42 * margin.threshold + 1e-9
     assert jerk <= config.jerk + 1e-9
     assert change.length / speed <= config.duration_max + 0.1 or change.length == config.length_min
 
 
+def length(mass, felt=0.0, speed=20.0, margins=MARGINS):
+    limit = lateral_limit(margins.at(mass), speed, felt, LaneChangeConfig())
+    change = quintic_change(0.0, 4.0, 0.0, 0.0, speed, limit, LaneChangeConfig())
+    return change.length if change else np.inf
+
+
 def test_a_laden_truck_takes_longer_than_an_empty_one():
-    lengths = [
-        quintic_change(0.0, 4.0, 0.0, 0.0, 20.0, mass, 0.0, LaneChangeConfig()).length
-        for mass in (19_000.0, 55_000.0)
-    ]
-    assert lengths[0] < lengths[1]
-    assert 4.5 <= lengths[0] / 20.0 <= lengths[1] / 20.0 <= 8.0
+    assert length(19_000.0) < length(55_000.0)
+    assert 4.5 <= length(19_000.0) / 20.0 <= length(55_000.0) / 20.0 <= 8.0
 
 
-def test_a_tight_curve_at_speed_leaves_no_room_for_a_change():
-    assert quintic_change(0, 4.0, 0, 0, 25.0, 55_000.0, 1 / 300.0, LaneChangeConfig()) is None
+def test_a_high_load_takes_longer_than_a_low_one():
+    low, high = (
+        length(
+            55_000.0, margins=RollMargins(TruckParameters.load().with_payload_height(h), 1 / 4.5)
+        )
+        for h in (1.4, 3.0)
+    )
+    assert low < high
+
+
+def test_a_bend_makes_a_change_longer_and_a_tight_one_forbids_it():
+    assert length(55_000.0) < length(55_000.0, felt=1.1) < np.inf
+    assert length(55_000.0, felt=25.0**2 / 300.0) == np.inf
 
 
 def test_too_short_a_time_gives_none():

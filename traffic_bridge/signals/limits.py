@@ -137,6 +137,11 @@ class SpeedLimits:
         self._rules.clear()
         self._apply()
 
+    @property
+    def rules(self) -> tuple[SpeedLimit, ...]:
+        """What was set and not lifted, in this order: where two overlap the later one holds."""
+        return tuple(self._rules.values())
+
     def at(self, station: float, lane: int = 0) -> float:
         """The limit that holds at a station of a lane [m/s].
 

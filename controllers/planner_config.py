@@ -1,0 +1,40 @@
+"""Settings of the trajectory planner."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from controllers.lane_change import LaneChangeConfig
+from controllers.merging import MergeConfig
+from controllers.safety import SafetyConfig
+from controllers.speed_plan import SpeedConfig
+from controllers.stop_line import LightConfig
+
+
+@dataclass(frozen=True)
+class PlannerConfig:
+    """All settings of the planner.
+
+    Attributes:
+      lanes: indices of the lanes that decisions may lead to; the paper uses two.
+      horizon: of the trajectory [s]; step: [s].
+      resync_speed: the plan's speed stays within this of the truck's [m/s].
+      recover_offset: distance from the plan that makes a new one from where the truck is [m].
+      settled_offset: distance from the lane's middle at which a change is complete [m].
+      curve_share: of the roll-over threshold, bounds the speed in bends with their cross-slope.
+      speed: see `SpeedConfig`; change: see `LaneChangeConfig`; safety: see `SafetyConfig`;
+      merge: see `MergeConfig`; light: see `LightConfig`.
+    """
+
+    lanes: tuple[int, ...] = (0, 1)
+    horizon: float = 6.0
+    step: float = 0.1
+    resync_speed: float = 0.5
+    recover_offset: float = 0.8
+    settled_offset: float = 0.4
+    curve_share: float = 0.38
+    speed: SpeedConfig = field(default_factory=SpeedConfig)
+    change: LaneChangeConfig = field(default_factory=LaneChangeConfig)
+    safety: SafetyConfig = field(default_factory=SafetyConfig)
+    merge: MergeConfig = field(default_factory=MergeConfig)
+    light: LightConfig = field(default_factory=LightConfig)

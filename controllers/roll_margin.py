@@ -1,0 +1,116 @@
+"""How near the truck is to tipping over: static threshold and rearward amplification.
+
+Statics in the roll plane: one body rolls by `phi` on the springs of all axles, each of which rolls
+by `phi_u` on its tires until its inner wheels lift (Winkler, Rollover of heavy commercial vehicles,
+UMTRI 1999). With the side force `a` as share of g, sprung load n, roll centre h_rc, unsprung weight
+m_u at h_u, load W, track T and the carcass that bends aside by `y = W a sigma / C`,
+
+    axle:    min(K_t phi_u, W T / 2) = K_s (phi - phi_u) + (n h_rc + m_u h_u) (a + phi_u) + W y
+    body:    sum K_s (phi - phi_u) = sum n (h - h_rc) (a + phi).
+
+The threshold is the greatest `a` with an equilibrium in which not all axles behind the steer axle
+have lifted. The fifth wheel counts as rigid in roll: where its plate opens the truth is lower.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.lateral_model import LateralModel
+from iits_mj.mass_state import laden_trailer, static_axle_loads
+from iits_mj.parameters import TruckParameters
+from iits_mj.tire_law import cornering_stiffness
+from iits_mj.units import GRAVITY
+
+FloatArray = NDArray[np.float64]
+
+_ROLLS = np.linspace(0.002, 0.30, 150)
+
+
+def roll_threshold(parameters: TruckParameters, payload: float) -> float:
+    """Steady lateral acceleration at which the truck tips over on a level road [m/s2].
+
+    Args:
+      parameters: of the truck; the payload's height is theirs.
+      payload: [kg].
+
+    Raises:
+      InputError: the payload is not allowed.
+    """
+    trailer, tractor = laden_trailer(parameters, payload), parameters.tractor
+    load = static_axle_loads(parameters, payload)
+    axles = parameters.axles
+    tires = [parameters.tires[axle.tire] for axle in axles]
+    common = parameters.tire_common
+    vertical = np.array([tire.count * tire.vertical_stiffness for tire in tires])
+    track = np.array([axle.track for axle in axles])
+    unsprung = np.array([axle.unsprung_mass for axle in axles]) * GRAVITY
+    height = np.array([tire.free_radius for tire in tires]) - 0.5 * load / vertical
+    center = height + np.array([axle.roll_center_height for axle in axles])
+    spring = np.array(
+        [0.5 * a.spring_rate * a.spring_spacing**2 + a.auxiliary_roll_stiffness for a in axles]
+    )
+    carcass = np.empty(len(axles))
+    for i, tire in enumerate(tires):
+        each = load[i] / (2 * tire.count)
+        lag = common.relaxation_lateral
+        lag *= (each / common.nominal_load) ** common.relaxation_load_exponent
+        stiffness = 2 * tire.count * float(cornering_stiffness(each, tire, common))
+        carcass[i] = load[i] ** 2 * lag / stiffness
+    sprung = load - unsprung
+    moment = GRAVITY * (tractor.mass * tractor.cg_height + trailer.mass * trailer.cg_height)
+    body_height = (moment - float(unsprung @ height)) / float(sprung.sum())
+    lever = float(sprung @ (body_height - center))
+    arm = sprung * center + unsprung * height
+    limit = 0.5 * load * track
+    stiff = 0.5 * vertical * track**2
+    return GRAVITY * _greatest(spring, stiff, arm, carcass, limit, lever)
+
+
+def _greatest(
+    spring: FloatArray,
+    tire: FloatArray,
+    arm: FloatArray,
+    carcass: FloatArray,
+    limit: FloatArray,
+    lever: float,
+) -> float:
+    """Greatest side force in equilibrium, as share of g; arrays of shape (axles,)."""
+    best = 0.0
+    lifted = np.zeros(len(spring), dtype=bool)
+    for roll in _ROLLS:
+        side = 0.0
+        for _ in range(len(spring) + 1):
+            # phi_u = (K_s phi + (arm + carcass) a - M) / D, lifted: M = W T / 2, else M in D.
+            give = np.where(lifted, spring - arm, spring + tire - arm)
+            fixed = (spring * roll - np.where(lifted, limit, 0.0)) / give
+            per_side = (arm + carcass) / give
+            held = float((spring * (roll - fixed)).sum()) - lever * roll
+            side = held / (lever + float((spring * per_side).sum()))
+            more = ~lifted & (tire * (fixed + per_side * side) > limit)
+            if not more.any():
+                break
+            lifted |= more
+        if lifted[1:].all():
+            break
+        best = max(best, side)
+    return best
+
+
+def rearward_amplification(model: LateralModel, speed: float, frequency: float) -> float:
+    """Lateral acceleration of the trailer's CG over that of the steer axle, in a sine.
+
+    Args:
+      model: of the loaded truck.
+      speed: [m/s], positive.
+      frequency: of the manoeuvre [Hz]; a lane change of duration T is one sine of 1 / T.
+    """
+    a, _, _ = model.matrices(speed)
+    s = 2j * math.pi * frequency
+    w, r, r_t, _ = np.linalg.solve(s * np.eye(4) - a[:4, :4], a[:4, 6])
+    own = s * w + speed * r
+    trailer = own - model.kingpin * s * r - model.trailer_cg * s * r_t
+    return float(abs(trailer / own))

@@ -1,0 +1,57 @@
+"""What the traffic's lights and signs say to the truck, as messages."""
+
+from __future__ import annotations
+
+from iits_mj.messages import (
+    EgoFootprint,
+    EgoState,
+    LightState,
+    RoadSignals,
+    SpeedZone,
+    TrafficLight,
+)
+from iits_mj.road import Route
+from traffic_bridge import LightAhead, PureSim, Recorder, Traffic
+
+# A changed limit further ahead than this is not seen yet [m].
+SIGHT = 500.0
+
+
+def read_signals(
+    traffic: Traffic | None, ego: EgoState, route: Route, footprint: EgoFootprint
+) -> RoadSignals:
+    """The next light, and the limits that were set on the route about the truck.
+
+    Only traffic that SUMO runs has any; InterSim and MixedSim are PureSim, and a recorder has its own inside.
+
+    Args:
+      traffic: that runs, None for an empty road.
+      ego: the truck.
+      route: its road.
+      footprint: its size.
+    """
+    if isinstance(traffic, Recorder):
+        traffic = traffic.traffic
+    if not isinstance(traffic, PureSim):
+        return RoadSignals()
+    signals = traffic.signals
+    lane = int(route.lane_at(ego.station, ego.offset))
+    light = signals.light_ahead(ego.station + footprint.front_overhang, lane if lane >= 0 else None)
+    zones = tuple(
+        SpeedZone(rule.start, rule.end, rule.limit, rule.lane)
+        for rule in signals.limits.rules
+        if rule.end > ego.station - SIGHT and rule.start < ego.station + SIGHT
+    )
+    return RoadSignals(None if light is None else _light(light), zones)
+
+
+def _light(light: LightAhead) -> TrafficLight:
+    following = None if light.next_letter is None else _state(light.next_letter)
+    return TrafficLight(light.station, _state(light.letter), light.next_switch, following)
+
+
+def _state(letter: str) -> LightState:
+    """Of a SUMO letter: "o" and "O" are off; "u" is red with yellow; "s" wants a stop."""
+    if letter in "gGoO":
+        return LightState.GREEN
+    return LightState.YELLOW if letter in "yY" else LightState.RED
