@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from controllers.pcc.fuel import FuelMap, Willans
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.solver import Solver, Task
-from controllers.pcc.vehicle import PointMass, cruise, durations, full_power_speed
+from controllers.pcc.vehicle import PointMass, brakeable, cruise, durations, full_power_speed
 from iits_mj.errors import InputError, PlanningError
 from iits_mj.messages import SpeedProfile
 from iits_mj.parameters import TruckParameters
@@ -25,7 +25,9 @@ class PccConfig:
 
     Attributes:
       v_ref: set speed of the constant-speed cruise [m/s]; 20 m/s is the paper's 72 km/h.
-      v_min, v_max: band of the plan [m/s]; on a climb beyond full power it may be slower.
+      v_min, v_max: band of the plan [m/s]; on a climb beyond full power it may be slower. 25 m/s is
+        where the speed limiter of a heavy truck holds (directive 92/6/EEC); the road's own limits
+        are kept below it.
       mean_speed: True lets the cruise's set speed be found for which its *mean* is v_ref.
       k_a: the paper's weight of a^2, for a fuel rate in g/s: [g/s per (m/s2)^2].
       deceleration_max: of planned braking [m/s2].
@@ -33,7 +35,7 @@ class PccConfig:
 
     v_ref: float = 20.0
     v_min: float = 12.5
-    v_max: float = 85.0 / 3.6
+    v_max: float = 25.0
     mean_speed: bool = False
     k_a: float = 0.5
     deceleration_max: float = 1.5
@@ -53,12 +55,12 @@ class PccConfig:
 
 @dataclass(frozen=True)
 class Drive:
-    """A drive over the profile; speed at the nodes (n + 1,), the rest per interval (n,).
+    """A drive over the profile; speed and clock at the nodes (n + 1,), the rest per interval (n,).
 
     Attributes:
       speed: [m/s]; power: of the engine [W]; fuel: by the convex model [kg].
       map_fuel: by the engine's map with the best gear and overrun cut-off [kg]; gear: 1 to 12.
-      time: of the whole drive [s].
+      clock: time since the start at the nodes, shape (n + 1,) [s].
     """
 
     speed: FloatArray
@@ -66,7 +68,12 @@ class Drive:
     fuel: FloatArray
     map_fuel: FloatArray
     gear: NDArray[np.int64]
-    time: float
+    clock: FloatArray
+
+    @property
+    def time(self) -> float:
+        """Of the whole drive [s]."""
+        return float(self.clock[-1])
 
 
 @dataclass(frozen=True)
@@ -77,7 +84,9 @@ class PccSolution:
       road: the profile; speed_profile: the plan for the trajectory planner.
       plan, baseline: both drives; v_set: set speed of the cruise [m/s].
       time_price: what a second of trip time costs at the optimum [kg/s].
-      solve_time, build_time: of IPOPT, and of setting up the problem [s]; iterations.
+      costate: how much less is burnt after a node for a little more v^2 there, shape (n + 1,)
+        [kg/(m2/s2)]; with `time_price` and `plan.clock`, what a drive needs to follow the plan.
+      solve_time, build_time: of the solver, and of setting it up [s]; iterations; method: of it.
       willans: the fuel fit of the optimizer; status: "optimal".
     """
 
@@ -87,9 +96,11 @@ class PccSolution:
     baseline: Drive
     v_set: float
     time_price: float
+    costate: FloatArray
     solve_time: float
     build_time: float
     iterations: int
+    method: str
     willans: Willans
     status: str = "optimal"
 
@@ -119,13 +130,21 @@ def plan(
     parameters: TruckParameters | None = None,
     mass: float = 55_000.0,
     config: PccConfig | None = None,
+    method: str = "interior_point",
 ) -> PccSolution:
     """Plans the whole road and compares it with the constant-speed cruise.
 
     Both start and end at the cruise's speed there; the plan takes no longer than the cruise.
 
+    Args:
+      road: to be driven from end to end.
+      parameters: of the truck, default the packaged ones.
+      mass: of the combination [kg].
+      config: what the plan may do.
+      method: of the solver, "interior_point" or "ipopt".
+
     Raises:
-      InputError: mass is no truck's.
+      InputError: mass is no truck's, or the method is not known.
       PlanningError: a climb is beyond full power, limits contradict, or there is no solution.
     """
     config = config or PccConfig()
@@ -133,7 +152,7 @@ def plan(
     fuel_map = FuelMap(parameters)
     vehicle = make_vehicle(parameters, fuel_map, mass, config)
     v_set, base = _cruise(vehicle, road, config)
-    solver = Solver(vehicle, road.intervals, road.step)
+    solver = Solver(vehicle, road.intervals, road.step, method=method)
     total = float(durations(base, road).sum())
     cap = np.minimum(road.v_limit, max(config.v_max, v_set))
     fastest = full_power_speed(vehicle, road, float(base[0]), cap)
@@ -150,9 +169,11 @@ def plan(
         evaluate(vehicle, fuel_map, road, base),
         v_set,
         answer.time_price,
+        answer.costate,
         answer.wall_time,
         solver.build_time,
         answer.iterations,
+        answer.method,
         vehicle.fuel,
     )
 
@@ -184,7 +205,7 @@ def evaluate(vehicle: PointMass, fuel_map: FuelMap, road: RoadProfile, speed: Fl
         vehicle.fuel_of(speed, road),
         rate * time,
         gear,
-        float(time.sum()),
+        np.concatenate([[0.0], np.cumsum(time)]),
     )
 
 
@@ -198,27 +219,27 @@ def _cruise(vehicle: PointMass, road: RoadProfile, config: PccConfig) -> tuple[f
     speed = drive(config.v_ref)
     if not config.mean_speed:
         return config.v_ref, speed
-    low, high = config.v_ref, config.v_max
-    mean = road.length / float(durations(drive(high), road).sum())
-    if mean < config.v_ref:
+    wanted = road.length / config.v_ref
+
+    def late(v_set: float) -> float:
+        return float(durations(drive(v_set), road).sum()) - wanted
+
+    high = config.v_max
+    if late(high) > 0.0:
         raise PlanningError(
             f"a mean of {config.v_ref:.2f} m/s is out of reach: the cruise at {high:.2f} m/s "
-            f"averages {mean:.2f} m/s on this road; lower v_ref or use the set speed"
+            f"averages {road.length / (wanted + late(high)):.2f} m/s on this road; lower v_ref or "
+            "use the set speed"
         )
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        if road.length / float(durations(drive(middle), road).sum()) < config.v_ref:
-            low = middle
-        else:
-            high = middle
-    return high, drive(high)
+    if late(config.v_ref) <= 0.0:
+        return config.v_ref, speed
+    from scipy.optimize import brentq
+
+    v_set = float(brentq(late, config.v_ref, high, xtol=1e-9, rtol=1e-12))
+    return v_set, drive(v_set)
 
 
 def _start_speed(vehicle: PointMass, road: RoadProfile) -> float:
     """Greatest speed at the first node from which the limits ahead can be met."""
-    twice = 2.0 * road.step / vehicle.inertial_mass
-    slope = vehicle.slope_force(road.grade)
-    b = np.minimum(road.v_limit, 1e3) ** 2
-    for k in range(road.intervals - 1, -1, -1):
-        b[k] = min(b[k], b[k + 1] + twice * (vehicle.brake_max + slope[k]))
-    return math.sqrt(max(float(b[0]), 0.0))
+    b = brakeable(vehicle, road, np.minimum(road.v_limit, 1e3) ** 2, vehicle.brake_max)
+    return math.sqrt(float(b[0]))

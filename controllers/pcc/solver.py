@@ -1,37 +1,40 @@
-"""The optimal control problem in the distance domain, solved by IPOPT through CasADi.
+"""The optimal control problem in the distance domain: task, answer, and who solves it.
 
-Nodes k = 0..n, intervals of length ds. Variables: b = v^2 at the nodes and the engine's force F at
-the wheels in the intervals (per kilogram inside). What the motion asks for,
+The interior-point method of our own (`interior_point.py`) needs no set-up and a time linear in the
+number of intervals. IPOPT (`ipopt.py`) solves the same problem for comparison, and where our own
+method should not converge. The problem itself stands in `problem.py`.
 
-    N[k] = (b[k+1] - b[k]) m_e / (2 ds) + R(grade) + k_air (b[k] + b[k+1]) / 2       exact, linear
-
-is F less the brake force, which is so eliminated:
-
-    0 <= F - N <= B_max,    -P_drag <= F (v[k] + v[k+1]) / (2 eta) <= P_max
-    b within the band and the limits,    sum dt <= T,    dt = 2 ds / (v[k] + v[k+1])      exact
-    minimize sum dt (f0 + f1 P + f2 P^2 + k_a a^2) + price_time sum dt - price_energy b[n]
-
-With a fence the time t[k] at the nodes joins the variables, so that `t[k] >= fence[k]` is a bound.
 The cost is the paper's (section on the fuel-efficient speed planner) in the distance domain; its
 fence `s <= s_fence(t)` becomes an earliest time of passing each station.
 """
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.pcc.feasibility import require_feasible
+from controllers.pcc.interior_point import Optimum, Settings, minimize
+from controllers.pcc.problem import Problem
 from controllers.pcc.profile import RoadProfile
-from controllers.pcc.vehicle import PointMass, durations
-from iits_mj.errors import PlanningError
+from controllers.pcc.vehicle import PointMass
+from iits_mj.errors import InputError, PlanningError
+
+if TYPE_CHECKING:
+    from controllers.pcc.ipopt import Ipopt
 
 FloatArray = NDArray[np.float64]
-_B, _T, _FUEL = 400.0, 100.0, 1e-3  # units of b [m2/s2], t [s] and fuel [kg] inside the solver
+METHODS = ("interior_point", "ipopt")
+_SPEED = 20.0  # [m/s], unit inside the problem
+_B_MAX = 1e4  # [m2/s2], in place of no speed limit at all
+# Relative room in power and trip time: where only one drive is possible its multipliers would have
+# no bound without it.
+_ROOM = 1e-7
 
 
 @dataclass(frozen=True)
@@ -57,16 +60,43 @@ class Task:
 
 @dataclass(frozen=True)
 class Answer:
-    """Node speeds (n + 1,), price of a second of trip time [kg/s], iterations, wall time [s]."""
+    """The optimum.
+
+    Attributes:
+      speed: at the nodes, shape (n + 1,) [m/s].
+      time_price: what a second of the trip time costs [kg/s].
+      iterations: of the solver; wall_time: of the whole solve [s].
+      costate: how much less is burnt after a node for a little more v^2 there, shape (n + 1,)
+        [kg/(m2/s2)]; at the last node, what v^2 there costs before it.
+      interval_price: what a second in an interval costs by trip time and fences, shape (n,) [kg/s],
+        without the task's own price.
+      method: that solved it.
+    """
 
     speed: FloatArray
     time_price: float
     iterations: int
     wall_time: float
+    costate: FloatArray
+    interval_price: FloatArray
+    method: str
+
+
+@dataclass(frozen=True)
+class Units:
+    """Units of a `Problem`: b [m2/s2], force over mass [m/s2], time [s], fuel [kg]."""
+
+    b: float
+    force: float
+    time: float
+    fuel: float
 
 
 class Solver:
-    """IPOPT on a grid of fixed size; build once, solve often. `build_time` in seconds."""
+    """Solves tasks on grids of one size. `build_time`: of setting up, in seconds.
+
+    `fenced` says whether tasks may hold fences; `method` is one of METHODS.
+    """
 
     def __init__(
         self,
@@ -75,123 +105,126 @@ class Solver:
         step: float,
         fenced: bool = False,
         time_limit: float = 20.0,
+        method: str = "interior_point",
     ) -> None:
+        if method not in METHODS:
+            raise InputError(f"method {method!r} is not known: use one of {', '.join(METHODS)}")
         began = time.perf_counter()
         self.vehicle, self.intervals, self.step, self.fenced = vehicle, intervals, step, fenced
-        options: dict[str, Any] = {
-            "print_time": False,
-            "ipopt.print_level": 0,
-            "ipopt.sb": "yes",
-            "ipopt.max_iter": 200,
-            "ipopt.tol": 1e-6,
-            "ipopt.acceptable_tol": 1e-5,
-            "ipopt.max_wall_time": time_limit,
-        }
-        self._solve = ca.nlpsol("pcc", "ipopt", self._problem(), options)
+        self.time_limit, self.method = time_limit, method
+        self._ipopt: Ipopt | None = None
+        if method == "ipopt":
+            self._make_ipopt()
         self.build_time = time.perf_counter() - began
 
     def solve(self, task: Task, guess: FloatArray) -> Answer:
         """Solves from a guess of the node speeds, shape (n + 1,).
 
         Raises:
-          PlanningError: bounds contradict each other, or IPOPT ends without a solution.
+          PlanningError: there is no such drive, with the reason; or no solver ends in time.
         """
-        self._check(task)
         began = time.perf_counter()
-        n, vehicle, road = self.intervals, self.vehicle, task.road
-        mass, eta = vehicle.inertial_mass, vehicle.efficiency
-        net = vehicle.net_force(guess, road) / mass
-        clock = np.concatenate([[0.0], np.cumsum(durations(guess, road))]) / _T
-        late = np.full(n + 1, np.inf)
-        late[0] = 0.0
-        brake = np.tile([0.0, -eta * vehicle.power_drag / mass], n)
-        power = np.tile([vehicle.brake_max / mass, eta * vehicle.power_max / mass], n)
-        low_rows = [brake, np.zeros(1)]
-        high_rows = [power, np.array([task.time_max / _T])]
-        if self.fenced:
-            low_rows.append(np.zeros(n))
-            high_rows.append(np.zeros(n))
-        slope = vehicle.slope_force(road.grade) / mass
-        prices = [task.k_a / _FUEL, task.price_time / _FUEL, task.price_energy / _FUEL]
-        result = self._solve(
-            x0=self._pack(guess**2 / _B, np.maximum(net, 0.0) + 0.01, clock),
-            lbx=self._pack(task.b_low / _B, np.full(n, -np.inf), task.fence / _T),
-            ubx=self._pack(task.b_high / _B, np.full(n, np.inf), late),
-            lbg=np.concatenate(low_rows),
-            ubg=np.concatenate(high_rows),
-            p=np.concatenate([slope, prices]),
-        )
-        wall_time = time.perf_counter() - began
-        statistics = self._solve.stats()
-        if not statistics["success"]:
+        self._check(task, guess)
+        require_feasible(self.vehicle, task)
+        problem, units = scaled(self.vehicle, task)
+        own = None
+        if self.method == "interior_point":
+            settings = Settings(time_limit=self.time_limit)
+            own = minimize(problem, guess**2 / units.b, settings)
+        left = self.time_limit - (time.perf_counter() - began)
+        if own is None or (not own.converged and left > 0.0):
+            optimum, method = self._make_ipopt().solve(task, guess, problem, units), "ipopt"
+        else:
+            optimum, method = own, "interior_point"
+        if not optimum.converged:
             raise PlanningError(
-                f"the speed optimization over {road.length:.0f} m ended with "
-                f"{statistics['return_status']} after {statistics['iter_count']} iterations"
+                f"the speed optimization over {task.road.length:.0f} m has no result: "
+                f"{optimum.note}"
             )
-        width = 3 if self.fenced else 2
-        solution = np.asarray(result["x"]).ravel()
-        b = np.append(solution[0 : width * n : width], solution[width * n])
-        # b follows within its bounds to the solver's tolerance; the profile keeps to them exactly.
-        speed = np.sqrt(np.clip(b * _B, task.b_low, task.b_high))
-        price = float(np.asarray(result["lam_g"]).ravel()[2 * n]) * 100.0 * _FUEL / _T
-        return Answer(speed, max(price, 0.0), int(statistics["iter_count"]), wall_time)
+        return _answer(task, optimum, units, time.perf_counter() - began, method)
 
-    def _check(self, task: Task) -> None:
-        road = task.road
+    def _make_ipopt(self) -> Ipopt:
+        """IPOPT for this grid, built when first needed: CasADi takes a second to load."""
+        if self._ipopt is None:
+            from controllers.pcc.ipopt import Ipopt
+
+            self._ipopt = Ipopt(
+                self.vehicle, self.intervals, self.step, self.fenced, self.time_limit
+            )
+        return self._ipopt
+
+    def _check(self, task: Task, guess: FloatArray) -> None:
+        road, nodes = task.road, self.intervals + 1
         if road.intervals != self.intervals or abs(road.step - self.step) > 1e-6:
             raise PlanningError(
                 f"the solver is for {self.intervals} intervals of {self.step:g} m, the road has "
                 f"{road.intervals} of {road.step:g} m"
             )
-        empty = np.flatnonzero(task.b_low > task.b_high + 1e-9)
-        if empty.size:
-            k = int(empty[0])
-            raise PlanningError(
-                f"at station {road.station[k]:.0f} m the least speed "
-                f"{np.sqrt(task.b_low[k]):.2f} m/s is above the greatest "
-                f"{np.sqrt(max(task.b_high[k], 0.0)):.2f} m/s"
-            )
-        fastest = float(durations(np.sqrt(np.minimum(task.b_high, 1e4)), road).sum())
-        if fastest > task.time_max:
-            raise PlanningError(
-                f"trip time {task.time_max:.1f} s is too short: even at the speed limits the road "
-                f"takes {fastest:.1f} s"
-            )
+        for name, array in (
+            ("b_low", task.b_low),
+            ("b_high", task.b_high),
+            ("fence", task.fence),
+            ("guess", guess),
+        ):
+            if np.shape(array) != (nodes,) or np.isnan(array).any():
+                raise PlanningError(
+                    f"{name} of the task must hold {nodes} numbers, not {np.shape(array)} or NaN"
+                )
+        for name in ("time_max", "k_a", "price_time", "price_energy"):
+            value = getattr(task, name)
+            if math.isnan(value) or (name != "time_max" and math.isinf(value)):
+                raise PlanningError(f"{name} = {value!r} of the task is not allowed")
+        if task.k_a < 0.0:
+            raise PlanningError(f"k_a = {task.k_a!r} of the task is not allowed: use 0 or more")
+        if task.b_low.min() <= 0.0:
+            raise PlanningError("the least speeds of the task must be above 0")
+        if task.fence.max() > 0.0 and not self.fenced:
+            raise PlanningError("the task holds fences; the solver was made without: fenced=True")
 
-    def _problem(self) -> dict[str, ca.SX]:
-        """The NLP; variables and rows are interleaved by node, so that fill-in stays in a band."""
-        vehicle, ds, n = self.vehicle, self.step, self.intervals
-        mass, fuel = vehicle.inertial_mass, vehicle.fuel
-        b, force, t = ca.SX.sym("b", n + 1), ca.SX.sym("F", n), ca.SX.sym("t", n + 1)
-        slope, prices = ca.SX.sym("slope", n), ca.SX.sym("prices", 3)
-        b0, b1, v = b[:-1] * _B, b[1:] * _B, ca.sqrt(b * _B)
-        mean = 0.5 * (v[:-1] + v[1:])
-        dt = ds / mean
-        a = (b1 - b0) / (2.0 * ds)
-        net = a + slope + vehicle.drag / mass * 0.5 * (b0 + b1)
-        # dt P = F ds / eta and dt P^2 = F^2 v ds / eta^2: no division by speed.
-        work = force * mass * ds / vehicle.efficiency
-        square = (force * mass / vehicle.efficiency) ** 2 * mean * ds
-        burnt = (fuel.f0 * dt + fuel.f1 * work + fuel.f2 * square) / _FUEL
-        total = ca.sum1(dt)
-        cost = ca.sum1(burnt + prices[0] * a**2 * dt) + prices[1] * total - prices[2] * b1[-1]
-        rows = [ca.vec(ca.horzcat(force - net, force * mean).T), total / _T]
-        columns = [b[:-1], force]
-        last = [b[n]]
-        if self.fenced:
-            rows.append(t[1:] - t[:-1] - dt / _T)
-            columns.append(t[:-1])
-            last.append(t[n])
-        return {
-            "x": ca.vertcat(ca.vec(ca.horzcat(*columns).T), *last),
-            "p": ca.vertcat(slope, prices),
-            "f": cost / 100.0,
-            "g": ca.vertcat(*rows),
-        }
 
-    def _pack(self, b: FloatArray, force: FloatArray, clock: FloatArray) -> FloatArray:
-        columns, last = [b[:-1], force], [b[-1]]
-        if self.fenced:
-            columns.append(clock[:-1])
-            last.append(clock[-1])
-        return np.concatenate([np.column_stack(columns).ravel(), last])
+def scaled(vehicle: PointMass, task: Task) -> tuple[Problem, Units]:
+    """The task in the units in which it is solved."""
+    fuel, power, step = vehicle.fuel, vehicle.power_max, task.road.step
+    mass = vehicle.inertial_mass
+    full = fuel.f0 + fuel.f1 * power + fuel.f2 * power**2
+    duration = step / _SPEED
+    units = Units(
+        b=_SPEED**2,
+        force=vehicle.efficiency * power / (mass * _SPEED),
+        time=duration,
+        fuel=full * duration,
+    )
+    to_acceleration = units.b / (2.0 * step)
+    problem = Problem(
+        inertia=to_acceleration / units.force,
+        air=vehicle.drag / mass * units.b / units.force,
+        resistance=vehicle.slope_force(task.road.grade) / (mass * units.force),
+        fuel=(
+            (fuel.f0 + task.price_time) / full,
+            fuel.f1 * power / full,
+            fuel.f2 * power**2 / full,
+        ),
+        calm=task.k_a * to_acceleration**2 / full,
+        worth=task.price_energy * units.b / units.fuel,
+        overrun=vehicle.power_drag / power,
+        full=1.0 + _ROOM,
+        brake=vehicle.brake_max / (mass * units.force),
+        low=task.b_low / units.b,
+        high=np.minimum(task.b_high, _B_MAX) / units.b,
+        time_max=task.time_max * (1.0 + 0.1 * _ROOM) / units.time,
+        fence=np.maximum(task.fence[1:], 0.0) / units.time,
+    )
+    return problem, units
+
+
+def _answer(task: Task, optimum: Optimum, units: Units, wall_time: float, method: str) -> Answer:
+    per_second = units.fuel / units.time
+    return Answer(
+        speed=np.sqrt(np.clip(optimum.b * units.b, task.b_low, task.b_high)),
+        time_price=max(optimum.time_price, 0.0) * per_second,
+        iterations=optimum.iterations,
+        wall_time=wall_time,
+        costate=optimum.costate * (units.fuel / units.b),
+        interval_price=optimum.prices * per_second,
+        method=method,
+    )

@@ -110,41 +110,90 @@ def full_power_speed(
     Raises:
       PlanningError: full power does not carry the truck over a climb, or a cap can not be met.
     """
-    slope = vehicle.slope_force(road.grade)
-    twice = 2.0 * road.step / vehicle.inertial_mass
-    # Backward: from which speed can the brakes still meet what comes?
-    b_cap = np.minimum(cap, 1e3) ** 2
-    for k in range(road.intervals - 1, -1, -1):
-        b_cap[k] = min(b_cap[k], b_cap[k + 1] + twice * (vehicle.brake_max + slope[k]))
-    speed = np.empty(road.station.size)
-    speed[0] = v_start
+    b_cap = brakeable(vehicle, road, np.minimum(cap, 1e3) ** 2, vehicle.brake_max)
     if v_start**2 > b_cap[0] + 1e-6:
         raise PlanningError(
             f"start speed {v_start:.2f} m/s is above the {math.sqrt(max(b_cap[0], 0.0)):.2f} m/s "
             "from which the limits ahead can be met"
         )
-    for k in range(road.intervals):
-        speed[k + 1] = _advance(vehicle, float(speed[k]), float(b_cap[k + 1]), slope[k], twice)
-        if speed[k + 1] < _CRAWL:
-            raise PlanningError(
-                f"full power ({vehicle.power_max / 1e3:.0f} kW) does not carry {vehicle.mass:.0f} "
-                f"kg over the {100 * road.grade[k]:.1f} % at station {road.station[k]:.0f} m"
-            )
+    b_cap[0] = v_start**2
+    speed = fastest_below(vehicle, road, b_cap)
+    slow = np.flatnonzero(speed[1:] < _CRAWL)
+    if slow.size:
+        k = int(slow[0])
+        raise PlanningError(
+            f"full power ({vehicle.power_max / 1e3:.0f} kW) does not carry {vehicle.mass:.0f} "
+            f"kg over the {100 * road.grade[k]:.1f} % at station {road.station[k]:.0f} m"
+        )
     return speed
 
 
-def _advance(
-    vehicle: PointMass, speed: float, b_wanted: float, slope: float, twice: float
-) -> float:
-    """Speed at the end of an interval: the wanted one, or what full power gives."""
-    b = speed * speed
-    # The power limit holds at the interval's mean speed, which depends on its end: iterate.
-    mean = speed
-    for _ in range(8):
-        drag = 0.5 * vehicle.drag
-        end = (b + twice * (vehicle.force_max(mean) - slope - drag * b)) / (1.0 + twice * drag)
-        mean = 0.5 * (speed + math.sqrt(max(min(end, b_wanted), 0.0)))
-    return math.sqrt(max(min(end, b_wanted), 0.0))
+def brakeable(vehicle: PointMass, road: RoadProfile, cap: FloatArray, force: float) -> FloatArray:
+    """Greatest v^2 (n + 1,) under a cap of v^2 from which the brakes still meet all that comes."""
+    twice = 2.0 * road.step / vehicle.inertial_mass
+    half = 0.5 * vehicle.drag * twice
+    fall = twice * (force + vehicle.slope_force(road.grade))
+    b = np.array(cap, dtype=float)
+    # Only where a limit is not met from the one before it does it reach further back.
+    for last in np.flatnonzero(b[:-1] * (1.0 - half) > b[1:] * (1.0 + half) + fall)[::-1]:
+        for k in range(int(last), -1, -1):
+            met = (b[k + 1] * (1.0 + half) + fall[k]) / (1.0 - half)
+            if met >= b[k]:
+                break
+            b[k] = max(met, 0.0)
+    return b
+
+
+def fastest_below(vehicle: PointMass, road: RoadProfile, cap: FloatArray) -> FloatArray:
+    """Greatest node speeds (n + 1,) under a cap of v^2 that full power reaches; 0 once it stalls.
+
+    The drive begins with the cap's first speed; the cap must be one that the brakes can meet.
+    """
+    wanted = np.sqrt(np.maximum(cap, 0.0))
+    short = np.flatnonzero(
+        vehicle.net_force(wanted, road) * 0.5 * (wanted[1:] + wanted[:-1])
+        > vehicle.efficiency * vehicle.power_max
+    )
+    speed, caps, slope = wanted.copy(), wanted.tolist(), vehicle.slope_force(road.grade).tolist()
+    twice = 2.0 * road.step / vehicle.inertial_mass
+    done = 0
+    for first in short.tolist():
+        if first < done:
+            continue
+        k, v = first, float(speed[first])
+        while k < road.intervals:
+            v = _advance(vehicle, v, slope[k], twice)
+            k += 1
+            if v >= caps[k]:
+                break
+            speed[k] = v
+            if v <= 0.0:
+                speed[k:] = 0.0
+                return speed
+        done = k
+    return speed
+
+
+def _advance(vehicle: PointMass, v: float, slope: float, twice: float) -> float:
+    """Speed at the end of an interval at full power, 0 if it stalls.
+
+    The power limit holds at the mean of both speeds: with a the inertia and half the drag,
+    `h(w) = a w^2 + c - 2 eta P / (v + w) = 0` for the end speed w; h rises, Newton's steps find it.
+    """
+    half = 0.5 * vehicle.drag
+    a, c = 1.0 / twice + half, (half - 1.0 / twice) * v * v + slope
+    work = 2.0 * vehicle.efficiency * vehicle.power_max
+    if c * (v + 1e-3) >= work:
+        return 0.0
+    w = v
+    for _ in range(30):
+        share = work / (v + w)
+        step = (a * w * w + c - share) / (2.0 * a * w + share / (v + w))
+        # Far below, the steps of a rising h may fall short of zero speed.
+        w = max(w - step, 0.1 * w)
+        if abs(step) < 1e-10:
+            break
+    return w
 
 
 def cruise(vehicle: PointMass, road: RoadProfile, v_set: float, v_start: float) -> FloatArray:

@@ -36,7 +36,7 @@ def hilly():
 
 
 def test_fuel_fit_is_convex_and_within_3_percent_of_the_map():
-    fit = FuelMap(PARAMETERS).fit(12.5, 23.6)
+    fit = FuelMap(PARAMETERS).fit(12.5, 25.0)
     assert min(fit.f0, fit.f1, fit.f2) >= 0.0
     assert fit.error < 0.03
     assert fit.rate(np.array([-fit.overrun_power]))[0] == pytest.approx(0.0, abs=1e-9)
@@ -165,10 +165,12 @@ def test_saving_on_the_papers_road():
     road = RoadProfile.from_csv(JINAN, length=15_000.0)
     solution = plan(road, PARAMETERS, MASS)
     assert road.intervals == 300
-    assert 21.0 < solution.saving_percent < 24.0
-    assert 21.0 < solution.map_saving_percent < 24.0
-    # A thousandth of the paper's 60 s would be 0.06; a loaded test machine gets more.
-    assert solution.solve_time < 1.0
+    # The paper's figure, by the model and by the engine's map; more than 26 % nobody saves here.
+    assert 21.68 <= solution.saving_percent < 26.0
+    assert 21.68 <= solution.map_saving_percent < 26.0
+    assert solution.saving_percent == pytest.approx(solution.map_saving_percent, abs=0.3)
+    narrow = plan(road, PARAMETERS, MASS, PccConfig(v_max=75.0 / 3.6))
+    assert narrow.saving_percent < solution.saving_percent - 8.0
 
 
 def test_mean_speed_can_be_asked_for_instead_of_the_set_speed():

@@ -1,0 +1,273 @@
+"""A primal-dual interior-point method for the speed planner's problem, linear in its length.
+
+Slacks s of all inequalities g(x) >= 0 and their multipliers z follow the central path s z = mu by
+Mehrotra's predictor and corrector (S. Mehrotra, SIAM Journal on Optimization 2, 1992; slacks and
+merit function as in J. Nocedal and S. Wright, Numerical Optimization, chapter 19). The brake forces
+are eliminated interval by interval; what remains is one system over the nodes (`kkt.py`).
+
+Curvature is exact where that is positive definite, else its convex part. Where the quick run does
+not come on, a guarded one takes mu down step by step and lets the merit function
+`cost - mu sum log s + nu |g - s|` decide how far each step goes.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.pcc.inequalities import Inequalities
+from controllers.pcc.kkt import NodeSystem
+from controllers.pcc.problem import Point, Problem
+
+FloatArray = NDArray[np.float64]
+_INSIDE = 0.05  # least first slack
+_MU = 0.1  # first s z
+_DIVERGED = 1e9
+_NO_DRIVE = "no drive keeps to all limits: their multipliers have no bound"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Of the method.
+
+    Attributes:
+      tolerance: of the mean s z and of the inequalities' residuals.
+      dual_tolerance: of the Lagrangian's gradient.
+      iterations: of one run, at most; time_limit: for both [s].
+      guarded: True leaves the quick run out.
+    """
+
+    tolerance: float = 1e-8
+    dual_tolerance: float = 1e-6
+    iterations: int = 100
+    time_limit: float = 20.0
+    guarded: bool = False
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """Outcome of the method, in the problem's units.
+
+    Attributes:
+      b, y: variables, (n + 1,) and (n,).
+      time_price: multiplier of the trip time; prices: of the intervals' durations, (n,).
+      costate: worth of b at a node for what comes after it, (n + 1,); of the last, its own cost.
+      iterations: of all runs; converged: whether the optimality conditions hold.
+      note: why not, in words.
+    """
+
+    b: FloatArray
+    y: FloatArray
+    time_price: float
+    prices: FloatArray
+    costate: FloatArray
+    iterations: int
+    converged: bool
+    note: str
+
+
+def minimize(problem: Problem, b: FloatArray, settings: Settings | None = None) -> Optimum:
+    """Solves from a guess of b, shape (n + 1,); look at `converged`."""
+    settings = settings or Settings()
+    began = time.perf_counter()
+    done = 0
+    with np.errstate(all="ignore"):
+        if not settings.guarded:
+            quick = _Run(problem, b, settings, began)
+            note = quick.go(guarded=False)
+            if not note or quick.late:
+                return quick.optimum(note)
+            done = quick.iterations
+        guarded = _Run(problem, b, settings, began, done)
+        return guarded.optimum(guarded.go(guarded=True))
+
+
+class _Run:
+    """One run: where it is (`at`), slacks s and multipliers z, shape (m,)."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        guess: FloatArray,
+        settings: Settings,
+        began: float,
+        iterations: int = 0,
+    ) -> None:
+        self.problem, self.settings, self.iterations = problem, settings, iterations
+        self._began = began
+        self.limits = limits = Inequalities(problem)
+        edge = np.minimum(_INSIDE, 0.1 * (problem.high - problem.low))
+        b = np.clip(guess, problem.low + edge, problem.high - edge)
+        duration = 2.0 / (np.sqrt(b[:-1]) + np.sqrt(b[1:]))
+        y = np.maximum(0.0, -problem.overrun * duration - problem.net(b)) + _INSIDE
+        self.at = Point(problem, b, np.minimum(y, 0.5 * (problem.brake + y)))
+        value = limits.values(self.at)
+        self.s = np.maximum(value, _INSIDE)
+        # The bounds of b hold exactly and at all times, so that roots stay real.
+        self.s[limits.nodes] = value[limits.nodes]
+        self.s[limits.present == 0.0] = 1.0
+        self.z = limits.present * _MU / self.s
+
+    @property
+    def late(self) -> bool:
+        """Whether the time is up."""
+        return time.perf_counter() - self._began > self.settings.time_limit
+
+    def go(self, guarded: bool) -> str:
+        """Iterates until the optimality conditions hold; else says why they do not."""
+        settings, limits = self.settings, self.limits
+        mu, penalty = _MU, 1.0
+        for _ in range(settings.iterations):
+            residual = (limits.values(self.at) - self.s) * limits.present
+            slope_b, slope_y = limits.gradient(self.at, self.z)
+            # A change of b moves the force by `slope` times as much.
+            dual = max(np.abs(slope_b).max() / self.problem.slope[1], np.abs(slope_y).max())
+            primal, gap = np.abs(residual).max(), _dot(self.s, self.z) / limits.count
+            if not np.isfinite(dual + primal + gap):
+                return "the iterates are not finite"
+            if primal > settings.tolerance and self.z.max() > _DIVERGED:
+                return _NO_DRIVE
+            if max(primal, gap) < settings.tolerance and dual < settings.dual_tolerance:
+                return ""
+            if self.late:
+                return f"the time limit of {settings.time_limit:g} s was reached"
+            if guarded:
+                mu = self._lower(mu, max(primal, dual))
+                penalty = self._guarded_step(residual, mu, penalty)
+            elif not self._quick_step(residual, gap):
+                return "the curvature is not positive"
+            self.iterations += 1
+        return f"{self.iterations} iterations were not enough"
+
+    def optimum(self, note: str) -> Optimum:
+        """The outcome; an empty note means converged."""
+        by_force, by_duration, by_change, _ = self.limits.slopes(self.at, self.z)
+        start, end = self.at.to_nodes(by_force, by_duration, by_change)
+        return Optimum(
+            self.at.b,
+            self.at.y,
+            float(self.z[-1]),
+            self.limits.prices(self.z),
+            np.append(-start, end[-1]),
+            self.iterations,
+            not note,
+            note,
+        )
+
+    def _quick_step(self, residual: FloatArray, mu: float) -> bool:
+        """Predictor and corrector; False when there is no direction."""
+        system = _System(self)
+        if not system.definite:
+            return False
+        ds, dz, _, _ = system.direction(residual, np.zeros_like(self.s))
+        s = self.s + _to_boundary(self.s, ds, 1.0) * ds
+        z = self.z + _to_boundary(self.z, dz, 1.0) * dz
+        center = (_dot(s, z) / self.limits.count / mu) ** 3
+        target = max(center * mu, 0.1 * self.settings.tolerance)
+        step = system.direction(residual, (target - ds * dz) * self.limits.present)
+        keep = max(0.99, 1.0 - mu)
+        self._move(_to_boundary(self.s, step[0], keep), _to_boundary(self.z, step[1], keep), step)
+        return True
+
+    def _lower(self, mu: float, error: float) -> float:
+        """The next mu, below the last one where its own problem is solved well enough."""
+        off = np.abs(self.s * self.z - mu * self.limits.present).max()
+        least = 0.1 * self.settings.tolerance
+        while max(error, off) < 10.0 * mu and mu > least:
+            mu = max(min(0.2 * mu, mu**1.5), least)
+            off = np.abs(self.s * self.z - mu * self.limits.present).max()
+        return mu
+
+    def _guarded_step(self, residual: FloatArray, mu: float, penalty: float) -> float:
+        """A step that lowers the merit function; gives back the penalty nu."""
+        present = self.limits.present
+        step = _System(self).direction(residual, mu * present)
+        ds, dz, db, dy = step
+        slope_b, slope_y = self.limits.gradient(self.at, np.zeros_like(self.z))
+        drop = _dot(slope_b, db) + _dot(slope_y, dy) - mu * _dot(present / self.s, ds)
+        missing = float(np.abs(residual).sum())
+        if missing > 0.0:
+            penalty = max(penalty, 2.0 * drop / missing)
+        drop = min(drop - penalty * missing, 0.0)
+        start = self._merit(self.at, self.s, mu, penalty)
+        share = _to_boundary(self.s, ds, 0.995)
+        for _ in range(25):
+            at = Point(self.problem, self.at.b + share * db, self.at.y + share * dy)
+            merit = self._merit(at, self.s + share * ds, mu, penalty)
+            if merit <= start + 1e-4 * share * drop + 1e-12 * abs(start):
+                break
+            share *= 0.5
+        self._move(share, _to_boundary(self.z, dz, 0.995), step)
+        # Multipliers stay near mu / s, whatever the step of the slacks was.
+        self.z = present * np.clip(self.z, 1e-10 * mu / self.s, 1e10 * mu / self.s)
+        return penalty
+
+    def _merit(self, at: Point, s: FloatArray, mu: float, penalty: float) -> float:
+        present = self.limits.present
+        missing = np.abs((self.limits.values(at) - s) * present).sum()
+        return at.cost() - mu * _dot(present, np.log(s)) + penalty * float(missing)
+
+    def _move(self, share_s: float, share_z: float, step: tuple[FloatArray, ...]) -> None:
+        ds, dz, db, dy = step
+        self.s = self.s + share_s * ds
+        self.z = self.z + share_z * dz
+        self.at = Point(self.problem, self.at.b + share_s * db, self.at.y + share_s * dy)
+
+
+class _System:
+    """Newton's system at a run's iterate, factored; `definite` says whether it can be solved."""
+
+    def __init__(self, run: _Run) -> None:
+        self._run = run
+        limits, at = run.limits, run.at
+        intervals, nodes, times = limits.weights(run.z / run.s)
+        free = ~limits.pinned
+        by_duration = limits.slopes(at, run.z)[1]
+        for convex in (False, True):
+            h00, h01, h11, *self._brake = at.curvature(intervals, by_duration, convex)
+            diagonal = nodes + 1e-12
+            diagonal[:-1] += h00
+            diagonal[1:] += h11
+            diagonal[limits.pinned] = 1.0
+            self._system = NodeSystem(
+                diagonal,
+                h01 * free[:-1] * free[1:],
+                (at.d0 * free[:-1], at.d1 * free[1:]),
+                times,
+                limits.fenced,
+            )
+            self.definite = self._system.definite
+            if self.definite:
+                break
+
+    def direction(self, residual: FloatArray, goal: FloatArray) -> tuple[FloatArray, ...]:
+        """Steps of s, z, b and y towards s z = goal and g = s, and a level Lagrangian."""
+        run, limits = self._run, self._run.limits
+        weight, u0, u1 = self._brake
+        aim = limits.present * (goal - run.z * residual) / run.s
+        slope_b, slope_y = limits.gradient(run.at, aim)
+        right = -slope_b
+        right[:-1] += u0 * slope_y
+        right[1:] += u1 * slope_y
+        right[limits.pinned] = 0.0
+        db = self._system.solve(right)
+        dy = -slope_y / weight - u0 * db[:-1] - u1 * db[1:]
+        ds = (limits.change(run.at, db, dy) + residual) * limits.present
+        dz = limits.present * (goal - run.z * ds) / run.s - run.z
+        return ds, dz, db, dy
+
+
+def _to_boundary(value: FloatArray, step: FloatArray, keep: float) -> float:
+    """Greatest share of a step, at most 1, that leaves 1 - `keep` of every value."""
+    falling = step < 0.0
+    if not falling.any():
+        return 1.0
+    return min(1.0, keep * float((-value[falling] / step[falling]).min()))
+
+
+def _dot(a: FloatArray, b: FloatArray) -> float:
+    """Inner product on one core; that of BLAS wakes its threads for long vectors."""
+    return float(np.sum(a * b))
