@@ -113,14 +113,37 @@ class LateralModel:
         road[5, 0] = -v
         return a, drive, road
 
-    def discrete(self, speed: float, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The same over one step [s] with inputs held: exact."""
+    def discrete(
+        self, speed: float, step: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """The same over one step [s] with inputs held: exact.
+
+        Returns:
+          A (9, 9), B (9, 1), E (9, 1) and D (9, 3), the last for disturbing accelerations of
+          (w, r, r_t).
+        """
         a, drive, road = self.matrices(speed)
         n = a.shape[0]
-        block = np.zeros((n + 2, n + 2))
-        block[:n, :n], block[:n, n : n + 1], block[:n, n + 1 :] = a, drive, road
+        inputs = np.hstack([drive, road, np.eye(n)[:, :3]])
+        block = np.zeros((n + 5, n + 5))
+        block[:n, :n], block[:n, n:] = a, inputs
         whole = expm(block * step)
-        return whole[:n, :n], whole[:n, n : n + 1], whole[:n, n + 1 :]
+        return whole[:n, :n], whole[:n, n : n + 1], whole[:n, n + 1 : n + 2], whole[:n, n + 2 :]
+
+    def steady_acceleration(self, speed: float) -> float:
+        """Lateral acceleration in a steady curve by road wheel angle [m/s2 per rad]."""
+        a, _, _ = self.matrices(speed)
+        steady = np.linalg.solve(a[:4, :4], -a[:4, 6])
+        return float(speed * steady[1])
+
+    def balance(self, speed: float) -> FloatArray:
+        """Road wheel angle by each disturbing acceleration of (w, r, r_t) on a straight path, (3,).
+
+        The truck moves crabwise then: both yaw rates vanish, so do all three accelerations.
+        """
+        a, _, _ = self.matrices(speed)
+        held = a[:3][:, [0, 3, 6]]
+        return np.asarray(np.linalg.solve(held, -np.eye(3))[2])
 
 
 def _axle_stiffness(axle: Axle, load: float, parameters: TruckParameters) -> float:

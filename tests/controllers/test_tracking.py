@@ -6,7 +6,7 @@ from plant import PlanarTruck
 from scenes import car
 
 from controllers.driveline_inverse import DrivelineInverse
-from controllers.lateral import LateralConfig, LateralGains
+from controllers.lateral_gains import LateralConfig, LateralGains
 from controllers.lateral_model import LateralModel
 from controllers.planner import PlannerConfig
 from controllers.speed_plan import SpeedConfig
@@ -93,8 +93,8 @@ def test_closed_loop_is_well_damped_at_every_speed_and_load():
         model = LateralModel.of(PARAMETERS, mass, config.lag)
         gains = LateralGains.design(model, config)
         for speed in (1.5, 5.5, 12.0, 20.0, 25.0):
-            feedback, _ = gains.at(speed)
-            a, b, _ = model.discrete(speed, config.step)
+            feedback = gains.at(speed).feedback
+            a, b, *_ = model.discrete(speed, config.step)
             poles = np.log(np.linalg.eigvals(a - b @ feedback[None]).astype(complex))
             poles /= config.step
             assert poles.real.max() < -0.02

@@ -1,0 +1,171 @@
+"""Linear-quadratic preview gains of the steering, over speed, and their settings.
+
+Linear-quadratic preview control (Tomizuka 1976; Sharp and Valtetsidou 2001): full state feedback,
+articulation in it, plus what is known to come: the path's curvature over the coming seconds, and
+the disturbance that was seen, taken to last. All three come out of one Riccati equation a speed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_discrete_are
+
+from controllers.lateral_model import STATES, LateralModel
+from controllers.steering_play import PlayConfig
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LateralConfig:
+    """Weights and limits of the steering controller.
+
+    Attributes:
+      offset_weight: on the steer axle's offset [1/m2].
+      course_weight: on the speed across the path [s2/m2].
+      articulation_weight: on the articulation rate [s2/rad2].
+      integral_weight: on the integral of the offset [1/(m2 s2)].
+      rate_weight: on the rate of the road wheel angle [s2/rad2].
+      preview_time: of curvature [s]; step: of the controller [s].
+      lag: steering and tire relaxation [s].
+      speed_grid: [m/s], rising.
+      disturbance_time: over which a disturbance is believed [s].
+      disturbance_speed: from the first of these speeds on it counts, fully from the second [m/s].
+      idle_acceleration: lateral acceleration of a correction that is not worth while [m/s2].
+      idle_angle: the same as road wheel angle, at low speed [rad].
+      error_max: offset that the feedback sees at most [m].
+      integral_error_max: beyond this offset the integral rests [m].
+      integral_max: [m s].
+      speed_min: below it the wheel is held [m/s].
+      play: see `PlayConfig`.
+    """
+
+    offset_weight: float = 1.0
+    course_weight: float = 0.2
+    articulation_weight: float = 5.0
+    integral_weight: float = 0.003
+    rate_weight: float = 100.0
+    preview_time: float = 2.0
+    step: float = 0.02
+    lag: float = 0.12
+    speed_grid: tuple[float, ...] = (1.0, 2.0, 4.0, 7.0, 10.0, 13.0, 16.0, 19.0, 22.0, 25.0, 28.0)
+    disturbance_time: float = 0.25
+    disturbance_speed: tuple[float, float] = (3.0, 6.0)
+    idle_acceleration: float = 0.06
+    idle_angle: float = 2e-3
+    error_max: float = 1.0
+    integral_error_max: float = 0.6
+    integral_max: float = 3.0
+    speed_min: float = 0.3
+    play: PlayConfig = field(default_factory=PlayConfig)
+
+
+@dataclass(frozen=True)
+class Gains:
+    """What holds at one speed.
+
+    Attributes:
+      feedback: of the state, (9,).
+      preview: of the curvatures ahead, (n,).
+      disturbance: of the three disturbing accelerations, (3,).
+      motion: row by row what (w, r, r_t) are a step later, of (w, r, r_t, articulation, delta),
+        (3, 5).
+      blame: disturbing accelerations by what (w, r, r_t) are off after a step, (3, 3).
+      balance: road wheel angle that holds a disturbance on a straight path, (3,).
+      response: steady lateral acceleration by road wheel angle [m/s2 per rad].
+    """
+
+    feedback: FloatArray
+    preview: FloatArray
+    disturbance: FloatArray
+    motion: FloatArray
+    blame: FloatArray
+    balance: FloatArray
+    response: float
+
+
+@dataclass(frozen=True)
+class LateralGains:
+    """Gains over the speed grid (k,), one row a speed; `at` takes them apart."""
+
+    speed: FloatArray
+    rows: FloatArray
+
+    @classmethod
+    def design(cls, model: LateralModel, config: LateralConfig) -> LateralGains:
+        """Solves the Riccati equation at every speed of the grid."""
+        rows = [_pack(_design(model, speed, config)) for speed in config.speed_grid]
+        return cls(np.array(config.speed_grid), np.array(rows))
+
+    def at(self, speed: float) -> Gains:
+        """The gains at a speed [m/s], interpolated; beyond the grid those of its ends."""
+        grid = self.speed
+        row = int(np.clip(np.searchsorted(grid, speed) - 1, 0, len(grid) - 2))
+        share = float(np.clip((speed - grid[row]) / (grid[row + 1] - grid[row]), 0.0, 1.0))
+        return _unpack((1.0 - share) * self.rows[row] + share * self.rows[row + 1])
+
+
+def _design(model: LateralModel, speed: float, config: LateralConfig) -> Gains:
+    a, b, e, disturb = model.discrete(speed, config.step)
+    rate = np.array([[config.rate_weight]])
+    riccati = solve_discrete_are(a, b, state_weight(speed, config), rate)
+    inverse = np.linalg.inv(rate + b.T @ riccati @ b)
+    gain = inverse @ b.T @ riccati @ a
+    closed = (a - b @ gain).T
+    # Known ahead: u = -K x - sum_k inv B' (Acl')^k P E kappa_k.
+    row, term = [], riccati @ e
+    for _ in range(round(config.preview_time / config.step)):
+        row.append((inverse @ b.T @ term).item())
+        term = closed @ term
+    # Beyond the preview the last curvature is taken to last, and the disturbance from now on.
+    forever = np.eye(len(STATES)) - closed
+    row[-1] += (inverse @ b.T @ np.linalg.solve(forever, term)).item()
+    lasting = inverse @ b.T @ np.linalg.solve(forever, riccati @ disturb)
+    return Gains(
+        feedback=gain[0],
+        preview=np.array(row),
+        disturbance=lasting[0],
+        # Over a step the measured angle stands: as if it were demanded, too.
+        motion=np.column_stack([a[:3, :4], a[:3, 6] + a[:3, 7]]),
+        blame=np.asarray(np.linalg.inv(disturb[:3]), dtype=float),
+        balance=model.balance(speed),
+        response=model.steady_acceleration(speed),
+    )
+
+
+def state_weight(speed: float, config: LateralConfig) -> FloatArray:
+    """Quadratic weight of the state, shape (9, 9); all of it vanishes in a steady curve."""
+    n = len(STATES)
+    weight = np.zeros((n, n))
+    weight[4, 4] = config.offset_weight
+    course = np.zeros(n)
+    course[0], course[5] = 1.0, speed
+    swing = np.zeros(n)
+    swing[1], swing[2] = 1.0, -1.0
+    weight += config.course_weight * np.outer(course, course)
+    weight += config.articulation_weight * np.outer(swing, swing)
+    weight[8, 8] = config.integral_weight
+    return weight
+
+
+def _pack(gains: Gains) -> FloatArray:
+    parts = (gains.feedback, gains.disturbance, gains.motion.ravel(), gains.blame.ravel())
+    return np.concatenate([*parts, gains.balance, [gains.response], gains.preview])
+
+
+def _unpack(row: FloatArray) -> Gains:
+    n = len(STATES)
+    ends = np.cumsum([n, 3, 15, 9, 3, 1])
+    feedback, disturbance, motion, blame, balance, response, preview = np.split(row, ends)
+    return Gains(
+        feedback,
+        preview,
+        disturbance,
+        motion.reshape(3, 5),
+        blame.reshape(3, 3),
+        balance,
+        float(response[0]),
+    )
