@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 from controllers.decision.base import DecisionContext, DecisionMaker, Keep
 from controllers.decision.observation import ObservationHistory, observe_frame
 from controllers.planner import Planner, PlannerConfig
+from controllers.speed_reference import CruiseReference, ProfileReference, SpeedReference
+from controllers.surroundings import Neighbor, Surroundings
 from controllers.tracking import Tracker, TrackingConfig
 from iits_mj.errors import InputError
 from iits_mj.messages import Decision, EgoState, Scene, SpeedProfile, Trajectory, VehicleCommand
@@ -30,6 +32,7 @@ class Stack:
     Attributes:
       last_decision: the decision maker's last answer.
       last_trajectory: what is being tracked, or None before the first plan.
+      reference: who says how fast the truck would like to go.
     """
 
     def __init__(
@@ -41,6 +44,7 @@ class Stack:
         parameters: TruckParameters | None = None,
         profile: SpeedProfile | None = None,
         decision_period: float = 1.0,
+        reference: SpeedReference | None = None,
     ) -> None:
         """Builds the pipeline.
 
@@ -50,14 +54,26 @@ class Stack:
           planner: settings; default: the paper's 16.67 m/s on the two rightmost lanes.
           tracking: settings.
           parameters: of the truck; default: the shipped one.
-          profile: reference speed over station, of the speed planner; default: cruise speed.
+          profile: reference speed over station, planned before.
           decision_period: [s].
+          reference: who says how fast to go, as `controllers.pcc.PccReference`; default: the
+            profile, or without one the planner's cruise speed.
+
+        Raises:
+          InputError: profile and reference are both given, or the profile is none.
         """
+        if profile is not None and reference is not None:
+            raise InputError("a stack has one speed reference: give profile or reference, not both")
         self.route = route
         self.decision_maker: DecisionMaker = decision_maker or Keep()
-        self.planner = Planner(route, planner)
+        self.planner = Planner(route, planner, parameters)
         self.tracker = Tracker(route, parameters, tracking)
-        self.profile = profile
+        if reference is not None:
+            self.reference = reference
+        elif profile is not None:
+            self.reference = ProfileReference(profile)
+        else:
+            self.reference = CruiseReference(self.planner.config.speed.cruise_speed)
         self.decision_period = decision_period
         self.history = ObservationHistory()
         self.reset()
@@ -68,6 +84,7 @@ class Stack:
         self.tracker.reset()
         self.history.reset()
         self.decision_maker.reset()
+        self.reference.reset()
         self.last_decision = Decision.KEEP
         self.last_trajectory: Trajectory | None = None
         self.decisions = 0
@@ -89,10 +106,8 @@ class Stack:
         return self.planner.unsafe
 
     def reference_speed(self, station: float) -> float:
-        """What the speed planner wants at a station [m/s]."""
-        if self.profile is None:
-            return self.planner.config.speed.cruise_speed
-        return self.profile.at(station)
+        """Speed asked for at a station now [m/s]."""
+        return self.reference.at(station)
 
     def plan(self, scene: Scene) -> Trajectory:
         """A new trajectory from a scene, every 100 ms.
@@ -100,7 +115,9 @@ class Stack:
         Raises:
           InputError: a value of the scene that matters is not finite.
         """
-        reference = self.reference_speed(scene.ego.station)
+        profile = self.reference.update(scene, lambda: self._leader(scene))
+        # A plan that slows down behind a slow vehicle must not hide what passing it would gain.
+        reference = self.reference.free(scene.ego.station)
         self.history.add(scene.time, observe_frame(scene, self.route, reference))
         decision = Decision.KEEP
         due = (
@@ -110,7 +127,7 @@ class Stack:
         if due and not self.planner.changing:
             self._decided_at = scene.time
             decision = self._decide(scene, reference)
-        self.last_trajectory = self.planner.plan(scene, decision, self.profile)
+        self.last_trajectory = self.planner.plan(scene, decision, profile)
         return self.last_trajectory
 
     def control(self, ego: EgoState) -> VehicleCommand:
@@ -122,6 +139,12 @@ class Stack:
         if self.last_trajectory is None:
             raise InputError("control asked for before the first plan: call Stack.plan first")
         return self.tracker.command(ego, self.last_trajectory)
+
+    def _leader(self, scene: Scene) -> Neighbor | None:
+        """The vehicle ahead in the lane that is being kept or changed to."""
+        lane, sight = self.planner.lane(scene), self.planner.config.speed.preview
+        path = self.planner.preview.follow(lane, scene.ego.station, sight)
+        return Surroundings(scene).leader(path)
 
     def _decide(self, scene: Scene, reference: float) -> Decision:
         context = DecisionContext(

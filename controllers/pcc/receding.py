@@ -1,65 +1,44 @@
 """On line: the speed over the next 5 km, planned again and again, a vehicle ahead as fence.
 
-Over a short horizon the trip time is not a constraint but has a price, which pulls the mean speed
-to v_ref, and the speed at its end is worth the fuel that gave it. The plan of the last call is the
-guess of the next one. When a solve fails or comes too late the last plan is kept while it holds,
-and otherwise a plain cruise at v_ref within all limits, which needs no optimizer.
+A schedule of the whole trip (`controllers.pcc.schedule`) gives what the horizon cannot see: the
+price of a second and the worth of speed at the horizon's end. So the plan on a free road is a piece
+of the plan of the whole trip. A lag behind the schedule raises the price; a lasting one makes a new
+schedule from here.
+
+What is used, the first that holds: the optimum; the last plan while it starts here and keeps the
+fence; the schedule; a cruise at v_ref within all limits. The last two need no optimizer.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.pcc.fence import Leader, approach_speeds, braking_speeds, fence_of
 from controllers.pcc.fuel import FuelMap
-from controllers.pcc.planner import PccConfig, lower_speeds, make_vehicle
+from controllers.pcc.planner import PccConfig, make_vehicle
 from controllers.pcc.profile import RoadProfile
-from controllers.pcc.solver import Solver, Task
-from controllers.pcc.vehicle import cruise, durations, full_power_speed
+from controllers.pcc.schedule import Bounds, Schedule, bounds_of, cruise_from, level_worth
+from controllers.pcc.solver import Answer, Solver, Task
+from controllers.pcc.trip import (
+    LEAST_INTERVALS,
+    LEAST_SPEED,
+    Appointment,
+    Begin,
+    RecedingConfig,
+    Trip,
+)
 from iits_mj.errors import InputError, PlanningError
 from iits_mj.messages import SpeedProfile
 from iits_mj.parameters import TruckParameters
 
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class RecedingConfig:
-    """Settings of the receding horizon.
-
-    Attributes:
-      horizon: [m]; step: of the grid [m].
-      time_limit: a solve that takes longer is given up [s].
-      time_gap: kept to the vehicle ahead [s]; standstill_gap: further distance to it [m].
-      fence_time: the vehicle ahead is predicted to keep its speed for so long [s].
-      feedback: how strongly a lag behind v_ref raises the price of time, per second of lag.
-    """
-
-    horizon: float = 5_000.0
-    step: float = 50.0
-    time_limit: float = 0.5
-    time_gap: float = 1.8
-    standstill_gap: float = 10.0
-    fence_time: float = 60.0
-    feedback: float = 0.02
-
-    def __post_init__(self) -> None:
-        """Refuses numbers that are not finite or not above 0."""
-        for name in ("horizon", "step", "time_limit", "time_gap", "standstill_gap", "fence_time"):
-            value = getattr(self, name)
-            if not math.isfinite(value) or value <= 0.0:
-                raise InputError(f"{name} = {value!r} is not allowed: use a number above 0")
-
-
-@dataclass(frozen=True)
-class Leader:
-    """The vehicle ahead: station of its rear bumper [m] and speed [m/s]."""
-
-    rear: float
-    speed: float
+_KEEP = 500.0  # [m] that a kept plan must still cover
+_KEEP_SPEED = 1.0  # [m/s] by which a kept plan may miss the truck's speed
+_SOON = 1.0  # [s] by which a kept plan may pass the fence too early
 
 
 @dataclass(frozen=True)
@@ -68,18 +47,25 @@ class HorizonPlan:
 
     Attributes:
       profile: speed over station.
-      status: "optimal", "kept" (the last plan) or "cruise"; reason: why not optimal, in words.
+      status: "optimal", "kept" (the last plan), "schedule" or "cruise"; reason: why not optimal.
       solve_time: wall time of the solver [s].
+      price: of a second [kg/s]; lag: behind the schedule [s], nan without one.
     """
 
     profile: SpeedProfile
     status: str
     reason: str
     solve_time: float
+    price: float
+    lag: float
 
 
 class RecedingPlanner:
-    """Speed planner for a drive along one road; call `plan` every second or as it suits."""
+    """Speed planner for a drive along one road; call `plan` every second or as it suits.
+
+    Attributes:
+      vehicle: the point mass that is planned for; trip: its end and schedule.
+    """
 
     def __init__(
         self,
@@ -88,26 +74,40 @@ class RecedingPlanner:
         mass: float = 55_000.0,
         config: PccConfig | None = None,
         receding: RecedingConfig | None = None,
+        appointment: Appointment | None = None,
     ) -> None:
+        """Prepares the planner.
+
+        Args:
+          road: the whole road, of any grid.
+          parameters: of the truck.
+          mass: gross [kg].
+          config: set speed and band.
+          receding: settings.
+          appointment: where the trip ends, and when; default: at the road's end, in the time of a
+            cruise at v_ref.
+
+        Raises:
+          InputError: the mass is no truck's.
+        """
         self.config, self.receding = config or PccConfig(), receding or RecedingConfig()
         parameters = parameters or TruckParameters.load()
         self.vehicle = make_vehicle(parameters, FuelMap(parameters), mass, self.config)
-        self._heights = road
-        intervals = math.floor(min(self.receding.horizon, road.length) / self.receding.step + 1e-9)
-        self.intervals = max(intervals, 4)
-        self._solver = Solver(
-            self.vehicle,
-            self.intervals,
-            self.receding.step,
-            fenced=True,
-            time_limit=self.receding.time_limit,
-        )
+        end = appointment or Appointment(float(road.station[-1]))
+        self.trip = Trip(self.vehicle, road, self.config, self.receding, end)
+        self._time_limit = min(self.receding.time_limit, 1e6)
+        self._solvers: dict[tuple[int, bool], Solver] = {}
         self._last: SpeedProfile | None = None
-        self._begun: tuple[float, float] | None = None
 
     def reset(self) -> None:
         """Forgets the last plan and the trip so far."""
-        self._last, self._begun = None, None
+        self._last = None
+        self.trip.reset()
+
+    @property
+    def schedule(self) -> Schedule | None:
+        """Of the trip, None where there is none."""
+        return self.trip.schedule
 
     def plan(
         self, station: float, speed: float, time: float, leader: Leader | None = None
@@ -115,145 +115,166 @@ class RecedingPlanner:
         """Speed over the horizon from a station [m] at a speed [m/s] and time [s].
 
         Args:
-          station: of the truck's front bumper; the plan is to be followed by it.
+          station: of the truck's reference point; the plan is to be followed by it.
           speed: now.
-          time: now, for the lag behind v_ref since the first call.
+          time: now, for the lag behind the schedule.
           leader: vehicle ahead in the lane, if any.
 
         Raises:
           InputError: a number is not finite.
-          PlanningError: full power does not carry the truck over the horizon.
         """
         for name, value in (("station", station), ("speed", speed), ("time", time)):
             if not math.isfinite(value):
                 raise InputError(f"speed planner: {name} is {value!r}: must be finite")
-        if leader is not None and not (math.isfinite(leader.rear) and math.isfinite(leader.speed)):
-            raise InputError(f"speed planner: leader {leader!r}: must be finite")
-        if self._begun is None:
-            self._begun = (time, station)
-        road = self._ahead(station)
-        speed = max(speed, 1.0)
-        fence = self._fence(road, leader)
+        arriving = self._arriving(station)
+        if arriving is not None:
+            return arriving
+        speed = self._start_speed(station, max(speed, LEAST_SPEED))
+        # Behind a vehicle a plan begins here; else at the next node, so that it is the schedule's.
+        begin = self.trip.next_node(station, speed, time, self._last)
+        self.trip.keep_schedule(begin)
+        sight = self.receding.horizon
+        if leader is not None:
+            begin, sight = Begin(station, speed, time), min(sight, self.receding.fence.horizon)
+        road = self.trip.horizon(begin.station, sight)
+        price, lag = self.trip.price(begin)
+        status, reason, solve_time = "optimal", "", 0.0
         try:
-            answer = self._optimize(road, speed, time, fence)
+            nodes, solve_time = self._optimize(road, begin.speed, price, leader)
         except PlanningError as error:
-            return self._fallback(road, speed, fence, leader, str(error))
-        self._last = SpeedProfile(road.station, answer[0])
-        return HorizonPlan(self._last, "optimal", "", answer[1])
+            nodes, status = self._fall_back(road, begin.speed, leader)
+            reason = str(error)
+        profile = SpeedProfile(road.station, nodes)
+        if begin.station > station:
+            profile = SpeedProfile(
+                np.concatenate([[station], road.station]), np.concatenate([[speed], nodes])
+            )
+        self._last = profile
+        return HorizonPlan(profile, status, reason, solve_time, price, lag)
 
-    def _ahead(self, station: float) -> RoadProfile:
-        """The road ahead on the horizon's grid; beyond its end it goes on level."""
-        road, step = self._heights, self.receding.step
-        grid = station + step * np.arange(self.intervals + 1, dtype=float)
-        # Between two nodes of the road the lower limit holds.
-        below = np.clip(np.searchsorted(road.station, grid) - 1, 0, road.station.size - 1)
-        above = np.clip(below + 1, 0, road.station.size - 1)
-        limit = np.minimum(road.v_limit[below], road.v_limit[above])
-        return RoadProfile(grid, np.interp(grid, road.station, road.height), limit, road.name)
+    def _arriving(self, station: float) -> HorizonPlan | None:
+        """The last plan once more, where the trip ends so soon that there is nothing to plan."""
+        last, schedule = self._last, self.trip.schedule
+        if last is None or schedule is None or not schedule.covers(station):
+            return None
+        near = LEAST_INTERVALS * self.receding.step
+        reaches = last.station[0] <= station and last.station[-1] > schedule.end - near
+        if schedule.end - station >= near or not reaches:
+            return None
+        return HorizonPlan(last, "kept", "the trip ends here", 0.0, schedule.price, math.nan)
 
-    def _fence(self, road: RoadProfile, leader: Leader | None) -> FloatArray:
-        """Earliest time from now at which each node may be passed, shape (n + 1,) [s].
+    def _start_speed(self, station: float, speed: float) -> float:
+        """The last plan's speed here, as long as the truck keeps near it: plans do not jump."""
+        if self._last is None or not self._last.station[0] <= station <= self._last.station[-1]:
+            return speed
+        reach = self.receding.resync
+        return float(
+            np.clip(self._last.at(station), max(speed - reach, LEAST_SPEED), speed + reach)
+        )
 
-        The leader keeps its speed for `fence_time` and is gone after that.
-        """
-        fence = np.zeros(road.station.size)
-        if leader is None:
-            return fence
-        pace = max(leader.speed, 0.5)
-        clear = leader.rear - self.receding.standstill_gap
-        passing = (road.station - clear) / pace + self.receding.time_gap
-        reach = clear + pace * self.receding.fence_time
-        fence = np.where(road.station <= reach, passing, 0.0)
-        return np.maximum(fence, 0.0)
+    # The trip -----------------------------------------------------------------------------------
+
+    # The horizon --------------------------------------------------------------------------------
 
     def _optimize(
-        self, road: RoadProfile, speed: float, time: float, fence: FloatArray
+        self, road: RoadProfile, speed: float, price: float, leader: Leader | None
     ) -> tuple[FloatArray, float]:
-        config, vehicle = self.config, self.vehicle
-        cap = np.minimum(road.v_limit, config.v_max)
-        cap[0] = max(cap[0], speed)
-        fastest = full_power_speed(vehicle, road, speed, cap)
-        low = lower_speeds(fastest, config.v_min)
-        if fence.any():
-            # Behind a slow leader the band has no lower edge.
-            low = np.minimum(low, 1.0)
-        b_low, b_high = low**2, cap**2
-        b_low[0] = b_high[0] = speed**2
-        fence = np.minimum(fence, np.maximum.accumulate(fence))
-        fence[0] = 0.0
-        guess = self._guess(road, fastest, b_low, b_high)
+        """Node speeds, and the time that took [s]."""
+        settings = self.receding.fence
+        slowest = braking_speeds(self.vehicle, road, speed)
+        bounds = bounds_of(self.vehicle, road, speed, slowest, self.config)
+        if leader is not None and leader.pace < settings.jam:
+            raise PlanningError(f"the vehicle ahead drives {leader.pace:.1f} m/s: a jam")
+        low, high = bounds.low.copy(), bounds.high.copy()
+        worth = self._terminal(road, low, high, bounds)
         task = Task(
             road,
-            b_low,
-            b_high,
+            low,
+            high,
             math.inf,
-            fence,
-            k_a=1e-3 * config.k_a,
-            price_time=self._time_price(time, road.station[0]),
-            price_energy=self._energy_price(),
+            np.zeros(road.station.size),
+            k_a=1e-3 * self.config.k_a,
+            price_time=price,
+            price_energy=worth,
         )
-        answer = self._solver.solve(task, guess)
-        return answer.speed, answer.wall_time
+        answer = self._solve(task, bounds)
+        if leader is None:
+            return answer.speed, answer.wall_time
+        fence = fence_of(road, speed, bounds.fastest, leader, settings)
+        if fence.kept(road, answer.speed):
+            return answer.speed, answer.wall_time
+        low = np.minimum(fence.slowest**2, high)
+        # Who is faster than the vehicle ahead where the plan ends must brake soon after.
+        high[-1] = max(min(float(high[-1]), fence.pace**2), float(low[-1]))
+        behind = self._solve(replace(task, b_low=low, b_high=high, fence=fence.time), bounds)
+        return behind.speed, answer.wall_time + behind.wall_time
 
-    def _guess(
-        self, road: RoadProfile, fastest: FloatArray, low: FloatArray, high: FloatArray
-    ) -> FloatArray:
-        guess = np.minimum(fastest, self.config.v_ref)
+    def _solve(self, task: Task, bounds: Bounds) -> Answer:
+        """The optimum of a task, with numbers that are finite."""
+        low, high = np.sqrt(task.b_low), np.sqrt(task.b_high)
+        guess = np.minimum(bounds.fastest, self.config.v_ref)
         if self._last is not None:
-            guess = np.interp(road.station, self._last.station, self._last.speed)
-        return np.clip(guess, np.sqrt(low), np.sqrt(high))
+            guess = np.interp(task.road.station, self._last.station, self._last.speed)
+        solver = self._solver(task.road.intervals, bool(task.fence.any()))
+        answer = solver.solve(task, np.clip(guess, low, high))
+        if not np.isfinite(answer.speed).all():
+            raise PlanningError("the speed optimization gave speeds that are not finite")
+        return answer
 
-    def _energy_price(self) -> float:
-        """Worth of final v^2 [kg/(m2/s2)]: the fuel that a little more force costs at v_ref.
+    def _terminal(
+        self, road: RoadProfile, low: FloatArray, high: FloatArray, bounds: Bounds
+    ) -> float:
+        """Worth of the last v^2 [kg/(m2/s2)]; a wanted end speed is written into the bounds."""
+        schedule, last = self.trip.ahead_of(float(road.station[0])), float(road.station[-1])
+        if schedule is None:
+            return level_worth(self.vehicle, self.config.v_ref)
+        wanted = self.trip.appointment.speed
+        if wanted is None or last < schedule.end - 1.0:
+            return schedule.worth_at(last)
+        low[-1] = high[-1] = min(wanted**2, float(bounds.fastest[-1]) ** 2, float(high[-1]))
+        return 0.0
 
-        The optimum's condition on the engine's force, `f1/eta + 2 f2 R v/eta^2` a joule, on level.
-        """
-        vehicle, v = self.vehicle, self.config.v_ref
-        resistance = float(vehicle.slope_force(np.zeros(1))[0]) + vehicle.drag * v**2
-        joule = vehicle.fuel.f1 / vehicle.efficiency
-        joule += 2.0 * vehicle.fuel.f2 * resistance * v / vehicle.efficiency**2
-        return 0.5 * vehicle.inertial_mass * joule
+    def _solver(self, intervals: int, fenced: bool) -> Solver:
+        key = (intervals, fenced)
+        if key not in self._solvers:
+            self._solvers[key] = Solver(
+                self.vehicle, intervals, self.receding.step, fenced, self._time_limit
+            )
+        return self._solvers[key]
 
-    def _time_price(self, time: float, station: float) -> float:
-        """Price of a second [kg/s] for which v_ref is the best speed on the level, with feedback.
+    # When that fails ----------------------------------------------------------------------------
 
-        On the level the cost of a metre is `f0/v + f1 R/eta + f2 R^2 v/eta^2 + price/v` with
-        R = m g c + k v^2; its derivative by v is zero at v_ref.
-        """
-        assert self._begun is not None
-        vehicle, v = self.vehicle, self.config.v_ref
-        fuel, eta = vehicle.fuel, vehicle.efficiency
-        k = vehicle.drag
-        resistance = float(vehicle.slope_force(np.zeros(1))[0]) + k * v**2
-        slope = fuel.f1 * 2.0 * k * v / eta
-        slope += fuel.f2 * (resistance**2 + 4.0 * k * v**2 * resistance) / eta**2
-        price = max(slope * v**2 - fuel.f0, 0.0)
-        lag = (time - self._begun[0]) - (station - self._begun[1]) / v
-        return price * math.exp(float(np.clip(self.receding.feedback * lag, -3.0, 3.0)))
-
-    def _fallback(
-        self,
-        road: RoadProfile,
-        speed: float,
-        fence: FloatArray,
-        leader: Leader | None,
-        reason: str,
-    ) -> HorizonPlan:
-        """The last plan while it starts here, covers 500 m and keeps the fence; or a cruise."""
-        last = self._last
-        if last is not None and last.station[-1] - road.station[0] > 500.0:
+    def _fall_back(
+        self, road: RoadProfile, speed: float, leader: Leader | None
+    ) -> tuple[FloatArray, str]:
+        """Node speeds of the first of last plan, schedule and cruise that holds, and its name."""
+        settings = self.receding.fence
+        last, schedule = self._last, self.trip.ahead_of(float(road.station[0]))
+        if last is not None and last.station[-1] - road.station[0] > _KEEP:
             held = np.interp(road.station, last.station, last.speed)
-            times = np.concatenate([[0.0], np.cumsum(durations(np.maximum(held, 0.5), road))])
-            starts = abs(held[0] - speed) < 1.0
-            if starts and bool((times >= fence - 1.0).all()) and bool((held <= road.v_limit).all()):
-                return HorizonPlan(SpeedProfile(road.station, held), "kept", reason, 0.0)
-        v_set = self.config.v_ref if leader is None else min(self.config.v_ref, leader.speed)
-        v_set = max(v_set, 1.0)
-        limited = np.minimum(road.v_limit, v_set)
+            if self._holds(road, held, speed, leader):
+                return held, "kept"
+        if schedule is not None:
+            held = np.asarray(schedule.speed_at(road.station))
+            if self._holds(road, held, speed, leader):
+                return held, "schedule"
+        slowest = braking_speeds(self.vehicle, road, speed)
         try:
-            held = cruise(self.vehicle, road, v_set, min(speed, v_set))
+            held = cruise_from(self.vehicle, road, self.config.v_ref, speed, slowest)
         except PlanningError:
-            # Not even that can be driven: ask for the lower limits and let the truck do its best.
-            held = limited
-        self._last = None
-        return HorizonPlan(SpeedProfile(road.station, held), "cruise", reason, 0.0)
+            # Not even that can be driven: ask for the limits and let the truck do its best.
+            held = np.minimum(road.v_limit, self.config.v_ref)
+        if leader is not None:
+            held = np.minimum(held, approach_speeds(road, leader, settings))
+        return held, "cruise"
+
+    def _holds(
+        self, road: RoadProfile, held: FloatArray, speed: float, leader: Leader | None
+    ) -> bool:
+        """Whether speeds begin at the truck's, keep the limits and stay behind the leader."""
+        near = abs(held[0] - speed) < _KEEP_SPEED
+        lawful = bool((held[1:] <= road.v_limit[1:] + 1e-6).all())
+        if not (near and lawful) or leader is None:
+            return near and lawful
+        fence = fence_of(road, speed, np.full(held.size, np.inf), leader, self.receding.fence)
+        return fence.kept(road, held, _SOON)

@@ -14,6 +14,7 @@ TRAFFIC_MODES = ("inter", "pure", "none")
 LANE_CHANGE_MODELS = ("lc2013", "mobil")
 TRAFFIC_SCOPES = ("route", "both", "map")
 COMMAND_PATHS = ("direct", "j1939")
+SPEED_PLANNERS = ("pcc", "cruise")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,6 +108,34 @@ class DriveConfig(TruckStart):
         low=1.0,
         high=30.0,
         metavar="MPS",
+    )
+    speed_planner: str = option(
+        "cruise",
+        help="how the reference speed becomes a speed; pcc: predictive cruise control, which saves "
+        "fuel on hills in the time of a cruise; cruise: one speed everywhere",
+        choices=SPEED_PLANNERS,
+    )
+    speed_min: float | None = option(
+        None,
+        help="least speed that pcc plans on a free road; without it 0.75 of the reference speed",
+        unit="m/s",
+        low=1.0,
+        high=30.0,
+        metavar="MPS",
+    )
+    speed_max: float | None = option(
+        None,
+        help="greatest speed that pcc plans, the road's limits being kept as well; without it 25 "
+        "m/s, the 90 km/h of a truck's limiter",
+        unit="m/s",
+        low=1.0,
+        high=30.0,
+        metavar="MPS",
+    )
+    speed_profile: Path | None = option(
+        None,
+        help="speed over station to drive instead, a table that pcc --profile has written",
+        metavar="FILE.csv",
     )
     decision: str = option("mobil", help="who decides on lane changes", choices=decision.NAMES)
     commands: str = option(

@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from controllers import decision
 from controllers.planner import PlannerConfig
+from controllers.speed_reference import (
+    CruiseReference,
+    ProfileReference,
+    SpeedReference,
+    check_covers,
+    read_profile,
+)
 from controllers.stack import Stack
 from iits_mj.errors import InputError
 from iits_mj.messages import EgoFootprint
@@ -23,6 +32,12 @@ from traffic_bridge import (
     TrafficConfig,
     read_events,
 )
+
+if TYPE_CHECKING:
+    from controllers.pcc import PccConfig
+
+SPEED_LIMITER = 25.0  # [m/s]: 90 km/h, directive 92/6/EEC
+SLOWEST_SHARE = 0.75  # of the reference speed: slower would be in everybody's way
 
 
 def load_map(path: Path | None) -> RoadMap:
@@ -73,7 +88,11 @@ def make_traffic(
 
 
 def make_stack(config: DriveConfig, route: Route, parameters: TruckParameters) -> Stack:
-    """The pipeline from scene to command, at the reference speed asked for."""
+    """The pipeline from scene to command, at the reference speed asked for.
+
+    Raises:
+      InputError: the speed profile or the band of speeds is not usable.
+    """
     planner = PlannerConfig()
     speed = dataclasses.replace(planner.speed, cruise_speed=config.speed)
     return Stack(
@@ -81,4 +100,52 @@ def make_stack(config: DriveConfig, route: Route, parameters: TruckParameters) -
         decision.make(config.decision),
         planner=dataclasses.replace(planner, speed=speed),
         parameters=parameters,
+        reference=make_reference(config, route, parameters),
     )
+
+
+def make_reference(
+    config: DriveConfig, route: Route, parameters: TruckParameters
+) -> SpeedReference:
+    """Who says how fast to go: a profile's file, PCC, or the reference speed itself.
+
+    Raises:
+      InputError: the profile's file is not usable or not of this road, or the band is empty.
+    """
+    if config.speed_profile is not None:
+        profile = read_profile(config.speed_profile)
+        name = f"speed profile {str(config.speed_profile)!r}"
+        check_covers(profile, config.start_station, float(route.length), name)
+        return ProfileReference(profile)
+    if config.speed_planner == "cruise":
+        if config.speed_min is not None or config.speed_max is not None:
+            raise InputError("speed-min and speed-max are of speed-planner pcc; leave them out")
+        return CruiseReference(config.speed)
+    # CasADi and SciPy's optimizers are loaded by those who plan with them.
+    from controllers.pcc import PccReference, RecedingConfig
+
+    # No limit of wall time: the computer's load must not change the drive.
+    receding = RecedingConfig(time_limit=math.inf)
+    try:
+        return PccReference(route, pcc_config(config), parameters, receding)
+    except InputError as error:
+        if config.speed_min is not None or config.speed_max is not None:
+            raise
+        return CruiseReference(config.speed, f"no speed can be planned: {error}")
+
+
+def pcc_config(config: DriveConfig) -> PccConfig:
+    """Set speed and band of PCC.
+
+    Raises:
+      InputError: the reference speed is not within the band.
+    """
+    from controllers.pcc import PccConfig
+
+    low = SLOWEST_SHARE * config.speed if config.speed_min is None else config.speed_min
+    high = max(SPEED_LIMITER, config.speed) if config.speed_max is None else config.speed_max
+    if not low <= config.speed <= high:
+        raise InputError(
+            f"speed {config.speed:g} m/s is outside speed-min {low:g} to speed-max {high:g} m/s"
+        )
+    return PccConfig(v_ref=config.speed, v_min=max(low, 1.0), v_max=high)

@@ -13,7 +13,7 @@ from traffic_bridge import Recording, read_events
 from traffic_bridge.modes.resim import config_of
 
 # Files whose content the recording holds itself or checks by its hash.
-FILES = ("map", "recording", "events")
+FILES = ("map", "recording", "events", "speed_profile")
 # What SUMO's traffic is asked for; recorded traffic alone hears none of it.
 OF_SUMO = ("density", "traffic_speed", "traffic_mode", "lane_change", "traffic_scope", "seed")
 _MODES = {"InterSim": "inter", "PureSim": "pure"}

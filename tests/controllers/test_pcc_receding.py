@@ -1,24 +1,37 @@
-"""The receding-horizon speed planner: hills, a vehicle ahead, failures."""
+"""The receding-horizon speed planner: hills, schedule, a vehicle ahead, failures."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from controllers.pcc import Leader, RecedingConfig, RecedingPlanner, RoadProfile
+from controllers.pcc import (
+    Appointment,
+    FenceConfig,
+    Leader,
+    PccConfig,
+    RecedingConfig,
+    RecedingPlanner,
+    RoadProfile,
+    plan,
+)
 from controllers.pcc.solver import Solver
-from controllers.pcc.vehicle import durations
 from iits_mj.errors import InputError, PlanningError
 from iits_mj.parameters import TruckParameters
+from iits_mj.validation.pcc_receding import FINE, drive, fuel_on
 
 STATION = 50.0 * np.arange(241)
 ROAD = RoadProfile(
     STATION, 12.0 * np.sin(2.0 * np.pi * STATION / 2500.0), np.full(241, 25.0), "waves"
 )
+LEVEL = RoadProfile(STATION, np.zeros(241), np.full(241, 30.0), "level")
 PARAMETERS = TruckParameters.load()
+PATIENT = RecedingConfig(time_limit=np.inf)
 
 
 @pytest.fixture(scope="module")
 def planner():
-    return RecedingPlanner(ROAD, PARAMETERS, receding=RecedingConfig(time_limit=10.0))
+    return RecedingPlanner(ROAD, PARAMETERS, receding=PATIENT)
 
 
 @pytest.fixture(autouse=True)
@@ -26,66 +39,188 @@ def _fresh(planner):
     planner.reset()
 
 
-def times(plan, station, speed):
-    road = RoadProfile(
-        plan.profile.station, np.zeros(plan.profile.station.size), np.full(101, 99.0)
-    )
-    return np.concatenate([[0.0], np.cumsum(durations(plan.profile.speed, road))])
+def clock(profile):
+    """Time at the stations of a profile, 0 at the first [s]."""
+    step = np.diff(profile.station)
+    return np.concatenate([[0.0], np.cumsum(2.0 * step / (profile.speed[1:] + profile.speed[:-1]))])
+
+
+def fail(self, task, guess):
+    raise PlanningError("time is up")
+
+
+# On the free road ---------------------------------------------------------------------------------
 
 
 def test_plan_starts_at_the_trucks_speed_and_keeps_the_limits(planner):
-    plan = planner.plan(1000.0, 18.0, 0.0)
-    assert plan.status == "optimal"
-    assert plan.profile.speed[0] == pytest.approx(18.0)
-    assert plan.profile.station[-1] - plan.profile.station[0] == pytest.approx(5000.0)
-    assert plan.profile.speed.max() <= 85.0 / 3.6 + 1e-6
+    found = planner.plan(1000.0, 18.0, 0.0)
+    assert found.status == "optimal"
+    assert found.profile.speed[0] == pytest.approx(18.0)
+    assert found.profile.station[-1] - found.profile.station[0] == pytest.approx(5000.0)
+    assert found.profile.speed.max() <= min(planner.config.v_max, 25.0) + 1e-6
 
 
 def test_plan_is_slower_at_the_crest_than_in_the_sag(planner):
-    plan = planner.plan(0.0, 20.0, 0.0)
-    crest, sag = plan.profile.at(625.0 + 2500.0), plan.profile.at(1875.0 + 2500.0)
+    found = planner.plan(0.0, 20.0, 0.0)
+    crest, sag = found.profile.at(625.0 + 2500.0), found.profile.at(1875.0 + 2500.0)
     assert crest < sag - 1.0
 
 
 def test_level_road_is_driven_at_the_reference_speed():
-    level = RoadProfile(STATION, np.zeros(241), np.full(241, 30.0), "level")
-    plan = RecedingPlanner(level, PARAMETERS).plan(0.0, 20.0, 0.0)
-    assert np.abs(plan.profile.speed - 20.0).max() < 0.3
+    found = RecedingPlanner(LEVEL, PARAMETERS, receding=PATIENT).plan(0.0, 20.0, 0.0)
+    assert np.abs(found.profile.speed - 20.0).max() < 0.3
 
 
-def test_a_lag_makes_the_plan_faster(planner):
+def test_short_horizon_drives_the_plan_of_the_whole_trip():
+    config = PccConfig()
+    whole = plan(ROAD, PARAMETERS, 55_000.0, config)
+    end = float(STATION[-1])
+    trip = Appointment(end, whole.plan.time, float(whole.plan.speed[-1]))
+    short = RecedingConfig(horizon=2_500.0, time_limit=np.inf)
+    planner = RecedingPlanner(ROAD, PARAMETERS, 55_000.0, config, short, trip)
+    driven = drive(planner, 0.0, end, float(whole.plan.speed[0]), period=4.0)
+    assert set(driven.plans) <= {"optimal", "kept"}
+    vehicle = planner.vehicle
+    wanted = fuel_on(vehicle, ROAD, STATION, whole.plan.speed, end - FINE)
+    found = fuel_on(vehicle, ROAD, driven.station, driven.speed, end - FINE)
+    assert found[0] == pytest.approx(wanted[0], rel=0.003)
+    assert found[1] == pytest.approx(wanted[1], abs=0.5)
+    assert found[2] == pytest.approx(wanted[2], abs=0.2)
+
+
+def test_successive_plans_do_not_jump(planner):
+    station, speed = 1000.0, 18.0
+    before = planner.plan(station, speed, 0.0).profile
+    for second in range(1, 5):
+        station, speed = station + speed, before.at(station + speed)
+        after = planner.plan(station, speed, float(second)).profile
+        ahead = np.linspace(station, station + 2000.0, 40)
+        gap = np.interp(ahead, after.station, after.speed)
+        gap -= np.interp(ahead, before.station, before.speed)
+        assert np.abs(gap).max() < 0.15
+        before = after
+
+
+def test_plan_goes_on_from_the_last_one_within_reach_of_the_trucks_speed(planner):
+    first = planner.plan(1000.0, 18.0, 0.0).profile
+    wanted = first.at(1030.0)
+    near = planner.plan(1030.0, wanted - 0.3, 2.0).profile.speed[0]
+    assert near == pytest.approx(wanted, abs=1e-6)
+    far = planner.plan(1060.0, wanted - 3.0, 4.0).profile.speed[0]
+    assert far == pytest.approx(wanted - 3.0 + planner.receding.resync, abs=1e-6)
+
+
+# The schedule -------------------------------------------------------------------------------------
+
+
+def test_a_lag_makes_the_plan_faster_and_being_early_slower(planner):
     planner.plan(0.0, 20.0, 0.0)
-    on_time = planner.plan(2000.0, 20.0, 100.0).profile.speed.mean()
-    late = planner.plan(2000.0, 20.0, 130.0).profile.speed.mean()
-    assert late > on_time + 0.1
+    due = planner.schedule.due(2000.0)
+    plans = [planner.plan(2000.0, 20.0, due + lag) for lag in (-2.0, 0.0, 2.0)]
+    means = [found.profile.speed.mean() for found in plans]
+    assert means[0] < means[1] < means[2]
+    assert [found.lag for found in plans] == pytest.approx([-2.0, 0.0, 2.0], abs=0.05)
+    assert plans[0].price < plans[1].price < plans[2].price
+
+
+def test_price_grows_without_a_jump_with_the_lag(planner):
+    planner.plan(0.0, 20.0, 0.0)
+    due = planner.schedule.due(6000.0)
+    lags = np.linspace(-20.0, 200.0, 400)
+    price = [planner.schedule.price_at(planner.vehicle, 6000.0, due + lag) for lag in lags]
+    assert (np.diff(price) >= 0.0).all()
+    assert np.diff(price).max() < 0.05 * (price[-1] - price[0])
+
+
+def test_arrival_that_was_asked_for_is_met_after_being_held_up():
+    end = 10_000.0
+    trip = Appointment(end, 540.0)
+    planner = RecedingPlanner(ROAD, PARAMETERS, 55_000.0, PccConfig(), PATIENT, trip)
+    driven = drive(planner, 0.0, end, 18.0, period=2.0, held=(3000.0, 3600.0, 10.0))
+    assert np.nanmax(driven.lag) > 2.9
+    assert planner.trip.schedules >= 2
+    arrived = float(np.interp(end, driven.station, driven.time))
+    assert arrived == pytest.approx(540.0, abs=2.0)
+
+
+def test_without_an_appointment_traffics_delay_is_forgiven(planner):
+    planner.plan(0.0, 20.0, 0.0)
+    before = planner.schedule.clock[-1]
+    planner.plan(2000.0, 20.0, 160.0)
+    assert planner.trip.schedules == 2
+    assert planner.schedule.clock[-1] > before + 20.0
+
+
+def test_an_arrival_out_of_reach_is_missed_by_as_little_as_can_be():
+    trip = Appointment(6_000.0, 100.0)
+    planner = RecedingPlanner(ROAD, PARAMETERS, 55_000.0, PccConfig(), PATIENT, trip)
+    found = planner.plan(0.0, 20.0, 0.0)
+    assert found.status == "optimal"
+    assert planner.schedule.late > 100.0
+    early = RecedingPlanner(
+        ROAD, PARAMETERS, 55_000.0, PccConfig(), PATIENT, Appointment(6_000.0, 330.0)
+    )
+    assert found.profile.speed.mean() > early.plan(0.0, 20.0, 0.0).profile.speed.mean() + 1.0
+
+
+# A vehicle ahead ----------------------------------------------------------------------------------
 
 
 def test_fence_of_a_slow_vehicle_ahead_is_never_passed(planner):
     leader = Leader(rear=1150.0, speed=14.0)
-    plan = planner.plan(1000.0, 18.0, 0.0, leader)
-    assert plan.status == "optimal"
-    clock = times(plan, 1000.0, 18.0)
-    settings = planner.receding
+    found = planner.plan(1000.0, 18.0, 0.0, leader)
+    assert found.status == "optimal"
+    settings = planner.receding.fence
     clear = leader.rear - settings.standstill_gap
-    fence = (plan.profile.station - clear) / leader.speed + settings.time_gap
-    near = plan.profile.station <= clear + leader.speed * settings.fence_time
-    assert (clock[near] >= fence[near] - 0.05).all()
+    fence = (found.profile.station - clear) / leader.speed + settings.time_gap
+    passed = clock(found.profile)
+    assert (passed >= fence - 0.05).all()
 
 
-def test_an_impossible_fence_falls_back_to_a_slow_cruise_with_the_reason(planner):
-    plan = planner.plan(1000.0, 20.0, 0.0, Leader(rear=1005.0, speed=5.0))
-    assert plan.status == "cruise"
-    assert plan.reason
-    assert plan.profile.speed.max() <= 5.0 + 1e-6
+def test_a_cut_in_is_answered_by_braking_no_harder_than_the_settings(planner):
+    found = planner.plan(1000.0, 20.0, 0.0, Leader(rear=1008.0, speed=12.0))
+    assert found.status == "optimal"
+    loss = -np.diff(found.profile.speed**2) / (2.0 * planner.receding.step)
+    settings = planner.receding.fence
+    assert 0.3 < loss.max() < settings.deceleration + 1e-6
+    gap = clock(found.profile) - (found.profile.station - 998.0) / 12.0
+    assert gap[0] < 0.0
+    assert gap[found.profile.station > 2700.0].min() > 0.8 * settings.time_gap
+
+
+def test_a_vehicle_that_goes_away_changes_nothing(planner):
+    free = planner.plan(1000.0, 18.0, 0.0).profile
+    planner.reset()
+    behind = planner.plan(1000.0, 18.0, 0.0, Leader(rear=1200.0, speed=30.0))
+    assert behind.status == "optimal"
+    same = np.interp(behind.profile.station, free.station, free.speed)
+    assert behind.profile.speed == pytest.approx(same, abs=0.05)
+
+
+@pytest.mark.parametrize("speed", [5.0, 15.0, 20.0])
+@pytest.mark.parametrize("leader", [(1005.0, 5.0), (1150.0, 14.0), (1400.0, 8.0), (1030.0, 19.0)])
+def test_behind_any_moving_vehicle_there_is_an_optimum(planner, speed, leader):
+    found = planner.plan(1000.0, speed, 0.0, Leader(*leader))
+    assert (found.status, found.reason) == ("optimal", "")
+    assert found.profile.speed[-1] <= leader[1] + 1e-6
+
+
+def test_a_jam_is_approached_and_left_to_the_trajectory_planner(planner):
+    found = planner.plan(1000.0, 15.0, 0.0, Leader(rear=1300.0, speed=0.0))
+    assert found.status == "cruise"
+    assert "jam" in found.reason
+    speed = found.profile.at
+    assert speed(1000.0) == pytest.approx(15.0, abs=0.1)
+    assert speed(1000.0) > speed(1150.0) > speed(1250.0) > speed(1300.0)
+    assert speed(1300.0) == pytest.approx(planner.receding.fence.jam, abs=0.5)
+
+
+# When the optimizer fails -------------------------------------------------------------------------
 
 
 def test_a_failed_solve_keeps_the_last_plan(planner, monkeypatch):
     first = planner.plan(1000.0, 20.0, 0.0)
     speed = first.profile.at(1200.0)
-
-    def fail(self, task, guess):
-        raise PlanningError("time is up")
-
     monkeypatch.setattr(Solver, "solve", fail)
     second = planner.plan(1200.0, speed, 10.0)
     assert second.status == "kept"
@@ -93,15 +228,119 @@ def test_a_failed_solve_keeps_the_last_plan(planner, monkeypatch):
     assert second.profile.at(2000.0) == pytest.approx(first.profile.at(2000.0), abs=0.05)
 
 
+def test_a_last_plan_that_the_vehicle_ahead_forbids_is_not_kept(planner, monkeypatch):
+    first = planner.plan(1000.0, 20.0, 0.0)
+    monkeypatch.setattr(Solver, "solve", fail)
+    second = planner.plan(1200.0, first.profile.at(1200.0), 10.0, Leader(1260.0, 8.0))
+    assert second.status == "cruise"
+    assert second.profile.at(1800.0) == pytest.approx(8.0)
+
+
+def test_without_a_last_plan_the_schedule_is_driven(planner, monkeypatch):
+    planner.plan(1000.0, 20.0, 0.0)
+    schedule = planner.schedule
+    monkeypatch.setattr(Solver, "solve", fail)
+    monkeypatch.setattr(planner, "_last", None)
+    found = planner.plan(1200.0, float(schedule.speed_at(1200.0)), schedule.due(1200.0))
+    assert found.status == "schedule"
+    assert found.profile.at(3000.0) == pytest.approx(float(schedule.speed_at(3000.0)), abs=0.1)
+
+
+def test_without_anything_a_cruise_within_the_limits_is_driven(planner, monkeypatch):
+    monkeypatch.setattr(Solver, "solve", fail)
+    found = planner.plan(1000.0, 24.0, 0.0)
+    assert found.status == "cruise"
+    assert found.reason == "time is up"
+    assert found.profile.speed[0] == pytest.approx(24.0)
+    assert found.profile.speed[30:].max() <= planner.config.v_ref + 1e-6
+    assert planner.trip.schedule_error == "time is up"
+
+
 def test_a_late_solve_is_given_up():
-    planner = RecedingPlanner(ROAD, PARAMETERS, receding=RecedingConfig(time_limit=1e-4))
-    plan = planner.plan(1000.0, 20.0, 0.0)
-    assert plan.status == "cruise"
-    assert plan.reason
+    hurried = RecedingPlanner(ROAD, PARAMETERS, receding=RecedingConfig(time_limit=1e-6))
+    found = hurried.plan(1000.0, 20.0, 0.0)
+    assert found.status in ("schedule", "cruise")
+    assert found.reason
+
+
+def test_an_optimum_that_is_not_finite_is_not_used(planner, monkeypatch):
+    solve = Solver.solve
+
+    def spoiled(self, task, guess):
+        answer = solve(self, task, guess)
+        return replace(answer, speed=np.where(np.arange(answer.speed.size) == 7, np.nan, 20.0))
+
+    monkeypatch.setattr(Solver, "solve", spoiled)
+    found = planner.plan(1000.0, 20.0, 0.0)
+    assert found.status == "cruise"
+    assert "finite" in found.reason
+    assert np.isfinite(found.profile.speed).all()
+
+
+def test_a_climb_beyond_the_engine_is_named_and_still_driven_at():
+    height = np.concatenate([np.zeros(40), 50.0 * 0.24 * np.arange(201)])
+    wall = RoadProfile(STATION, height, np.full(241, 25.0), "wall")
+    found = RecedingPlanner(wall, PARAMETERS, receding=PATIENT).plan(0.0, 20.0, 0.0)
+    assert found.status == "cruise"
+    assert "full power" in found.reason
+    assert np.isfinite(found.profile.speed).all()
+    assert found.profile.speed.min() >= 1.0
+
+
+def test_the_roads_end_is_reached_with_the_last_plan_and_passed_at_the_reference_speed(planner):
+    end = float(STATION[-1])
+    for station in np.arange(end - 1000.0, end - 205.0, 100.0):
+        found = planner.plan(station, 20.0, station / 20.0)
+        assert found.status == "optimal"
+        assert found.profile.station[-1] == pytest.approx(end)
+    last = found.profile
+    arriving = planner.plan(end - 100.0, last.at(end - 100.0), 600.0)
+    assert (arriving.status, arriving.reason) == ("kept", "the trip ends here")
+    beyond = planner.plan(end + 20.0, last.at(end), 610.0)
+    assert beyond.status == "optimal"
+    assert beyond.profile.speed[20:60] == pytest.approx(np.full(40, 20.0), abs=1.0)
+
+
+def test_a_limit_that_is_already_broken_is_met_by_braking():
+    limit = np.full(241, 25.0)
+    limit[21:] = 14.0
+    slow = replace(ROAD, v_limit=limit)
+    found = RecedingPlanner(slow, PARAMETERS, receding=PATIENT).plan(1040.0, 22.0, 0.0)
+    assert found.status == "optimal"
+    assert found.profile.at(1040.0) == pytest.approx(22.0)
+    assert found.profile.at(1500.0) <= 14.0 + 1e-6
+
+
+def test_a_standing_truck_gets_a_plan_to_start_with(planner):
+    found = planner.plan(0.0, 0.0, 0.0)
+    assert found.status == "optimal"
+    assert found.profile.speed[0] > 0.0
+    assert found.profile.at(1000.0) > 10.0
+
+
+# Wrong use ----------------------------------------------------------------------------------------
 
 
 def test_numbers_that_are_not_finite_are_refused_by_name(planner):
     with pytest.raises(InputError, match="speed is nan"):
         planner.plan(0.0, float("nan"), 0.0)
-    with pytest.raises(InputError, match="leader"):
-        planner.plan(0.0, 20.0, 0.0, Leader(float("inf"), 10.0))
+    with pytest.raises(InputError, match="time is inf"):
+        planner.plan(0.0, 20.0, float("inf"))
+    with pytest.raises(InputError, match="rear is inf"):
+        Leader(float("inf"), 10.0)
+    with pytest.raises(InputError, match="appointment: time is nan"):
+        Appointment(1000.0, float("nan"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "change"),
+    [
+        (RecedingConfig, {"horizon": 0.0}),
+        (RecedingConfig, {"time_limit": float("nan")}),
+        (RecedingConfig, {"slack": -0.1}),
+        (FenceConfig, {"time_gap": float("inf")}),
+    ],
+)
+def test_bad_settings_are_refused_by_name(kind, change):
+    with pytest.raises(InputError, match=next(iter(change))):
+        kind(**change)

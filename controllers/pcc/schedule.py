@@ -1,0 +1,207 @@
+"""The timetable of a trip: clock, price of a second and worth of speed over station.
+
+One optimization of the whole road gives all three. They are what a short horizon must know of the
+road beyond its end: with the time's price as running cost and the worth of kinetic energy at its
+end the plan over 5 km is a piece of the plan over the whole road (Bellman's principle, to first
+order in the speed at the horizon's end). A lag behind the clock raises the price.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.pcc.fence import braking_speeds
+from controllers.pcc.planner import PccConfig, lower_speeds
+from controllers.pcc.profile import RoadProfile
+from controllers.pcc.solver import Solver, Task
+from controllers.pcc.vehicle import PointMass, durations, full_power_speed
+from iits_mj.errors import PlanningError
+
+FloatArray = NDArray[np.float64]
+# The least trip time is nobody's plan: every drop of fuel for a second. So much is left [1].
+_TIGHT = 1.005
+# Mean speeds that a lag may ask for, over the schedule's [1].
+_FASTER = (0.75, 1.35)
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """A trip as planned, over the nodes of its road, shape (n + 1,) each.
+
+    Attributes:
+      station: [m]; speed: [m/s]; clock: absolute time of passing [s].
+      worth: what v^2 is worth [kg/(m2/s2)].
+      price: of a second [kg/s].
+      late: s by which the wanted arrival is out of reach, 0 when it is not.
+    """
+
+    station: FloatArray
+    speed: FloatArray
+    clock: FloatArray
+    worth: FloatArray
+    price: float
+    late: float = 0.0
+
+    @property
+    def end(self) -> float:
+        """Last station [m]."""
+        return float(self.station[-1])
+
+    def covers(self, station: float) -> bool:
+        """True where the schedule says something."""
+        return bool(self.station[0] - 1e-6 <= station <= self.station[-1])
+
+    def due(self, station: float) -> float:
+        """Time at which a station is to be passed [s]; v^2 is linear between nodes."""
+        k = int(np.clip(np.searchsorted(self.station, station) - 1, 0, self.station.size - 2))
+        return float(
+            self.clock[k]
+            + 2.0 * (station - self.station[k]) / (self.speed[k] + self.speed_at(station))
+        )
+
+    def speed_at(self, station: float | FloatArray) -> FloatArray:
+        """Planned speed [m/s]."""
+        return np.asarray(np.sqrt(np.interp(station, self.station, self.speed**2)))
+
+    def worth_at(self, station: float) -> float:
+        """Worth of v^2 [kg/(m2/s2)]."""
+        return float(np.interp(station, self.station, self.worth))
+
+    def lag(self, station: float, time: float) -> float:
+        """Seconds behind the clock, negative when early."""
+        return time - self.due(station)
+
+    def price_at(self, vehicle: PointMass, station: float, time: float) -> float:
+        """Price of a second for a truck that is here now [kg/s].
+
+        What is left of the trip must be driven faster by the share of its time that was lost; the
+        price changes by as much as on the level between these two mean speeds.
+        """
+        planned = max(float(self.clock[-1]) - self.due(station), 1e-3)
+        left = max(float(self.clock[-1]) - time, 1e-3)
+        mean = (self.end - station) / planned
+        faster = mean * float(np.clip(planned / left, *_FASTER))
+        change = level_price(vehicle, faster) - level_price(vehicle, mean)
+        return max(self.price + change, 0.0)
+
+
+def level_price(vehicle: PointMass, speed: float) -> float:
+    """Price of a second for which a speed is the best on the level [kg/s]; negative when crawling.
+
+    The cost of a metre is `f0/v + f1 R/eta + f2 R^2 v/eta^2 + price/v` with R = m g c + k v^2; its
+    derivative by v is zero at the best speed.
+    """
+    fuel, eta, k = vehicle.fuel, vehicle.efficiency, vehicle.drag
+    resistance = float(vehicle.slope_force(np.zeros(1))[0]) + k * speed**2
+    slope = fuel.f1 * 2.0 * k * speed / eta
+    slope += fuel.f2 * (resistance**2 + 4.0 * k * speed**2 * resistance) / eta**2
+    return slope * speed**2 - fuel.f0
+
+
+def level_worth(vehicle: PointMass, speed: float) -> float:
+    """Worth of v^2 on the level [kg/(m2/s2)]: the fuel that a little more force costs.
+
+    The optimum's condition on the engine's force: `f1/eta + 2 f2 R v/eta^2` a joule.
+    """
+    resistance = float(vehicle.slope_force(np.zeros(1))[0]) + vehicle.drag * speed**2
+    joule = vehicle.fuel.f1 / vehicle.efficiency
+    joule += 2.0 * vehicle.fuel.f2 * resistance * speed / vehicle.efficiency**2
+    return 0.5 * vehicle.inertial_mass * joule
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Speeds that a plan may have: least and greatest v^2 (n + 1,), and the fastest drive."""
+
+    low: FloatArray
+    high: FloatArray
+    fastest: FloatArray
+
+
+def bounds_of(
+    vehicle: PointMass, road: RoadProfile, speed: float, slowest: FloatArray, config: PccConfig
+) -> Bounds:
+    """Bounds from a speed now; where it is above the limits they are met by braking.
+
+    Raises:
+      PlanningError: full power does not carry the truck over a climb.
+    """
+    cap = np.maximum(np.minimum(road.v_limit, config.v_max), slowest)
+    fastest = full_power_speed(vehicle, road, speed, cap)
+    low = np.minimum(lower_speeds(fastest, config.v_min), cap)
+    b_low, b_high = low**2, cap**2
+    b_low[0] = b_high[0] = speed**2
+    return Bounds(b_low, b_high, fastest)
+
+
+def make_schedule(
+    vehicle: PointMass,
+    road: RoadProfile,
+    config: PccConfig,
+    speed: float,
+    time: float,
+    arrival: float | None = None,
+    slack: float = 0.0,
+    end_speed: float | None = None,
+    time_limit: float = 1e6,
+) -> Schedule:
+    """Plans a trip over a whole road.
+
+    Args:
+      vehicle: the truck.
+      road: from where it is to where it shall arrive.
+      config: set speed and band.
+      speed: now [m/s].
+      time: now [s].
+      arrival: when the road's end is to be reached [s]; default: when a cruise at v_ref would.
+      slack: of the cruise's time, without `arrival` [1].
+      end_speed: wanted at the end [m/s]; default: free, v^2 being worth what it is on the level.
+      time_limit: for the solver [s].
+
+    Raises:
+      PlanningError: full power does not carry the truck, or the optimization fails.
+    """
+    slowest = braking_speeds(vehicle, road, speed)
+    bounds = bounds_of(vehicle, road, speed, slowest, config)
+    held = cruise_from(vehicle, road, config.v_ref, speed, slowest)
+    wanted = float(durations(held, road).sum()) * (1.0 + slack)
+    if arrival is not None:
+        wanted = arrival - time
+    least = float(durations(bounds.fastest, road).sum()) * _TIGHT
+    b_low, b_high = bounds.low, bounds.high
+    if end_speed is not None:
+        b_low[-1] = b_high[-1] = min(end_speed**2, float(bounds.fastest[-1]) ** 2)
+    worth = level_worth(vehicle, config.v_ref)
+    task = Task(
+        road,
+        b_low,
+        b_high,
+        max(wanted, least),
+        np.zeros(road.station.size),
+        k_a=1e-3 * config.k_a,
+        price_energy=0.0 if end_speed is not None else worth,
+    )
+    solver = Solver(vehicle, road.intervals, road.step, time_limit=time_limit)
+    answer = solver.solve(task, np.clip(held, np.sqrt(b_low), np.sqrt(b_high)))
+    if not np.isfinite(answer.speed).all():
+        raise PlanningError("the schedule's optimization gave speeds that are not finite")
+    clock = time + np.concatenate([[0.0], np.cumsum(durations(answer.speed, road))])
+    return Schedule(
+        road.station,
+        answer.speed,
+        clock,
+        answer.costate,
+        answer.time_price,
+        late=max(least - wanted, 0.0),
+    )
+
+
+def cruise_from(
+    vehicle: PointMass, road: RoadProfile, v_set: float, speed: float, slowest: FloatArray
+) -> FloatArray:
+    """Node speeds (n + 1,) of a cruise that is begun at any speed: faster ones brake first."""
+    cap = np.maximum(np.minimum(road.v_limit, v_set), slowest)
+    return full_power_speed(vehicle, road, speed, cap)
