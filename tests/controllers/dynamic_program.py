@@ -1,64 +1,65 @@
-"""An independent check of the speed planner: dynamic programming on a grid of v^2.
+"""An independent check of the speed planner: dynamic programming from grid point to grid point.
 
-Written from the equations, not from the planner's code: the state is b = v^2 on a grid with linear
-interpolation of the value, the control is the acceleration, trip time has a price that is found by
-bisection.
+Written from the equations, not from the planner's code. The state is b = v^2 on a grid of its own,
+a step leads from one grid point to another, so no value is interpolated: what is found is a drive
+that keeps all limits, and its cost an upper bound of the least one. Trip time has the price that
+the planner found for it. By weak duality no drive of the same trip time can then cost less than
+the least cost at that price, less the price of the time: the planner's optimum must be as low as
+that, and the grid's may only be above it by what the grid rounds off.
 """
 
 import numpy as np
 
 
-def optimal_speed(vehicle, road, b_low, b_high, time_max, states=241, controls=121):
-    """Node speeds (n + 1,) of least fuel with at most `time_max` [s], by bisection on its price."""
-    low, high = 0.0, 0.05
-    for _ in range(9):
-        price = 0.5 * (low + high)
-        speed = _rollout(vehicle, road, b_low, b_high, price, states, controls)
-        if np.sum(2.0 * road.step / (speed[1:] + speed[:-1])) > time_max:
-            low = price
-        else:
-            high = price
-    return _rollout(vehicle, road, b_low, b_high, high, states, controls)
+def least_cost(vehicle, road, b_low, b_high, price, states=800, reach=(-180.0, 60.0)):
+    """Least fuel + price * time [kg] from the first to the last speed, and the node speeds.
 
-
-def _stage(vehicle, road, k, b, a, price):
-    """Cost and end b of accelerations a (m,) from states b (n, 1): arrays (n, m)."""
-    ds = road.step
-    end = b + 2.0 * ds * a
-    v = 0.5 * (np.sqrt(b) + np.sqrt(np.maximum(end, 1e-6)))
-    angle = np.arctan(road.grade[k])
-    resistance = vehicle.mass * 9.81 * (np.sin(angle) + vehicle.rolling * np.cos(angle))
-    force = vehicle.inertial_mass * a + resistance + vehicle.drag * 0.5 * (b + end)
-    power = force * v / vehicle.efficiency
-    fuel = vehicle.fuel
-    burning = np.maximum(power, -vehicle.power_drag)
-    rate = fuel.f0 + fuel.f1 * burning + fuel.f2 * burning**2
-    cost = (rate + price) * ds / v
-    brake = force + vehicle.power_drag * vehicle.efficiency / v
-    bad = (power > vehicle.power_max * 1.0005) | (-brake > vehicle.brake_max) | (end < 1.0)
-    return np.where(bad, 1e3, cost), end
-
-
-def _rollout(vehicle, road, b_low, b_high, price, states, controls):
-    n = road.intervals
-    grid = np.linspace(b_low.min(), b_high.max(), states)
-    a = np.concatenate([np.linspace(-0.5, 0.45, controls), [0.0]])
-    # The end speed is held by a stiff price on missing it, in both directions.
-    value = 0.02 * np.abs(grid - b_high[-1])
-    values = [value]
+    Args:
+      vehicle, road: as the planner has them.
+      b_low, b_high: bounds of v^2, shape (n + 1,); the first and the last are fixed and equal.
+      price: of a second [kg/s].
+      states: grid points between the least and the greatest bound.
+      reach: how far b may fall and rise in an interval [m2/s2].
+    """
+    n, ds = road.intervals, road.step
+    home = b_high[0]
+    assert abs(b_high[-1] - home) < 1e-6
+    width = (b_high.max() - b_low.min()) / states
+    first = int(np.ceil((b_low.min() - home) / width))
+    last = int(np.floor((b_high.max() - home) / width))
+    b = home + width * np.arange(first, last + 1)
+    jumps = np.arange(int(reach[0] / width), int(reach[1] / width) + 1)
+    end = b[:, None] + width * jumps[None, :]
+    target = np.arange(b.size)[:, None] + jumps[None, :]
+    on_grid = (target >= 0) & (target < b.size)
+    target = np.clip(target, 0, b.size - 1)
+    v = 0.5 * (np.sqrt(b)[:, None] + np.sqrt(np.maximum(end, 1e-9)))
+    level = vehicle.inertial_mass * (end - b[:, None]) / (2.0 * ds)
+    level += vehicle.drag * 0.5 * (b[:, None] + end)
+    angle = np.arctan(np.diff(road.height) / ds)
+    slope = vehicle.mass * 9.81 * (np.sin(angle) + vehicle.rolling * np.cos(angle))
+    fuel, eta = vehicle.fuel, vehicle.efficiency
+    dragging = vehicle.power_drag
+    value = np.where(np.abs(b - home) < 0.5 * width, 0.0, np.inf)
+    choices = []
     for k in range(n - 1, -1, -1):
-        cost, end = _stage(vehicle, road, k, grid[:, None], a[None, :], price)
-        outside = (end < b_low[k + 1] - 0.5) | (end > b_high[k + 1] + 0.5)
-        onward = np.interp(end, grid, value)
-        value = np.minimum((cost + np.where(outside, 1e3, 0.0) + onward).min(axis=1), 1e4)
-        values.append(value)
-    values.reverse()
-    b = np.empty(n + 1)
-    b[0] = b_high[0]
-    fine = np.linspace(-0.5, 0.45, 8 * controls)
-    for k in range(n):
-        cost, end = _stage(vehicle, road, k, np.array([[b[k]]]), fine[None, :], price)
-        outside = (end < b_low[k + 1] - 0.5) | (end > b_high[k + 1] + 0.5)
-        total = cost + np.where(outside, 1e3, 0.0) + np.interp(end, grid, values[k + 1])
-        b[k + 1] = end[0, int(total.argmin())]
-    return np.sqrt(b)
+        force = level + slope[k]
+        power = force * v / eta
+        burning = np.maximum(power, -dragging)
+        rate = fuel.f0 + burning * (fuel.f1 + fuel.f2 * burning)
+        cost = (rate + price) * ds / v
+        allowed = on_grid & (power <= vehicle.power_max)
+        allowed &= -(force + dragging * eta / v) <= vehicle.brake_max
+        inside = (b >= b_low[k + 1] - 1e-9) & (b <= b_high[k + 1] + 1e-9)
+        onward = np.where(inside, value, np.inf)
+        total = np.where(allowed, cost + onward[target], np.inf)
+        choice = total.argmin(axis=1)
+        value = total[np.arange(b.size), choice]
+        choices.append(target[np.arange(b.size), choice])
+    at = -first
+    least = float(value[at])
+    path = [at]
+    for choice in reversed(choices):
+        at = int(choice[at])
+        path.append(at)
+    return least, np.sqrt(b[path])
