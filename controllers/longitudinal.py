@@ -1,8 +1,10 @@
 """Speed tracking: accelerator pedal, engine brake, retarder and XBR from the planned speed.
 
 Feed-forward of acceleration, grade, rolling and air through the inverse powertrain, a slow
-integral beside. Accelerator, endurance brakes and friction take over from each other with
-hysteresis and dwell times, so that they never chatter. A descent is held by engine brake, then
+integral beside. Accelerator, coasting, endurance brakes and friction take over from each other with
+hysteresis and dwell times, so that they never chatter. Where the plan asks for about the engine's
+drag the truck coasts in gear, and small errors of speed are let be: correcting them by accelerator
+and engine brake in turn costs fuel and gear changes. A descent is held by engine brake, then
 retarder, each asked by its own TSC1; what they lack is an XBR demand that may use both. At
 standstill the brakes hold.
 """
@@ -22,9 +24,10 @@ from iits_mj.units import GRAVITY
 
 
 class Phase(enum.Enum):
-    """Who acts on the speed: engine; engine brake and retarder; friction, too; at standstill."""
+    """Who acts on the speed: engine; its drag; engine brake, retarder; friction, too; standing."""
 
     DRIVE = "drive"
+    COAST = "coast"
     OVERRUN = "overrun"
     BRAKE = "brake"
     HOLD = "hold"
@@ -41,6 +44,10 @@ class LongitudinalConfig:
       step: of the controller [s].
       overrun_enter: torque below the engine's drag that ends driving [N m].
       overrun_leave: torque above the engine's drag that begins driving again [N m].
+      retard_enter: deceleration beyond the engine's drag that ends coasting [m/s2]. A request to
+        the engine brake, however small, makes the gearbox shift down.
+      coast_error: error of speed that coasting lets be [m/s]; less below `coast_speed`.
+      coast_speed: [m/s].
       brake_enter: deceleration beyond engine brake and retarder that calls friction [m/s2].
       brake_leave: the same, below which it is released [m/s2].
       dwell: least time in a phase [s].
@@ -64,6 +71,9 @@ class LongitudinalConfig:
     step: float = 0.02
     overrun_enter: float = 150.0
     overrun_leave: float = 120.0
+    retard_enter: float = 0.06
+    coast_error: float = 0.2
+    coast_speed: float = 10.0
     brake_enter: float = 0.15
     brake_leave: float = 0.02
     dwell: float = 0.6
@@ -133,7 +143,7 @@ class LongitudinalController:
         )
         if self._stand(ego, planned, soon):
             return self._hold(ego, grade, soon)
-        error = planned - ego.speed
+        error = self._forgive(planned - ego.speed, ego.speed)
         wanted = ahead + config.speed_gain * error + self._integral
         inverse, gear = self.inverse, self._gear
         force = inverse.effective_mass(ego.mass, gear) * wanted
@@ -144,12 +154,20 @@ class LongitudinalController:
         endurance = inverse.endurance(ego.speed, ego.engine_speed, gear, engaged)
         shared = share_out(-force, endurance)
         deficit = shared.short / ego.mass
-        self._choose(torque, drag, deficit, wanted, engaged)
+        beyond = max(-force - endurance.drag, 0.0) / ego.mass
+        self._choose(torque + drag, beyond, deficit, wanted, engaged)
         self._pull(ego, torque)
         self._retard(shared, wanted, engaged)
         self._brake(ego, force, wanted)
         self._learn(ego, error)
         return self._output()
+
+    def _forgive(self, error: float, speed: float) -> float:
+        """The error of speed [m/s] that is corrected: while coasting less than there is."""
+        if self.phase is not Phase.COAST:
+            return error
+        band = self.config.coast_error * min(max(speed, 0.0) / self.config.coast_speed, 1.0)
+        return error - min(max(error, -band), band)
 
     def _stand(self, ego: EgoState, planned: float, soon: float) -> bool:
         """Whether the truck stands and is to stand, or to start."""
@@ -188,27 +206,39 @@ class LongitudinalController:
         return held or grade < self.config.level
 
     def _choose(
-        self, torque: float, drag: float, deficit: float, wanted: float, engaged: bool
+        self, above: float, beyond: float, deficit: float, wanted: float, engaged: bool
     ) -> None:
-        """Next phase, with hysteresis and dwell time; a gear change is waited for."""
+        """Next phase, with hysteresis and dwell time; a gear change is waited for.
+
+        Args:
+          above: torque wanted above the engine's drag [N m].
+          beyond: deceleration wanted beyond the engine's drag, positive [m/s2].
+          deficit: the same beyond engine brake and retarder, positive [m/s2].
+          wanted: acceleration [m/s2].
+          engaged: False in a gear change.
+        """
         config = self.config
         if self.phase in (Phase.HOLD, Phase.LAUNCH):
             self._enter(Phase.DRIVE)
         urgent = wanted < -config.urgent
         if (self._since < config.dwell or not engaged) and not urgent:
             return
-        if self.phase is Phase.DRIVE:
-            if deficit > config.brake_enter:
-                self._enter(Phase.BRAKE)
-            elif torque < -drag - config.overrun_enter:
-                self._enter(Phase.OVERRUN)
+        if self.phase is Phase.BRAKE:
+            if deficit < config.brake_leave:
+                self._enter(Phase.DRIVE if above > config.overrun_leave else Phase.OVERRUN)
+        elif deficit > config.brake_enter:
+            self._enter(Phase.BRAKE)
         elif self.phase is Phase.OVERRUN:
-            if deficit > config.brake_enter:
-                self._enter(Phase.BRAKE)
-            elif torque > -drag + config.overrun_leave:
+            if above > config.overrun_leave:
                 self._enter(Phase.DRIVE)
-        elif deficit < config.brake_leave:
-            self._enter(Phase.DRIVE if torque > -drag + config.overrun_leave else Phase.OVERRUN)
+            elif above > 0.0:
+                self._enter(Phase.COAST)
+        elif beyond > config.retard_enter:
+            self._enter(Phase.OVERRUN)
+        elif self.phase is Phase.DRIVE and above < -config.overrun_enter:
+            self._enter(Phase.COAST)
+        elif self.phase is Phase.COAST and above > config.overrun_leave:
+            self._enter(Phase.DRIVE)
 
     def _pull(self, ego: EgoState, torque: float) -> None:
         """The accelerator, at its rates; up in every phase but driving."""
@@ -227,7 +257,8 @@ class LongitudinalController:
         engine_brake, retarder = shared.engine_brake, shared.retarder
         if not engaged:
             engine_brake = self._engine_brake
-        if self.phase is Phase.DRIVE or wanted < -self.config.urgent:
+        resting = self.phase in (Phase.DRIVE, Phase.COAST)
+        if resting or wanted < -self.config.urgent:
             engine_brake = retarder = 0.0
         reach = self.config.endurance_rate * self.config.step
         self._engine_brake += min(max(engine_brake - self._engine_brake, -reach), reach)
@@ -254,7 +285,9 @@ class LongitudinalController:
             self._demand >= config.demand_max and error < 0.0
         )
         idle = self._engine_brake <= 0.0 and self._retarder <= 0.0
-        coasting = self.phase is Phase.OVERRUN and idle and error < 0.0
+        coasting = self.phase is Phase.COAST or (
+            self.phase is Phase.OVERRUN and idle and error < 0.0
+        )
         if stuck or coasting or ego.shift_in_process or ego.speed < 1.0:
             return
         grown = self._integral + config.integral_gain * error * config.step

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,23 +20,49 @@ from controllers.following import (
 )
 from controllers.road_preview import LanePath, RoadPreview
 from iits_mj.messages import SpeedProfile
+from iits_mj.parameters import TruckParameters
+from iits_mj.units import GRAVITY
 
 FloatArray = NDArray[np.float64]
-GRAVITY = 9.81
 # The cap is met by looking this far ahead [s]: far for a smooth onset, near for an exact end.
 _LOOK_AHEAD = (1.0, 0.4)
 
 
+class Powers(NamedTuple):
+    """Of a truck: power at the wheels [W], rolling resistance [1], 0.5 rho CdA [kg/m]."""
+
+    power: float
+    rolling_resistance: float
+    drag: float
+
+
+def powers(parameters: TruckParameters) -> Powers:
+    """Greatest power at the wheels in the best gear, and the resistances."""
+    engine, gearbox, air = parameters.engine, parameters.gearbox, parameters.aerodynamics
+    greatest = float((engine.full_load_torque * engine.full_load_speed).max())
+    return Powers(
+        greatest * gearbox.efficiency * gearbox.driveline_efficiency,
+        parameters.tire_common.rolling_resistance,
+        0.5 * air.density * air.drag_area,
+    )
+
+
+@functools.cache
+def _shipped() -> Powers:
+    return powers(TruckParameters.load())
+
+
 @dataclass(frozen=True)
 class SpeedConfig:
-    """Longitudinal limits of the plan.
+    """Longitudinal limits of the plan; figures of the truck are by default the shipped one's.
 
     Attributes:
       cruise_speed: wanted where no profile is given [m/s]; the paper's 60 km/h.
       curve_acceleration: lateral acceleration that bounds the speed in curves [m/s2].
       preview: how far ahead limits are looked up [m].
       stop_gap: left before the end of the lane or of the road, from the front bumper [m].
-      power: at the wheels, for the acceleration that can be promised [W].
+      power: at the wheels, for the acceleration that can be planned [W]; with less than the truck
+        has the plan would hold it back after a climb.
       rolling_resistance: [1].
       drag: 0.5 rho CdA [kg/m].
       emergency_onset: required deceleration that calls the last layer [m/s2].
@@ -49,9 +77,9 @@ class SpeedConfig:
     curve_acceleration: float = 1.3
     preview: float = 400.0
     stop_gap: float = 3.0
-    power: float = 330e3
-    rolling_resistance: float = 0.006
-    drag: float = 3.81
+    power: float = field(default_factory=lambda: _shipped().power)
+    rolling_resistance: float = field(default_factory=lambda: _shipped().rolling_resistance)
+    drag: float = field(default_factory=lambda: _shipped().drag)
     emergency_onset: float = 2.8
     emergency_release: float = 0.8
     emergency_deceleration: float = 6.5
@@ -197,17 +225,26 @@ def _wanted(
     leads: list[Lead],
     following: FollowingConfig,
 ) -> float:
-    """Acceleration that the limits and every leader allow [m/s2]."""
-    wanted = min(
-        follow_acceleration(v, cap_here, math.inf, 0.0, 0.0, following),
-        to_cap,
-    )
+    """Acceleration that the limits and every leader allow [m/s2].
+
+    On the free road the cap is followed as it stands, rising parts as well: the free term of car
+    following would lag a rising reference by `v / (4 a)`, some 5 s. Behind a leader that term gets
+    a desired speed high enough not to lag either.
+    """
+    wanted = min(to_cap, following.acceleration_max)
+    desired = _desired_speed(v, cap_here, to_cap, following)
     for lead in leads:
         if time > lead.until:
             continue
         lead_way, lead_speed = lead.at(time)
         fading = lead.acceleration * math.exp(-0.5 * time) if lead_speed > 0.0 else 0.0
         gap = lead.gap + lead_way - way
-        behind = follow_acceleration(v, cap_here, gap, lead_speed, fading, following)
+        behind = follow_acceleration(v, desired, gap, lead_speed, fading, following)
         wanted = min(wanted, behind)
     return wanted
+
+
+def _desired_speed(v: float, cap: float, to_cap: float, following: FollowingConfig) -> float:
+    """Desired speed whose free term, `a (1 - (v / desired)^n)`, is no less than `to_cap` [m/s]."""
+    share = min(max(to_cap / following.acceleration_max, 0.0), 0.9)
+    return max(cap, v / (1.0 - share) ** (1.0 / following.exponent))

@@ -123,3 +123,58 @@ def test_a_truck_found_standing_is_held_before_it_starts_and_again_when_it_rolls
     assert sum(holding) == pytest.approx(controller.config.dwell / 0.02, abs=2)
     rolling = dataclasses.replace(standing, speed=-0.2)
     assert run(controller, rolling, plan(0.5, 0.5), 0.10, 0.02)[-1].xbr_mode is XbrMode.MAXIMUM
+
+
+FAST = EgoState(mass=55_000.0, speed=20.0, gear=12, engine_speed=108.0, engine_torque=-130.0)
+
+
+def coasting_grade(controller, ego):
+    """The grade that the truck rolls down at constant speed by its engine's drag alone."""
+    inverse = controller.inverse
+    drag = inverse.endurance(ego.speed, ego.engine_speed, ego.gear, True).drag
+    level = inverse.resistance(ego.mass, ego.speed, 0.0)
+    return -(level + drag) / (ego.mass * 9.81)
+
+
+def settled(controller, ego, speed, grade):
+    """Last command and phase after 3 s."""
+    last = run(controller, ego, plan(speed), grade, 3.0)[-1]
+    return controller.phase, last
+
+
+def test_where_the_drag_is_enough_the_truck_coasts_and_small_errors_are_let_be():
+    controller = LongitudinalController(PARAMETERS)
+    grade = coasting_grade(controller, FAST)
+    controller.command(FAST, plan(19.9), grade)
+    for error in (-0.15, -0.05, 0.0, 0.05, 0.15):
+        phase, last = settled(controller, FAST, 20.0 + error, grade)
+        assert phase is Phase.COAST
+        assert (last.pedal, last.engine_brake, last.retarder) == (0.0, 0.0, 0.0)
+
+
+def test_coasting_ends_when_the_error_grows():
+    for error, phase in ((0.5, Phase.DRIVE), (-0.5, Phase.OVERRUN)):
+        controller = LongitudinalController(PARAMETERS)
+        grade = coasting_grade(controller, FAST)
+        assert settled(controller, FAST, 19.9, grade)[0] is Phase.COAST
+        found, last = settled(controller, FAST, 20.0 + error, grade)
+        assert found is phase
+        assert (last.pedal > 0.0) == (phase is Phase.DRIVE)
+        assert (last.engine_brake > 0.0) == (phase is Phase.OVERRUN)
+
+
+def test_at_walking_pace_nothing_is_let_be():
+    controller = LongitudinalController(PARAMETERS)
+    controller.phase = Phase.COAST
+    assert controller._forgive(0.1, 20.0) == 0.0
+    assert controller._forgive(0.1, 0.0) == 0.1
+
+
+def test_braking_beyond_the_drag_is_asked_of_the_engine_brake_without_a_detour():
+    controller = LongitudinalController(PARAMETERS)
+    phases = []
+    for _ in range(100):
+        controller.command(LADEN, plan(16.67), -0.04)
+        phases.append(controller.phase)
+    assert Phase.COAST not in phases
+    assert phases[-1] is Phase.OVERRUN

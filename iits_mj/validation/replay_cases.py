@@ -1,0 +1,126 @@
+"""The roads on which plan and cruise are driven against each other on the MuJoCo truck."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from controllers.pcc.cycles import read_cycle
+from controllers.pcc.planner import PccConfig
+from controllers.pcc.profile import RoadProfile
+from controllers.speed_plan import SpeedConfig
+from iits_mj.road import RoadMap, Route
+from iits_mj.road.measured import Lanes, measured_route
+from iits_mj.units import KMH
+from iits_mj.validation.closed_loop import Task
+from iits_mj.validation.config import ValidateConfig
+from iits_mj.validation.replay_drives import RUN_IN, RUN_OUT, Case
+from iits_mj.validation.road_files import CYCLE_55, CYCLE_65, PAPER_ROAD, find_road
+
+PAPER_LENGTH = 15_000.0
+PAPER_SPEED = 72.0 * KMH
+# The speed limiter of heavy trucks in the European Union, directive 92/6/EEC.
+LIMITER = 90.0 * KMH
+_LEAST = 36.0 * KMH
+_STEP = 50.0
+# On the cycles: 5 mph above and 10 mph below the cycle's speed.
+_MPH = 0.44704
+_ABOVE, _BELOW = 5.0 * _MPH, 10.0 * _MPH
+# The limits are the planner's affair, not the road's, where it is a bare profile [m/s].
+_UNLIMITED = 40.0
+ADAPTIVE = {"gearbox": {"shift_strategy": "adaptive"}}
+LADEN, EMPTY = 36_000.0, 0.0
+
+
+def paper_case(
+    config: ValidateConfig,
+    v_set: float = PAPER_SPEED,
+    payload: float = LADEN,
+    length: float = PAPER_LENGTH,
+    timestep: float = Task.timestep,
+) -> Case | None:
+    """The paper's road; None where its file is not at hand."""
+    path = find_road(config, PAPER_ROAD)
+    if path is None:
+        return None
+    road = RoadProfile.from_csv(path, _STEP, length)
+    # The truck drives the measured heights every 10 m, the planner sees every fifth.
+    fine = RoadProfile.from_csv(path, 10.0, length + 200.0)
+    settings = PccConfig(v_ref=v_set, v_min=_LEAST, v_max=LIMITER)
+    return _bare("the paper's road", road, fine, settings, payload, timestep)
+
+
+def cycle_case(config: ValidateConfig, name: str, payload: float = LADEN) -> Case | None:
+    """A certification cycle's grades at the cycle's own speed; None without the file."""
+    path = find_road(config, name)
+    if path is None:
+        return None
+    cycle = read_cycle(path, _STEP)
+    settings = PccConfig(v_ref=cycle.speed, v_min=cycle.speed - _BELOW, v_max=cycle.speed + _ABOVE)
+    title = {CYCLE_55: "EPA GEM 55 mph", CYCLE_65: "EPA GEM 65 mph"}.get(name, name)
+    return _bare(title, cycle.road, cycle.road, settings, payload, Task.timestep)
+
+
+def highway_case(
+    payload: float = LADEN, length: float | None = None, timestep: float = Task.timestep
+) -> Case:
+    """Our own highway with its limits and curves, cruised at 72 km/h or what the limit is."""
+    route = RoadMap.builtin().route()
+    wanted = route.length - RUN_IN - 200.0 if length is None else length
+    road = RoadProfile.from_route(
+        route, RUN_IN, wanted, _STEP, lateral_acceleration=SpeedConfig.curve_acceleration
+    )
+    settings = PccConfig(v_ref=PAPER_SPEED, v_min=_LEAST, v_max=LIMITER)
+    return Case("our highway", route, road, 0.0, settings, payload, timestep)
+
+
+def hill_case(length: float, timestep: float) -> Case:
+    """A crest of 2 %, for the quick form."""
+    fine = np.arange(0.0, length + 1.0, 10.0)
+    road = RoadProfile.from_heights(
+        fine, 0.02 * (length - fine) * fine / length, _STEP, name="crest"
+    )
+    settings = PccConfig(v_ref=PAPER_SPEED, v_min=_LEAST, v_max=LIMITER)
+    return _bare("a crest", road, road, settings, EMPTY, timestep)
+
+
+def full_cases(config: ValidateConfig) -> list[Case]:
+    """All of the full form whose files are at hand, the paper's road first."""
+    paper = paper_case(config)
+    cases = [
+        paper,
+        None
+        if paper is None
+        else dataclasses.replace(paper, name="the paper's road, gears by load", overlay=ADAPTIVE),
+        paper_case(config, payload=EMPTY),
+        highway_case(),
+        highway_case(EMPTY),
+        cycle_case(config, CYCLE_55),
+        cycle_case(config, CYCLE_65),
+    ]
+    return [case for case in cases if case is not None]
+
+
+def _bare(
+    name: str,
+    road: RoadProfile,
+    fine: RoadProfile,
+    settings: PccConfig,
+    payload: float,
+    timestep: float,
+) -> Case:
+    """A straight road with these heights, begun and ended on its first and last grade."""
+    before = np.arange(-RUN_IN, -1e-6, fine.step)
+    after = np.arange(fine.step, RUN_OUT + 300.0, fine.step)
+    first, last = float(fine.grade[0]), float(fine.grade[-1])
+    station = fine.station - fine.station[0]
+    height = np.concatenate(
+        [fine.height[0] + first * before, fine.height, fine.height[-1] + last * after]
+    )
+    stations = np.concatenate([before, station, station[-1] + after])
+    route: Route = measured_route(
+        stations, height, lanes=Lanes(speed_limit=_UNLIMITED), name=Path(road.name).stem
+    )
+    return Case(name, route, road, RUN_IN - float(road.station[0]), settings, payload, timestep)

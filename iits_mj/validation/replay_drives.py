@@ -1,0 +1,239 @@
+"""One road, one truck: the cruise and the fuel-optimal plan, both driven on the MuJoCo truck.
+
+The cruise is driven first. Its trip time is the plan's, its speeds at both ends as well, and its
+climbing power, gear changes included, is what the plan counts on. The plan's time budget is then
+corrected until the *driven* trip times agree.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.pcc.fuel import FuelMap
+from controllers.pcc.planner import Drive, PccConfig, evaluate, make_vehicle
+from controllers.pcc.profile import RoadProfile
+from controllers.pcc.schedule import Schedule, level_worth, make_schedule
+from controllers.pcc.vehicle import PointMass
+from iits_mj.errors import InputError
+from iits_mj.messages import SpeedProfile
+from iits_mj.parameters import TruckParameters
+from iits_mj.road import Route
+from iits_mj.validation.closed_loop import Record, Task, drive
+
+FloatArray = NDArray[np.float64]
+
+# Way before the measured stretch, for the engine to take up the truck [m], and after it [m].
+RUN_IN, RUN_OUT = 300.0, 30.0
+_START = 100.0
+# Trip times agree when they differ by less [1]; so many drives at most.
+TIME_TOLERANCE, DRIVES = 5e-4, 3
+_FLOORED = 0.99
+_GRID = 10.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is compared.
+
+    Attributes:
+      name: for reports; route: the road; road: the same for the planner, its stations counted from
+        `origin` on the route [m].
+      config: set speed and band; payload: [kg]; timestep: of the physics [s].
+      overlay: of the truck's parameters, such as another strategy of gear changes.
+    """
+
+    name: str
+    route: Route
+    road: RoadProfile
+    origin: float
+    config: PccConfig
+    payload: float = 36_000.0
+    timestep: float = 0.002
+    overlay: dict[str, dict[str, str]] = dataclasses.field(default_factory=dict)
+
+    @property
+    def first(self) -> float:
+        """Station on the route where measuring begins [m]."""
+        return self.origin + float(self.road.station[0])
+
+    @property
+    def last(self) -> float:
+        """Station on the route where it ends [m]."""
+        return self.origin + float(self.road.station[-1])
+
+    def parameters(self) -> TruckParameters:
+        """Of the truck that drives."""
+        return TruckParameters.load(overlay=self.overlay)
+
+
+@dataclass(frozen=True)
+class Trip:
+    """A drive over the measured stretch.
+
+    Attributes:
+      record: of the stretch; fuel: by the truck's meter [kg]; time: [s].
+      start_speed, end_speed: [m/s].
+    """
+
+    record: Record
+    fuel: float
+    time: float
+    start_speed: float
+    end_speed: float
+
+    @classmethod
+    def of(cls, record: Record, case: Case) -> Trip:
+        """What a record says about the case's stretch."""
+
+        def gained(name: str) -> float:
+            return record.at(case.last, name) - record.at(case.first, name)
+
+        return cls(
+            record.between(case.first, case.last),
+            gained("fuel_used"),
+            gained("time"),
+            record.at(case.first, "speed"),
+            record.at(case.last, "speed"),
+        )
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Cruise and plan on the truck, and what the optimizer expected.
+
+    Attributes:
+      case: what was compared; vehicle: the planner's point mass, with the truck's climbing power.
+      schedule: the plan; cruise, plan: both trips.
+      model_cruise, model_plan: the planner's figures for the speeds that the truck drove.
+    """
+
+    case: Case
+    vehicle: PointMass
+    schedule: Schedule
+    cruise: Trip
+    plan: Trip
+    model_cruise: Drive
+    model_plan: Drive
+
+    @property
+    def speed_worth(self) -> float:
+        """Fuel that the plan's greater speed at the end is worth, less that at its start [kg]."""
+        worth = level_worth(self.vehicle, self.cruise.end_speed)
+        ends = self.plan.end_speed**2 - self.cruise.end_speed**2
+        starts = self.plan.start_speed**2 - self.cruise.start_speed**2
+        return worth * (ends - starts)
+
+    @property
+    def saving(self) -> float:
+        """Of the plan against the cruise, kinetic energy corrected [1]."""
+        return 1.0 - (self.plan.fuel - self.speed_worth) / self.cruise.fuel
+
+
+def run(case: Case, folder: Path | None = None, drives: int = DRIVES) -> Replay:
+    """Drives the cruise and the plan; finished drives in `folder` are taken from there.
+
+    Args:
+      case: what is compared.
+      folder: for finished drives.
+      drives: of the plan, at most, until the trip times agree.
+
+    Raises:
+      InputError: the truck does not get to the end.
+      PlanningError: the plan has no solution.
+    """
+    config = case.config
+    cruise = Trip.of(_driven(case, None, folder), case)
+    parameters = case.parameters()
+    fuel_map = FuelMap(parameters)
+    mass = parameters.gross_mass(case.payload)
+    vehicle = make_vehicle(parameters, fuel_map, mass, config)
+    power = min(climbing_power(cruise.record, vehicle.power_max), vehicle.power_max)
+    vehicle = dataclasses.replace(vehicle, power_max=power)
+    budget, best = cruise.time, None
+    for _ in range(drives):
+        schedule = make_schedule(
+            vehicle,
+            case.road,
+            config,
+            cruise.start_speed,
+            0.0,
+            arrival=budget,
+            end_speed=cruise.end_speed,
+        )
+        plan = Trip.of(_driven(case, schedule, folder), case)
+        if best is None or abs(plan.time - cruise.time) < abs(best[1].time - cruise.time):
+            best = schedule, plan
+        if abs(plan.time / cruise.time - 1.0) <= TIME_TOLERANCE:
+            break
+        budget += cruise.time - plan.time
+    assert best is not None
+    schedule, plan = best
+    return Replay(
+        case,
+        vehicle,
+        schedule,
+        cruise,
+        plan,
+        evaluate(vehicle, fuel_map, case.road, _node_speeds(case, cruise.record)),
+        evaluate(vehicle, fuel_map, case.road, _node_speeds(case, plan.record)),
+    )
+
+
+def climbing_power(record: Record, otherwise: float) -> float:
+    """Mean engine power while the accelerator is floored, gear changes included [W]."""
+    floored = record["pedal"] >= _FLOORED
+    if np.count_nonzero(floored) < 0.05 * floored.size:
+        return otherwise
+    return float(np.mean((record["engine_torque"] * record["engine_speed"])[floored]))
+
+
+def reference_profile(case: Case, schedule: Schedule) -> SpeedProfile:
+    """The plan over the route's stations; beyond its ends the speed there is kept."""
+    count = round((case.last - case.first) / _GRID)
+    station = np.linspace(schedule.station[0], schedule.station[-1], count + 1)
+    return SpeedProfile(case.origin + station, schedule.speed_at(station))
+
+
+def _driven(case: Case, schedule: Schedule | None, folder: Path | None) -> Record:
+    profile = None if schedule is None else reference_profile(case, schedule)
+    path = None if folder is None else folder / _file_name(case, profile)
+    if path is not None and path.is_file():
+        return Record.load(path)
+    task = Task(
+        route=case.route,
+        start=case.first - RUN_IN + _START,
+        end=case.last + RUN_OUT,
+        speed=case.config.v_ref,
+        cruise_speed=case.config.v_ref,
+        profile=profile,
+        payload=case.payload,
+        timestep=case.timestep,
+    )
+    if task.start < 0.0:
+        raise InputError(f"{case.name}: the road must begin {RUN_IN:g} m before the first station")
+    record = drive(task, case.parameters())
+    if path is not None:
+        record.save(path)
+    return record
+
+
+def _file_name(case: Case, profile: SpeedProfile | None) -> str:
+    digest = hashlib.sha256(repr((case.payload, case.timestep, case.overlay, case.config)).encode())
+    digest.update(case.route.table(10.0).tobytes())
+    digest.update(repr((case.first, case.last)).encode())
+    if profile is not None:
+        digest.update(profile.station.tobytes() + profile.speed.tobytes())
+    kind = "cruise" if profile is None else "plan"
+    plain = "".join(c if c.isalnum() else "_" for c in case.name)
+    return f"{plain}_{kind}_{digest.hexdigest()[:12]}.npz"
+
+
+def _node_speeds(case: Case, record: Record) -> FloatArray:
+    station = record["station"] - case.origin
+    return np.asarray(np.interp(case.road.station, station, record["speed"]))

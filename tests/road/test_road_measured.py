@@ -1,0 +1,78 @@
+"""Roads from measured figures pass through them, smoothly."""
+
+import numpy as np
+import pytest
+
+from iits_mj.errors import InputError
+from iits_mj.road.measured import Lanes, measured_route, route_from_csv
+
+STATION = np.arange(0.0, 401.0, 10.0)
+HEIGHT = 250.0 + 3.0 * np.sin(STATION / 60.0)
+
+
+def test_the_road_lies_on_the_measured_heights_and_its_grade_is_continuous():
+    route = measured_route(STATION, HEIGHT)
+    point = route.evaluate(STATION)
+    assert np.abs(point.z - HEIGHT).max() < 1e-6
+    fine = route.evaluate(np.arange(0.0, 400.0, 0.1))
+    assert np.abs(fine.grade - 0.05 * np.cos(np.arange(0.0, 400.0, 0.1) / 60.0)).max() < 2e-3
+    assert np.abs(np.diff(fine.grade)).max() < 2e-4
+
+
+def test_a_straight_road_is_straight_and_as_long_as_its_stations():
+    route = measured_route(STATION + 1000.0, HEIGHT)
+    point = route.evaluate(STATION)
+    assert route.length == pytest.approx(400.0)
+    assert np.abs(point.y).max() == 0.0
+    assert np.abs(point.curvature).max() == 0.0
+
+
+def test_curvature_and_first_heading_make_the_plan_view():
+    curvature = np.interp(STATION, [0.0, 100.0, 200.0, 400.0], [0.0, 0.002, 0.002, -0.002])
+    route = measured_route(STATION, HEIGHT, np.full(STATION.size, 0.3), curvature)
+    fine = np.arange(0.0, 400.0, 0.5)
+    point = route.evaluate(fine)
+    assert np.abs(point.curvature - np.interp(fine, STATION, curvature)).max() < 1e-5
+    turned = np.trapezoid(curvature, STATION)
+    assert point.heading[0] == pytest.approx(0.3)
+    assert float(route.evaluate(400.0).heading) - 0.3 == pytest.approx(turned, abs=1e-4)
+
+
+def test_lanes_limit_and_friction_are_those_asked_for():
+    route = measured_route(STATION, HEIGHT, lanes=Lanes(3, 3.5, 20.0, 0.4))
+    assert route.lane_count(50.0) == 3
+    assert route.lane_width(2, 50.0) == pytest.approx(3.5)
+    assert route.lane_offset(0, 50.0) == pytest.approx(0.0)
+    assert route.speed_limit(50.0) == 20.0
+    assert route.friction(50.0, 0.0) == 0.4
+
+
+def test_a_csv_with_a_byte_order_mark_and_comments_is_read(tmp_path):
+    file = tmp_path / "road.csv"
+    rows = "\n".join(f"{s:g},{z:.4f}" for s, z in zip(STATION, HEIGHT, strict=True))
+    file.write_text(f"﻿# measured\ns_m,z_m\n{rows}\n", encoding="utf-8")
+    assert route_from_csv(file).length == pytest.approx(400.0)
+
+
+@pytest.mark.parametrize(
+    ("station", "height", "curvature", "words"),
+    [
+        (STATION[::-1], HEIGHT, None, "must rise, after 400 m comes 390 m"),
+        (STATION, np.where(STATION == 50.0, np.nan, HEIGHT), None, "not finite"),
+        (STATION[:2], HEIGHT[:2], None, "3 or more"),
+        (STATION, HEIGHT[:-1], None, "equal length"),
+        (STATION, np.where(STATION > 200.0, 260.0, 250.0), None, "at most 25 %"),
+        (STATION, HEIGHT, np.full(STATION.size, 0.5), "curvature 0.5 1/m"),
+    ],
+)
+def test_columns_that_are_no_road_are_refused_with_the_reason(station, height, curvature, words):
+    with pytest.raises(InputError, match=words):
+        measured_route(station, height, curvature=curvature)
+
+
+@pytest.mark.parametrize("text", ["", "s_m,x\n0,1\n", "s_m,z_m\n0,one\n", "s_m,z_m\n0,1,2\n"])
+def test_a_file_that_is_no_road_is_refused_by_name(tmp_path, text):
+    file = tmp_path / "broken.csv"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"broken\.csv"):
+        route_from_csv(file)

@@ -1,0 +1,73 @@
+"""What is counted on a drive: who acts, how often they take turns, where the truck could follow."""
+
+import numpy as np
+import pytest
+
+from iits_mj.errors import InputError
+from iits_mj.validation import actuation
+from iits_mj.validation.closed_loop import COLUMNS, CONTROL_PERIOD, Record
+
+
+def record(seconds, **columns):
+    """A drive at 20 m/s in gear 12; columns are functions of time [s]."""
+    time = np.arange(0.0, seconds, CONTROL_PERIOD)
+    table = np.zeros((time.size, len(COLUMNS)))
+    given = {"time": lambda t: t, "station": lambda t: 20.0 * t, "gear": lambda t: 12.0 + 0.0 * t}
+    for name, function in {**given, **columns}.items():
+        table[:, COLUMNS.index(name)] = function(time)
+    return Record(table)
+
+
+def test_coasting_between_two_uses_of_the_pedal_is_no_reversal():
+    drive = record(30.0, pedal=lambda t: np.where((t > 10.0) & (t < 20.0), 0.0, 0.5))
+    assert actuation.reversals(drive).size == 0
+    assert actuation.shortest_turn(drive) == pytest.approx(30.0, abs=0.05)
+
+
+def test_pedal_brake_pedal_are_two_reversals_whichever_brake_it_is():
+    for brake in ("engine_brake", "retarder", "xbr_demand"):
+        sign = -1.0 if brake == "xbr_demand" else 1.0
+        drive = record(
+            50.0,
+            pedal=lambda t: np.where((t > 10.0) & (t < 20.0), 0.0, 0.5),
+            **{brake: lambda t, sign=sign: np.where((t > 12.0) & (t < 18.0), 0.5 * sign, 0.0)},
+        )
+        assert actuation.reversals(drive) == pytest.approx([12.0, 20.0], abs=0.05)
+        assert actuation.reversals_per_km(drive) == pytest.approx(2.0, rel=0.01)
+        assert actuation.shortest_turn(drive) == pytest.approx(8.0, abs=0.05)
+
+
+def test_neutral_in_a_gear_change_is_not_counted_as_a_gear():
+    drive = record(20.0, gear=lambda t: np.where(t < 8.0, 11.0, np.where(t < 9.0, 0.0, 12.0)))
+    assert actuation.gear_changes(drive) == 1
+
+
+def test_the_error_is_not_judged_at_full_pedal_nor_just_after_it():
+    drive = record(
+        30.0,
+        pedal=lambda t: np.where((t > 10.0) & (t < 20.0), 1.0, 0.4),
+        speed=lambda t: np.where((t > 10.0) & (t < 21.0), 19.5, 20.0),
+        planned=lambda t: 20.0 + 0.0 * t,
+    )
+    assert np.abs(actuation.tracking_error(drive)).max() == 0.0
+    assert actuation.full_load_share(drive) == pytest.approx(1.0 / 3.0, abs=0.01)
+    assert np.count_nonzero(actuation.within_power(drive)) * CONTROL_PERIOD == pytest.approx(
+        17.0, abs=0.1
+    )
+
+
+def test_a_record_is_read_back_as_it_was_written(tmp_path):
+    drive = record(5.0, speed=lambda t: 20.0 + t)
+    drive.save(tmp_path / "drive.npz")
+    assert np.array_equal(Record.load(tmp_path / "drive.npz").table, drive.table)
+    assert [path.name for path in tmp_path.iterdir()] == ["drive.npz"]
+
+
+def test_a_file_that_is_no_record_is_refused_by_name(tmp_path):
+    file = tmp_path / "other.npz"
+    np.savez(file, columns=np.array(["time"]), table=np.zeros((3, 1)))
+    with pytest.raises(InputError, match=r"other\.npz"):
+        Record.load(file)
+    file.write_bytes(b"no archive")
+    with pytest.raises(InputError, match=r"other\.npz"):
+        Record.load(file)
