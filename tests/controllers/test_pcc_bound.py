@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from controllers.pcc import PccConfig, RoadProfile
-from controllers.pcc.bound import _Relaxation, lower_bound
+from controllers.pcc.bound import _Relaxation, certificate, lower_bound
 from controllers.pcc.fuel import FuelMap
 from controllers.pcc.planner import lower_speeds, make_vehicle
 from controllers.pcc.solver import Solver, Task
@@ -65,6 +65,34 @@ def test_plan_meets_the_bound_so_it_is_the_global_optimum(seed, mass, k_a):
     assert bound.slack < 1e-5
     assert -1e-9 < bound.gap(cost(vehicle, task, answer.speed)) < 1e-5
     assert np.abs(bound.speed - answer.speed).max() < 0.1
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(("mass", "k_a"), [(55_000.0, 0.5), (19_000.0, 0.0)])
+def test_the_plans_own_multipliers_certify_it(seed, mass, k_a):
+    vehicle, task, base = task_on(random_road(seed), mass, k_a)
+    answer = Solver(vehicle, task.road.intervals, task.road.step).solve(task, base)
+    bound = certificate(vehicle, task, answer)
+    total = cost(vehicle, task, answer.speed)
+    assert total * (1.0 - 1e-4) < bound < total * (1.0 + 1e-7)
+    # What the solver of the relaxation finds is at least as high, to its tolerance.
+    assert bound <= lower_bound(vehicle, task).cost * (1.0 + 1e-6) + 1e-6
+
+
+def test_wrong_multipliers_make_a_weaker_certificate_never_a_false_one():
+    vehicle, task, base = task_on(random_road(1))
+    answer = Solver(vehicle, task.road.intervals, task.road.step).solve(task, base)
+    total = cost(vehicle, task, answer.speed)
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        wrong = replace(
+            answer,
+            time_price=answer.time_price * rng.uniform(0.0, 3.0),
+            costate=answer.costate * rng.uniform(0.5, 1.5, answer.costate.size),
+        )
+        assert certificate(vehicle, task, wrong) < total
+    for speed in (base, answer.speed + 0.1 * rng.normal(size=base.size)):
+        assert certificate(vehicle, task, replace(answer, speed=speed)) < total
 
 
 def test_no_drive_that_keeps_the_limits_is_below_the_bound():

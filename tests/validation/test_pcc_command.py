@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from controllers.speed_reference import read_profile
 from iits_mj.errors import InputError
 from iits_mj.validation.pcc import PccCommandConfig, load_profile, run
 
@@ -21,9 +22,35 @@ def test_checks_hold_and_the_papers_four_panels_are_there(profile):
     assert [c.name for c in results.checks if not c.ok and "time" not in c.name] == []
     (panels,) = results.figures.values()
     assert [p.title for p in panels] == ["Road", "Speed", "Engine power", "Accumulated fuel"]
-    cruise, plan = panels[3].lines
+    cruise, plan, elements = panels[3].lines
     assert plan.y[-1] < cruise.y[-1]
     assert {cruise.role, plan.role} == {"reference", "simulation"}
+    assert elements.y[-1] == pytest.approx(plan.y[-1], rel=0.01)
+
+
+def test_method_chooses_which_plan_is_written(profile, tmp_path):
+    speeds = {}
+    for method in ("distance", "hermite", "both"):
+        out = tmp_path / f"{method}.csv"
+        run(PccCommandConfig(road=profile, method=method, profile=out))
+        speeds[method] = np.loadtxt(out, delimiter=",", skiprows=1)[:, 2]
+    assert speeds["both"] == pytest.approx(speeds["distance"])
+    apart = np.abs(speeds["hermite"] - speeds["distance"])
+    assert 0.0 < apart.max() < 2.0
+
+
+def test_an_unknown_method_is_refused(profile):
+    with pytest.raises(InputError, match="method"):
+        PccCommandConfig(road=profile, method="euler")
+
+
+def test_the_stack_reads_the_profile_back(profile, tmp_path):
+    out = tmp_path / "speed.csv"
+    run(PccCommandConfig(road=profile, method="distance", profile=out))
+    written = np.loadtxt(out, delimiter=",", skiprows=1)
+    read = read_profile(out)
+    assert read.station == pytest.approx(written[:, 0])
+    assert read.speed == pytest.approx(written[:, 2])
 
 
 def test_profile_file_holds_the_plan_with_units(profile, tmp_path):

@@ -1,0 +1,175 @@
+"""How good a speed plan is: bound, second transcription, finer grid, energy; and what it takes."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from controllers.pcc import PccConfig, RoadProfile, hermite, plan
+from controllers.pcc.solver import Solver
+from iits_mj.errors import PlanningError
+from iits_mj.results import Check
+from iits_mj.validation.pcc_case import Case, balance, bound, solve
+
+PAPER_SECONDS = 60.0
+LONG_SECONDS = 5.0  # for 1000 km
+FINE_STEP = 5.0  # [m]
+_KEPT = 5  # solves whose median counts
+ELEMENTS_MAX = 60_000.0  # [m] of road: finite elements beyond take minutes
+
+
+@dataclass(frozen=True)
+class Elements:
+    """The finite elements in time of a case, or the reason why there are none."""
+
+    answer: hermite.HermiteAnswer | None
+    reason: str = ""
+
+
+def finite_elements(case: Case, length_max: float = ELEMENTS_MAX) -> Elements:
+    """Solves the case by the paper's transcription, from the cruise as first guess."""
+    if case.road.length > length_max:
+        return Elements(
+            None,
+            f"no finite elements in time: they are solved up to {length_max / 1e3:.0f} km, the "
+            f"road has {case.road.length / 1e3:.0f} km",
+        )
+    try:
+        return Elements(hermite.solve(case.vehicle, case.task, case.solution.baseline.speed))
+    except PlanningError as error:
+        return Elements(None, f"no finite elements in time: {error}")
+
+
+def bound_checks(case: Case) -> list[Check]:
+    """The convex bound: how far the plan can be from the global optimum, and what can be saved."""
+    fuel, _ = bound(case, 0.0)
+    whole, _ = bound(case, case.task.k_a)
+    gap = case.cost(case.solution.plan.speed) / whole - 1.0 if whole > 0.0 else np.inf
+    most = 100.0 * (1.0 - fuel / case.solution.baseline_fuel)
+    return [
+        Check("convex lower bound on the fuel", fuel, "kg", case.solution.fuel),
+        Check("saving that no plan of this band exceeds", most, "%"),
+        Check("cost of the plan above the bound", 100.0 * gap, "%", 0.0, "<= 0.1"),
+    ]
+
+
+def element_checks(case: Case, elements: Elements) -> list[Check]:
+    """The paper's transcription beside the plan."""
+    answer = elements.answer
+    if answer is None:
+        return []
+    solution = case.solution
+    saving = 100.0 * (1.0 - answer.fuel / solution.baseline_fuel)
+    difference = answer.speed - solution.plan.speed
+    return [
+        Check("finite elements: saving", saving, "%", solution.saving_percent),
+        Check(
+            "finite elements: fuel above the plan's",
+            100.0 * (answer.fuel / solution.fuel - 1.0),
+            "%",
+            0.0,
+            "-1 .. 1",
+        ),
+        Check(
+            "finite elements: speed less the plan's, rms",
+            float(np.sqrt(np.mean(difference**2))),
+            "m/s",
+        ),
+        Check(
+            "finite elements: set-up and solve",
+            answer.build_time + answer.wall_time,
+            "s",
+            PAPER_SECONDS,
+        ),
+    ]
+
+
+def convergence_check(case: Case, fine: RoadProfile) -> Check:
+    """Fuel of the plan against that on a fine grid of the same road, at the same trip time."""
+    other = solve(fine, case.config, case.vehicle.mass, case.parameters).solution
+    # The cruise takes a little longer or shorter there: its worth is known.
+    late = other.plan.time - case.solution.plan.time
+    fuel = other.fuel + other.time_price * late
+    return Check(
+        f"fuel on the {case.road.step:g} m grid against {fine.step:g} m",
+        100.0 * abs(case.solution.fuel / fuel - 1.0),
+        "%",
+        0.0,
+        "<= 0.1",
+    )
+
+
+def energy_checks(case: Case) -> list[Check]:
+    """Energy and time of plan and cruise along their exact motion."""
+    rows = []
+    for name, drive in (("plan", case.solution.plan), ("cruise", case.solution.baseline)):
+        flow = balance(case.vehicle, case.road, drive.speed)
+        share = 100.0 / flow.engine
+        rows += [
+            Check(f"{name}: braked away, of the engine's work", flow.brakes * share, "%"),
+            Check(
+                f"{name}: energy not accounted for, of the engine's work",
+                abs(flow.residual) * share,
+                "%",
+                0.0,
+                "<= 0.1",
+            ),
+        ]
+    return rows
+
+
+def cold_seconds(case: Case) -> float:
+    """Set-up and solve of the task from the cruise, a new solver each time: median [s]."""
+    seconds = []
+    for _ in range(_KEPT):
+        began = time.perf_counter()
+        solver = Solver(case.vehicle, case.road.intervals, case.road.step)
+        solver.solve(case.task, case.solution.baseline.speed)
+        seconds.append(time.perf_counter() - began)
+    return float(np.median(seconds))
+
+
+def long_road(road: RoadProfile, length: float) -> RoadProfile:
+    """The road there and back and there again, to a length [m]; without speed limits."""
+    count = round(length / road.step)
+    rounds = -(-count // road.intervals)
+    there, back = road.height[1:], road.height[-2::-1]
+    parts = [there if i % 2 == 0 else back for i in range(rounds)]
+    height = np.concatenate([road.height[:1], *parts])[: count + 1]
+    station = np.asarray(road.step * np.arange(count + 1), dtype=float)
+    return RoadProfile(station, height, np.full(count + 1, np.inf), f"{road.name}, repeated")
+
+
+def cost_checks(case: Case, kilometers: float) -> list[Check]:
+    """What planning takes: this road cold, and a long one; the paper needed about a minute."""
+    road = long_road(case.road, 1e3 * kilometers)
+    config = replace(case.config, mean_speed=False)
+    began = time.perf_counter()
+    solution = plan(road, case.parameters, case.vehicle.mass, config)
+    whole = time.perf_counter() - began
+    took = solution.build_time + solution.solve_time
+    return [
+        Check(
+            f"{case.road.length / 1e3:.0f} km at {case.road.step:g} m, set-up and solve, cold",
+            cold_seconds(case),
+            "s",
+            PAPER_SECONDS,
+            "<= 0.05",
+        ),
+        Check(
+            f"{kilometers:.0f} km at {road.step:g} m, set-up and solve, cold",
+            took,
+            "s",
+            None,
+            f"<= {LONG_SECONDS * kilometers / 1e3:g}",
+        ),
+        Check(f"{kilometers:.0f} km, with cruise, bounds and engine map", whole, "s"),
+    ]
+
+
+def warm_up(config: PccConfig) -> None:
+    """Plans a short level road once, so that what is loaded at first use is not measured."""
+    station = np.linspace(0.0, 1000.0, 21)
+    solve(RoadProfile(station, np.zeros(21), np.full(21, np.inf), "level"), config)
