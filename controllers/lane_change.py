@@ -52,8 +52,8 @@ class LaneChangeConfig:
     speed_min: float = 4.0
     side_gap: float = 0.4
     lane_left: float = 100.0
-    merge_time: float = 18.0
-    merge_distance: float = 200.0
+    merge_time: float = 24.0
+    merge_distance: float = 300.0
 
 
 def lateral_limit(margin: RollMargin, speed: float, felt: float, config: LaneChangeConfig) -> float:

@@ -254,7 +254,9 @@ class Maneuver:
     def _mandatory(self, ego: EgoState, path: LanePath) -> Decision:
         """The way out of a lane that ends, when it is near."""
         change = self.config.change
-        reach = max(ego.speed * change.merge_time, change.merge_distance)
+        # Not of the speed alone: who slows down for a gap is still about to leave the lane.
+        speed = max(ego.speed, self.config.speed.cruise_speed)
+        reach = max(speed * change.merge_time, change.merge_distance)
         if path.end - ego.station > reach or path.end >= self.preview.station[-1]:
             return Decision.KEEP
         best, choice = path.end, Decision.KEEP

@@ -22,9 +22,9 @@ from controllers.surroundings import Neighbor, Surroundings
 FloatArray = NDArray[np.float64]
 
 # Tried: braking as shares of the most allowed, and seconds until the truck is beside the gap.
-_BRAKING = (1.0, 0.7, 0.45, 0.25, 0.1, 0.0)
+_BRAKING = (1.0, 0.7, 0.45, 0.25, 0.1, 0.05, 0.0)
 _DRIVING = (0.5, 1.0)
-_TIMES = (0.0, 1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 10.0, 13.0, 16.0)
+_TIMES = (0.0, 1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 10.0, 13.0, 16.0, 20.0, 25.0)
 
 
 @dataclass(frozen=True)
@@ -101,65 +101,103 @@ def choose_gap(
       config: settings.
       last: the choice of the last cycle.
     """
-    speed = surroundings.scene.ego.speed
+    tries = _tries(surroundings, end, acceleration_max, speed_max, config)
     ordered = sorted(surroundings.in_lane(target, safety.entering), key=_station, reverse=True)
     ends: list[Neighbor | None] = [None, *ordered, None]
-    accelerations = [-config.deceleration * share for share in _BRAKING]
-    accelerations += [max(acceleration_max, 0.0) * share for share in _DRIVING]
     best, cost = None, math.inf
     for leader, follower in itertools.pairwise(ends):
-        names = tuple("" if one is None else one.vehicle.id for one in (leader, follower))
-        bonus = config.keep if last is not None and last.ends == names else 0.0
-        for acceleration in accelerations:
-            for time in _TIMES:
-                price = acceleration**2 + config.patience * time - bonus
-                if price >= cost:
-                    break
-                way, reached = _motion(speed, acceleration, time, config.speed_min, speed_max)
-                last_place = surroundings.front + way + reached * config.crossing_time
-                if last_place > end:
-                    break
-                if _fits(surroundings, leader, follower, way, reached, time, safety):
-                    best, cost = GapChoice(acceleration, reached, time, (names[0], names[1])), price
-                    break
+        if _never(surroundings, leader, follower, safety):
+            continue
+        fits = np.flatnonzero(_fits(surroundings, leader, follower, tries, safety))
+        if not fits.size:
+            continue
+        row = int(fits[0])
+        names = (_name(leader), _name(follower))
+        price = float(tries.price[row])
+        price -= config.keep if last is not None and last.ends == names else 0.0
+        if price < cost:
+            acceleration, speed = float(tries.acceleration[row]), float(tries.speed[row])
+            best, cost = GapChoice(acceleration, speed, float(tries.time[row]), names), price
     return best
+
+
+def _name(neighbor: Neighbor | None) -> str:
+    """Name of a vehicle, "" for nobody."""
+    return "" if neighbor is None else neighbor.vehicle.id
 
 
 def _station(neighbor: Neighbor) -> float:
     return neighbor.vehicle.station
 
 
-def _motion(
-    speed: float, acceleration: float, time: float, low: float, high: float
-) -> tuple[float, float]:
-    """Way [m] and speed [m/s] after a time at an acceleration, the speed kept within bounds."""
-    bound = max(high, speed) if acceleration > 0.0 else min(low, speed)
-    if acceleration == 0.0 or (bound - speed) / acceleration >= time:
-        return speed * time + 0.5 * acceleration * time**2, speed + acceleration * time
-    until = (bound - speed) / acceleration
-    return 0.5 * (speed + bound) * until + bound * (time - until), bound
+def _never(
+    surroundings: Surroundings,
+    leader: Neighbor | None,
+    follower: Neighbor | None,
+    safety: SafetyConfig,
+) -> bool:
+    """True for a gap that is too short for the truck now and at the last time tried."""
+    if leader is None or follower is None:
+        return False
+    ahead, behind = leader.vehicle, follower.vehicle
+    free = ahead.station - behind.station - 0.5 * (ahead.length + behind.length)
+    later = free + (ahead.speed - behind.speed) * _TIMES[-1]
+    return max(free, later) < surroundings.front - surroundings.rear + 2.0 * safety.margin
+
+
+@dataclass(frozen=True)
+class _Tries:
+    """Accelerations [m/s2] and times [s], way [m] and speed [m/s] then, cheapest first, (n,)."""
+
+    price: FloatArray
+    acceleration: FloatArray
+    time: FloatArray
+    way: FloatArray
+    speed: FloatArray
+
+
+def _tries(
+    surroundings: Surroundings,
+    end: float,
+    acceleration_max: float,
+    speed_max: float,
+    config: MergeConfig,
+) -> _Tries:
+    """What can be done before the lane ends."""
+    now = surroundings.scene.ego.speed
+    driving = max(acceleration_max, 0.0)
+    a = np.array([-config.deceleration * x for x in _BRAKING] + [driving * x for x in _DRIVING])
+    acceleration, time = (part.ravel() for part in np.meshgrid(a, np.array(_TIMES)))
+    bound = np.where(acceleration > 0.0, max(speed_max, now), min(config.speed_min, now))
+    # Until the bound is reached the speed changes, then it stays.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reached = np.where(acceleration == 0.0, np.inf, (bound - now) / acceleration)
+    until = np.minimum(time, reached)
+    speed = now + acceleration * until
+    way = 0.5 * (now + speed) * until + speed * (time - until)
+    price = acceleration**2 + config.patience * time
+    able = surroundings.front + way + speed * config.crossing_time <= end
+    order = np.flatnonzero(able)[np.argsort(price[able], kind="stable")]
+    return _Tries(*(part[order] for part in (price, acceleration, time, way, speed)))
 
 
 def _fits(
     surroundings: Surroundings,
     leader: Neighbor | None,
     follower: Neighbor | None,
-    way: float,
-    speed: float,
-    time: float,
+    tries: _Tries,
     safety: SafetyConfig,
-) -> bool:
-    """Whether the truck, moved on by `way`, is between the two with enough room at both ends."""
+) -> NDArray[np.bool_]:
+    """Whether the truck is then between the two with enough room at both ends, shape (n,)."""
+    fits = np.ones(len(tries.time), dtype=bool)
     if leader is not None:
         other = leader.vehicle
-        place = other.station + other.speed * time - 0.5 * other.length
-        gap = place - (surroundings.front + way)
-        if gap < front_gap_needed(speed, other.speed, safety):
-            return False
-    if follower is not None:
+        place = other.station + other.speed * tries.time - 0.5 * other.length
+        gap = place - (surroundings.front + tries.way)
+        fits &= gap >= front_gap_needed(tries.speed, np.full_like(gap, other.speed), safety)
+    if follower is not None and fits.any():
         other = follower.vehicle
-        place = other.station + other.speed * time + 0.5 * other.length
-        gap = surroundings.rear + way - place
-        if gap < rear_gap_needed(speed, other.speed, safety):
-            return False
-    return True
+        place = other.station + other.speed * tries.time + 0.5 * other.length
+        gap = surroundings.rear + tries.way - place
+        fits &= gap >= rear_gap_needed(tries.speed, np.full_like(gap, other.speed), safety)
+    return fits

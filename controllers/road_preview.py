@@ -121,11 +121,17 @@ class RoadPreview:
         here = self.index(station)
         first = max(0, here - round(behind / self.step))
         last = min(len(self.station) - 1, here + math.ceil(ahead / self.step))
-        offsets = np.empty(last - first + 1)
-        limits = np.empty(last - first + 1)
-        rows = np.empty(last - first + 1, dtype=np.int64)
-        end_forward = self._walk(lane, here, range(here, last + 1), first, offsets, limits, rows)
-        self._walk(lane, here, range(here, first - 1, -1), first, offsets, limits, rows)
+        stretch = slice(first, last + 1)
+        offsets = self.offset[max(lane, 0), stretch]
+        if (np.abs(np.diff(offsets)) < 2.0 * SAME_LANE).all():
+            limits, end_forward = self.speed_limit[max(lane, 0), stretch], len(self.station)
+            rows = np.full(len(offsets), max(lane, 0), dtype=np.int64)
+        else:
+            offsets, limits = np.empty(len(offsets)), np.empty(len(offsets))
+            rows = np.empty(len(offsets), dtype=np.int64)
+            parts = (first, offsets, limits, rows)
+            end_forward = self._walk(lane, here, range(here, last + 1), *parts)
+            self._walk(lane, here, range(here, first - 1, -1), *parts)
         end = math.inf
         if end_forward <= last:
             end = float(self.station[end_forward])

@@ -9,9 +9,15 @@ time. And comfort: a time gap, and room to take away the closing speed without h
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from controllers.road_preview import LanePath
 from controllers.surroundings import Neighbor, Surroundings
+
+Speed = TypeVar("Speed", float, NDArray[np.float64])
 
 
 @dataclass(frozen=True)
@@ -57,45 +63,49 @@ class SafetyConfig:
 
 
 def stopping_gap(
-    speed: float, lead_speed: float, reaction: float, braking: float, lead_braking: float
-) -> float:
+    speed: Speed, lead_speed: Speed, reaction: float, braking: float, lead_braking: float
+) -> Speed:
     """Gap from which one stands behind a leader that brakes to a stop, zero at least [m].
 
     Args:
-      speed: of who is behind [m/s].
-      lead_speed: [m/s].
+      speed: of who is behind [m/s], any shape.
+      lead_speed: [m/s], likewise.
       reaction: of who is behind, at constant speed [s].
       braking: of who is behind, positive [m/s2].
       lead_braking: positive [m/s2].
     """
     way = speed * reaction + speed**2 / (2.0 * braking)
-    return max(way - lead_speed**2 / (2.0 * lead_braking), 0.0)
+    return np.maximum(way - lead_speed**2 / (2.0 * lead_braking), 0.0)
 
 
-def front_gap_needed(speed: float, lead_speed: float, config: SafetyConfig) -> float:
-    """Bumper gap to the new leader [m] at own and its speed [m/s]."""
-    closing = max(speed - lead_speed, 0.0)
-    comfort = config.front_time_gap * min(speed, lead_speed)
+def front_gap_needed(speed: Speed, lead_speed: Speed, config: SafetyConfig) -> Speed:
+    """Bumper gap to the new leader [m] at own and its speed [m/s], floats or arrays alike."""
+    closing = np.maximum(speed - lead_speed, 0.0)
+    comfort = config.front_time_gap * np.minimum(speed, lead_speed)
     comfort += closing**2 / (2.0 * config.front_deceleration)
     safe = stopping_gap(
-        speed, max(lead_speed, 0.0), config.reaction_time, config.truck_braking, config.car_braking
+        speed,
+        np.maximum(lead_speed, 0.0),
+        config.reaction_time,
+        config.truck_braking,
+        config.car_braking,
     )
-    return config.margin + max(comfort, safe)
+    return config.margin + np.maximum(comfort, safe)
 
 
-def rear_gap_needed(speed: float, follower_speed: float, config: SafetyConfig) -> float:
-    """Bumper gap of the new follower [m] at own and its speed [m/s]."""
-    closing = max(follower_speed - speed, 0.0)
-    comfort = config.rear_time_gap * min(speed, follower_speed)
+def rear_gap_needed(speed: Speed, follower_speed: Speed, config: SafetyConfig) -> Speed:
+    """Bumper gap of the new follower [m] at own and its speed [m/s], floats or arrays alike."""
+    closing = np.maximum(follower_speed - speed, 0.0)
+    comfort = config.rear_time_gap * np.minimum(speed, follower_speed)
     comfort += config.rear_reaction_time * closing + closing**2 / (2.0 * config.rear_deceleration)
     safe = stopping_gap(
-        max(follower_speed, 0.0),
+        np.maximum(follower_speed, 0.0),
         speed,
         config.driver_reaction_time,
         config.driver_braking,
         config.truck_braking,
     )
-    return config.margin + max(comfort, safe)
+    return config.margin + np.maximum(comfort, safe)
 
 
 def conflict(

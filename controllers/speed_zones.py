@@ -15,8 +15,8 @@ from iits_mj.messages import SpeedZone
 def with_zones(path: LanePath, zones: Sequence[SpeedZone]) -> LanePath:
     """The path with the limits of the zones; where two overlap the later one holds.
 
-    Each limit holds at the path's stations inside it and at the last before it, so that the truck
-    is down to it at the sign.
+    Between the path's stations limits are interpolated: a lower one reaches to the next station on
+    both sides, so that the truck is down to it at the sign and keeps it to the end.
 
     Raises:
       InputError: a zone's limit is no positive number, or its ends are none.
@@ -32,8 +32,9 @@ def with_zones(path: LanePath, zones: Sequence[SpeedZone]) -> LanePath:
                 f"speed zone of {zone.limit} m/s from {zone.start} to {zone.end} m: "
                 "the limit must be positive and the ends numbers"
             )
-        inside = (path.station > zone.start - step) & (path.station < zone.end)
-        if zone.lane is not None:
-            inside &= lanes == zone.lane
+        here = np.full(len(lanes), True) if zone.lane is None else lanes == zone.lane
+        inside = here & (path.station >= zone.start) & (path.station < zone.end)
+        near = here & (path.station > zone.start - step) & (path.station < zone.end + step)
         limit[inside] = zone.limit
+        limit[near] = np.minimum(limit[near], zone.limit)
     return replace(path, speed_limit=limit)
