@@ -23,8 +23,12 @@ FloatArray = NDArray[np.float64]
 _SLACK = 1e-6  # [m2/s2] and relative: rounding of the passes themselves
 
 
-def require_feasible(vehicle: PointMass, task: Task) -> None:
-    """Raises PlanningError with the reason when no drive keeps to the task's limits."""
+def require_feasible(vehicle: PointMass, task: Task) -> FloatArray:
+    """The greatest node speeds (n + 1,) that any drive of the task has.
+
+    Raises:
+      PlanningError: no drive keeps to the task's limits, with the reason.
+    """
     road, low = task.road, task.b_low
     high = np.minimum(task.b_high, 1e4)
     empty = np.flatnonzero(low > high + 1e-9)
@@ -46,7 +50,7 @@ def require_feasible(vehicle: PointMass, task: Task) -> None:
             f"{math.sqrt(low[k]):.2f} m/s at station {road.station[k]:.0f} m down to the "
             f"{math.sqrt(high[ahead]):.2f} m/s allowed at station {road.station[ahead]:.0f} m"
         )
-    fastest = np.asarray(fastest_below(vehicle, road, cap))
+    fastest = fastest_below(vehicle, road, cap)
     slow = np.flatnonzero(fastest**2 < low * (1.0 - _SLACK) - _SLACK)
     if slow.size:
         k = int(slow[0])
@@ -57,6 +61,7 @@ def require_feasible(vehicle: PointMass, task: Task) -> None:
             f"{fastest[k]:.2f} m/s there"
         )
     _require_time(vehicle, task, high, fastest)
+    return fastest
 
 
 def _require_time(vehicle: PointMass, task: Task, high: FloatArray, fastest: FloatArray) -> None:

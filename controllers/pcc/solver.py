@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,11 +30,19 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 METHODS = ("interior_point", "ipopt")
+_PATIENCE = 2.0  # [s] left, from which IPOPT may take over: CasADi alone takes a second to load
 _SPEED = 20.0  # [m/s], unit inside the problem
 _B_MAX = 1e4  # [m2/s2], in place of no speed limit at all
 # Relative room in power and trip time: where only one drive is possible its multipliers would have
 # no bound without it.
 _ROOM = 1e-7
+# After a long climb at full power the end speed is the same, but for less and less, whatever was
+# done before: to hold it exactly would take multipliers without bound. There the end speed is worth
+# so many times what full power burns for it, and may be missed by so little [m/s].
+_END_WORTH = 20.0
+_END_SHORT = 0.02
+_END_EXACT = 1e-6  # of v^2, within which the end speed is what was asked for
+_END_NEAR = 1e-3  # of v^2: how near the end speed is to the greatest possible one there
 
 
 @dataclass(frozen=True)
@@ -63,7 +71,8 @@ class Answer:
     """The optimum.
 
     Attributes:
-      speed: at the nodes, shape (n + 1,) [m/s].
+      speed: at the nodes, shape (n + 1,) [m/s]; the last may miss its bound by 0.02 m/s
+        after a long climb at full power.
       time_price: what a second of the trip time costs [kg/s].
       iterations: of the solver; wall_time: of the whole solve [s].
       costate: how much less is burnt after a node for a little more v^2 there, shape (n + 1,)
@@ -125,17 +134,22 @@ class Solver:
         """
         began = time.perf_counter()
         self._check(task, guess)
-        require_feasible(self.vehicle, task)
-        problem, units = scaled(self.vehicle, task)
+        fastest = require_feasible(self.vehicle, task)
+        spent = bool(fastest[-1] ** 2 < task.b_low[-1] * (1.0 + _END_NEAR))
+        problem, units = scaled(self.vehicle, task, soft_end=spent)
         own = None
         if self.method == "interior_point":
             settings = Settings(time_limit=self.time_limit)
             own = minimize(problem, guess**2 / units.b, settings)
         left = self.time_limit - (time.perf_counter() - began)
-        if own is None or (not own.converged and left > 0.0):
+        if own is None or (not own.converged and left > _PATIENCE):
             optimum, method = self._make_ipopt().solve(task, guess, problem, units), "ipopt"
         else:
             optimum, method = own, "interior_point"
+        short = math.sqrt(task.b_low[-1]) - math.sqrt(optimum.b[-1] * units.b)
+        if optimum.converged and short > _END_SHORT:
+            note = f"the end speed is missed by {short:.2f} m/s"
+            optimum = replace(optimum, converged=False, note=note)
         if not optimum.converged:
             raise PlanningError(
                 f"the speed optimization over {task.road.length:.0f} m has no result: "
@@ -182,8 +196,8 @@ class Solver:
             raise PlanningError("the task holds fences; the solver was made without: fenced=True")
 
 
-def scaled(vehicle: PointMass, task: Task) -> tuple[Problem, Units]:
-    """The task in the units in which it is solved."""
+def scaled(vehicle: PointMass, task: Task, soft_end: bool = False) -> tuple[Problem, Units]:
+    """The task in the units in which it is solved; a soft end speed has a worth, not a bound."""
     fuel, power, step = vehicle.fuel, vehicle.power_max, task.road.step
     mass = vehicle.inertial_mass
     full = fuel.f0 + fuel.f1 * power + fuel.f2 * power**2
@@ -195,22 +209,30 @@ def scaled(vehicle: PointMass, task: Task) -> tuple[Problem, Units]:
         fuel=full * duration,
     )
     to_acceleration = units.b / (2.0 * step)
+    high = np.minimum(task.b_high, _B_MAX)
+    low = np.minimum(task.b_low, high)
+    inertia = to_acceleration / units.force
+    coefficients = (
+        (fuel.f0 + task.price_time) / full,
+        fuel.f1 * power / full,
+        fuel.f2 * power**2 / full,
+    )
+    worth = task.price_energy * units.b / units.fuel
+    if soft_end:
+        low[-1] *= 0.9
+        worth += _END_WORTH * inertia * (coefficients[1] + 2.0 * coefficients[2])
     problem = Problem(
-        inertia=to_acceleration / units.force,
+        inertia=inertia,
         air=vehicle.drag / mass * units.b / units.force,
         resistance=vehicle.slope_force(task.road.grade) / (mass * units.force),
-        fuel=(
-            (fuel.f0 + task.price_time) / full,
-            fuel.f1 * power / full,
-            fuel.f2 * power**2 / full,
-        ),
+        fuel=coefficients,
         calm=task.k_a * to_acceleration**2 / full,
-        worth=task.price_energy * units.b / units.fuel,
+        worth=worth,
         overrun=vehicle.power_drag / power,
         full=1.0 + _ROOM,
         brake=vehicle.brake_max / (mass * units.force),
-        low=task.b_low / units.b,
-        high=np.minimum(task.b_high, _B_MAX) / units.b,
+        low=low / units.b,
+        high=high / units.b,
         time_max=task.time_max * (1.0 + 0.1 * _ROOM) / units.time,
         fence=np.maximum(task.fence[1:], 0.0) / units.time,
     )
@@ -219,8 +241,12 @@ def scaled(vehicle: PointMass, task: Task) -> tuple[Problem, Units]:
 
 def _answer(task: Task, optimum: Optimum, units: Units, wall_time: float, method: str) -> Answer:
     per_second = units.fuel / units.time
+    b = np.clip(optimum.b * units.b, task.b_low, task.b_high)
+    reached = optimum.b[-1] * units.b
+    if reached < task.b_low[-1] * (1.0 - _END_EXACT):
+        b[-1] = reached
     return Answer(
-        speed=np.sqrt(np.clip(optimum.b * units.b, task.b_low, task.b_high)),
+        speed=np.sqrt(b),
         time_price=max(optimum.time_price, 0.0) * per_second,
         iterations=optimum.iterations,
         wall_time=wall_time,

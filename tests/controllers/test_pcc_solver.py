@@ -1,0 +1,283 @@
+"""The solver of the speed planner: IPOPT as cross-check, prices, fences, reasons for no drive."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from controllers.pcc import PccConfig, RoadProfile, plan
+from controllers.pcc import solver as solver_module
+from controllers.pcc.fuel import FuelMap
+from controllers.pcc.planner import make_vehicle
+from controllers.pcc.solver import Solver, Task
+from controllers.pcc.vehicle import cruise, durations
+from iits_mj.errors import InputError, PlanningError
+from iits_mj.parameters import TruckParameters
+
+PARAMETERS = TruckParameters.load()
+VEHICLE = make_vehicle(PARAMETERS, FuelMap(PARAMETERS), 40_000.0, PccConfig())
+N, STEP = 60, 50.0
+
+
+def road_of(grade, limit=math.inf, step=STEP):
+    height = np.concatenate([[0.0], np.cumsum(np.asarray(grade) * step)])
+    station = step * np.arange(height.size)
+    return RoadProfile(station, height, np.full(height.size, limit), "test road")
+
+
+def random_road(rng, n=N):
+    grade = np.cumsum(rng.normal(0.0, 0.004, n))
+    return road_of(np.clip((grade - grade.mean()) * rng.uniform(0.3, 1.5), -0.05, 0.05))
+
+
+def task_of(road, vehicle=VEHICLE, **changes):
+    """From 18 m/s back to it in the time that a cruise at 18 m/s takes, and that cruise."""
+    speed = cruise(vehicle, road, 18.0, 18.0)
+    low, high = np.full(speed.size, 100.0), np.full(speed.size, 560.0)
+    low[[0, -1]] = high[[0, -1]] = speed[[0, -1]] ** 2
+    low = np.minimum(low, 0.8 * speed**2)
+    low[[0, -1]] = high[[0, -1]]
+    settings = {"time_max": float(durations(speed, road).sum()), "k_a": 5e-4}
+    task = Task(road, low, high, fence=np.zeros(speed.size), **(settings | changes))
+    return task, speed
+
+
+def cost_of(task, answer, vehicle=VEHICLE):
+    """What the task asks to be least [kg]."""
+    road, v = task.road, answer.speed
+    time = durations(v, road)
+    a = np.diff(v**2) / (2.0 * road.step)
+    fuel = vehicle.fuel_of(v, road).sum() + task.price_time * time.sum()
+    return float(fuel + task.k_a * (a**2 * time).sum() - task.price_energy * v[-1] ** 2)
+
+
+def leader_fence(road, gap, speed, reach):
+    fence = np.where(road.station <= reach, (road.station - gap) / speed + 1.8, 0.0)
+    fence[0] = 0.0
+    return np.maximum(fence, 0.0)
+
+
+@pytest.fixture(scope="module")
+def ipopt():
+    return Solver(VEHICLE, N, STEP, method="ipopt")
+
+
+def test_ipopt_finds_the_same_optimum_on_random_roads(ipopt):
+    rng = np.random.default_rng(1)
+    own = Solver(VEHICLE, N, STEP)
+    for _ in range(25):
+        task, guess = task_of(random_road(rng))
+        mine, other = own.solve(task, guess), ipopt.solve(task, guess)
+        assert (mine.method, other.method) == ("interior_point", "ipopt")
+        assert cost_of(task, mine) == pytest.approx(cost_of(task, other), rel=1e-6)
+        assert mine.time_price == pytest.approx(other.time_price, abs=2e-6)
+        assert mine.speed == pytest.approx(other.speed, abs=0.02)
+        assert mine.costate[1:-1] == pytest.approx(other.costate[1:-1], rel=0.01, abs=1e-5)
+
+
+def test_ipopt_finds_the_same_optimum_behind_a_vehicle():
+    rng = np.random.default_rng(2)
+    own = Solver(VEHICLE, N, STEP, fenced=True)
+    other = Solver(VEHICLE, N, STEP, fenced=True, method="ipopt")
+    for _ in range(10):
+        road = random_road(rng)
+        changes = {"time_max": math.inf, "price_time": 0.006, "price_energy": 1.5e-3}
+        task, guess = task_of(road, **changes)
+        low = np.append(task.b_low[0], np.full(N, 4.0))
+        high = np.append(task.b_high[0], np.full(N, 560.0))
+        fence = leader_fence(road, 80.0, rng.uniform(13.0, 16.0), 1500.0)
+        task = replace(task, b_low=low, b_high=high, fence=fence)
+        mine, theirs = own.solve(task, guess), other.solve(task, guess)
+        assert mine.method == "interior_point"
+        assert cost_of(task, mine) == pytest.approx(cost_of(task, theirs), rel=1e-6)
+        clock = np.append(0.0, np.cumsum(durations(mine.speed, road)))
+        assert (clock >= fence - 1e-4).all()
+        assert mine.interval_price.min() < -1e-4  # the fence is felt
+
+
+def test_long_roads_take_no_more_iterations_than_short_ones():
+    rng = np.random.default_rng(3)
+    road = random_road(rng, 1200)
+    task, guess = task_of(road)
+    answer = Solver(VEHICLE, 1200, STEP).solve(task, guess)
+    assert answer.method == "interior_point"
+    assert answer.iterations < 40
+
+
+def test_time_price_is_what_a_second_more_saves():
+    task, guess = task_of(random_road(np.random.default_rng(4)))
+    solver = Solver(VEHICLE, N, STEP)
+    cost = [
+        cost_of(task, solver.solve(replace(task, time_max=task.time_max + more), guess))
+        for more in (-0.5, 0.5)
+    ]
+    assert solver.solve(task, guess).time_price == pytest.approx(cost[0] - cost[1], rel=0.01)
+
+
+def test_costate_at_the_start_is_what_more_speed_there_saves():
+    task, guess = task_of(random_road(np.random.default_rng(5)))
+    solver = Solver(VEHICLE, N, STEP)
+
+    def cost(more):
+        low, high = task.b_low.copy(), task.b_high.copy()
+        low[0] = high[0] = low[0] + more
+        return cost_of(task, solver.solve(replace(task, b_low=low, b_high=high), guess))
+
+    saved = 0.5 * (cost(-1.0) - cost(1.0))
+    assert solver.solve(task, guess).costate[0] == pytest.approx(saved, rel=0.02)
+
+
+def test_costate_at_the_end_is_what_more_speed_there_costs():
+    task, guess = task_of(random_road(np.random.default_rng(6)))
+    solver = Solver(VEHICLE, N, STEP)
+
+    def cost(more):
+        low, high = task.b_low.copy(), task.b_high.copy()
+        low[-1] = high[-1] = low[-1] + more
+        return cost_of(task, solver.solve(replace(task, b_low=low, b_high=high), guess))
+
+    spent = 0.5 * (cost(1.0) - cost(-1.0))
+    assert solver.solve(task, guess).costate[-1] == pytest.approx(spent, rel=0.02)
+
+
+def test_costate_splits_the_drive_where_it_is_optimal():
+    # With the costate as the worth of speed at the split, the first half alone gives the same.
+    task, guess = task_of(random_road(np.random.default_rng(7)))
+    whole = Solver(VEHICLE, N, STEP).solve(task, guess)
+    half = N // 2
+    low, high = task.b_low[: half + 1], task.b_high[: half + 1]
+    part = replace(
+        task,
+        road=task.road.part(0, half),
+        b_low=low,
+        b_high=high,
+        fence=np.zeros(half + 1),
+        time_max=math.inf,
+        price_time=whole.time_price,
+        price_energy=float(whole.costate[half]),
+    )
+    again = Solver(VEHICLE, half, STEP).solve(part, guess[: half + 1])
+    assert again.speed == pytest.approx(whole.speed[: half + 1], abs=0.02)
+
+
+def test_where_only_one_drive_is_in_time_the_plan_is_that_drive():
+    config = PccConfig(v_ref=22.0, v_max=22.0)
+    solution = plan(road_of(np.zeros(N)), PARAMETERS, 40_000.0, config)
+    assert solution.method == "interior_point"
+    assert solution.plan.speed == pytest.approx(np.full(N + 1, 22.0), abs=0.01)
+
+
+def test_an_end_speed_that_takes_full_power_all_the_way_is_reached():
+    road = road_of(np.concatenate([np.zeros(20), np.full(40, 0.035)]))
+    config = PccConfig(v_ref=22.0, v_max=22.0)
+    solution = plan(road, PARAMETERS, 55_000.0, config)
+    assert solution.method == "interior_point"
+    assert solution.plan.speed == pytest.approx(solution.baseline.speed, abs=0.01)
+
+
+def test_ipopt_takes_over_where_our_own_method_does_not_converge(monkeypatch):
+    task, guess = task_of(random_road(np.random.default_rng(8)))
+    wanted = Solver(VEHICLE, N, STEP).solve(task, guess)
+    minimize = solver_module.minimize
+
+    def fail(problem, b, settings):
+        return replace(minimize(problem, b, settings), converged=False, note="it did not")
+
+    monkeypatch.setattr(solver_module, "minimize", fail)
+    answer = Solver(VEHICLE, N, STEP).solve(task, guess)
+    assert answer.method == "ipopt"
+    assert answer.speed == pytest.approx(wanted.speed, abs=0.02)
+    with pytest.raises(PlanningError, match="it did not"):
+        Solver(VEHICLE, N, STEP, time_limit=0.5).solve(task, guess)
+
+
+def test_a_late_solve_ends_with_the_reason():
+    task, guess = task_of(random_road(np.random.default_rng(9)))
+    with pytest.raises(PlanningError, match="time limit"):
+        Solver(VEHICLE, N, STEP, time_limit=1e-9).solve(task, guess)
+
+
+def solve(task, guess, **settings):
+    return Solver(VEHICLE, task.road.intervals, STEP, **settings).solve(task, guess)
+
+
+def test_a_trip_time_below_that_of_the_limits_is_named():
+    task, guess = task_of(road_of(np.zeros(N)))
+    with pytest.raises(PlanningError, match="even at the speed limits the road takes 127"):
+        solve(replace(task, time_max=100.0), guess)
+
+
+def test_a_trip_time_below_that_of_full_power_is_named():
+    task, guess = task_of(road_of(np.full(N, 0.03)))
+    with pytest.raises(PlanningError, match="at full power within the limits the road takes"):
+        solve(replace(task, time_max=130.0), guess)
+
+
+def test_a_least_speed_that_full_power_does_not_hold_is_named_with_its_place():
+    task, guess = task_of(road_of(np.append(np.zeros(20), np.full(40, 0.05))))
+    low = task.b_low.copy()
+    low[1:-1] = 17.0**2
+    with pytest.raises(
+        PlanningError, match=r"least speed 17.00 m/s at station 2\d\d\d m is out of"
+    ):
+        solve(replace(task, b_low=low), guess)
+
+
+def test_an_end_speed_out_of_reach_is_named():
+    task, guess = task_of(road_of(np.full(N, 0.04)))
+    low = task.b_low.copy()
+    low[-1] = 20.0**2
+    high = np.maximum(task.b_high, low)
+    with pytest.raises(PlanningError, match=r"the end speed 20\.00 m/s"):
+        solve(replace(task, b_low=low, b_high=high), guess)
+
+
+def test_a_limit_that_the_brakes_cannot_meet_is_named_with_both_places():
+    task, guess = task_of(road_of(np.zeros(N)))
+    high, low = task.b_high.copy(), task.b_low.copy()
+    high[30], low[30], low[29] = 9.0, 4.0, 15.0**2
+    with pytest.raises(PlanningError, match=r"brakes .* station 1450 m .* station 1500 m"):
+        solve(replace(task, b_low=low, b_high=high), guess)
+
+
+def test_bounds_that_leave_no_speed_are_named():
+    task, guess = task_of(road_of(np.zeros(N)))
+    high = task.b_high.copy()
+    high[10] = 50.0
+    with pytest.raises(PlanningError, match="at station 500 m the least speed"):
+        solve(replace(task, b_high=high), guess)
+
+
+def test_a_fence_that_full_brakes_pass_too_early_is_named():
+    task, guess = task_of(road_of(np.zeros(N)))
+    fence = np.zeros(N + 1)
+    fence[1] = 10.0
+    low = np.append(task.b_low[0], np.full(N, 1.0))
+    with pytest.raises(PlanningError, match=r"fence at station 50 m opens at 10\.0 s"):
+        solve(replace(task, b_low=low, fence=fence), guess, fenced=True)
+
+
+def test_a_fence_that_opens_after_the_trip_is_over_is_named():
+    task, guess = task_of(road_of(np.zeros(N)))
+    fence = np.zeros(N + 1)
+    fence[-1] = task.time_max + 5.0
+    low = np.append(task.b_low[0], np.full(N, 1.0))
+    with pytest.raises(PlanningError, match="a fence opens at"):
+        solve(replace(task, b_low=low, fence=fence), guess, fenced=True)
+
+
+def test_tasks_that_are_none_are_refused():
+    task, guess = task_of(road_of(np.zeros(N)))
+    bad = guess.copy()
+    bad[3] = math.nan
+    with pytest.raises(PlanningError, match="guess"):
+        solve(task, bad)
+    with pytest.raises(PlanningError, match="price_time"):
+        solve(replace(task, price_time=math.nan), guess)
+    with pytest.raises(PlanningError, match="fences"):
+        solve(replace(task, fence=np.full(N + 1, 1.0)), guess)
+    with pytest.raises(PlanningError, match="intervals"):
+        Solver(VEHICLE, N + 1, STEP).solve(task, guess)
+    with pytest.raises(InputError, match="method 'simplex'"):
+        Solver(VEHICLE, N, STEP, method="simplex")
