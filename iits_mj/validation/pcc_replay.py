@@ -128,7 +128,7 @@ def explanation(replay: Replay) -> list[Check]:
     full = float(FuelMap(replay.case.parameters()).power_max(np.array([PAPER_CLIMB])).max())
     rows.append(
         Check(
-            f"{name}: climbing power, gear changes included, over the engine's greatest",
+            f"{name}: climbing power over the engine's greatest",
             replay.vehicle.power_max / full,
             "1",
         )
