@@ -1,0 +1,94 @@
+"""The roll-over margin against the full roll plane, and what a lane change does to the trailer."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from controllers.lane_change import LaneChangeConfig, lateral_limit, quintic_change
+from controllers.lateral_limits import RollMargins, curve_speed_by_roll
+from controllers.lateral_model import LateralModel
+from controllers.roll_margin import rearward_amplification, roll_threshold
+from iits_mj.errors import InputError
+from iits_mj.parameters import TruckParameters
+from iits_mj.units import GRAVITY
+from iits_mj.validation.roll_plane import RollPlane
+
+PARAMETERS = TruckParameters.load()
+
+
+@pytest.mark.parametrize(
+    ("payload", "height"),
+    [(0.0, None), (9e3, 2.6), (18e3, None), (36e3, 1.3), (36e3, None), (36e3, 3.0)],
+)
+def test_the_threshold_is_that_of_the_roll_plane_within_10_percent(payload, height):
+    # The roll plane has two bodies and a fifth wheel that opens: here it is rigid.
+    parameters = PARAMETERS.with_payload_height(height)
+    full = RollPlane.from_parameters(parameters, payload).threshold() * GRAVITY
+    assert roll_threshold(parameters, payload) == pytest.approx(full, rel=0.10)
+
+
+def test_load_and_its_height_lower_the_threshold():
+    by_load = [roll_threshold(PARAMETERS, load) for load in (0.0, 12e3, 24e3, 36e3)]
+    heights = [PARAMETERS.with_payload_height(h) for h in (1.5, 2.0, 2.5, 3.0)]
+    by_height = [roll_threshold(parameters, 36e3) for parameters in heights]
+    assert by_load == sorted(by_load, reverse=True)
+    assert by_height == sorted(by_height, reverse=True)
+
+
+def test_a_payload_that_is_not_allowed_is_refused():
+    with pytest.raises(InputError):
+        roll_threshold(PARAMETERS, 50e3)
+
+
+def test_slow_manoeuvres_are_not_amplified_and_quick_ones_at_speed_are():
+    model = LateralModel.of(PARAMETERS, 55e3, 0.1)
+    assert rearward_amplification(model, 22.0, 0.01) == pytest.approx(1.0, abs=0.02)
+    assert rearward_amplification(model, 25.0, 0.3) > 1.15
+
+
+@pytest.mark.parametrize("mass", [19e3, 37e3, 55e3])
+@pytest.mark.parametrize("speed", [12.0, 16.67, 22.2, 25.0])
+def test_a_planned_change_leaves_the_trailer_its_share_of_the_threshold(mass, speed):
+    config = LaneChangeConfig()
+    margin = RollMargins(PARAMETERS, 1.0 / config.duration_min).at(mass)
+    limit = lateral_limit(margin, speed, 0.0, config)
+    change = quintic_change(0.0, 4.0, 0.0, 0.0, speed, limit, config)
+    peak = trailer_peak(LateralModel.of(PARAMETERS, mass, 0.1), change, speed)
+    # The polynomial is not a sine: its steeper parts are allowed 5 %.
+    assert peak <= 1.05 * config.change_share * margin.threshold
+
+
+def trailer_peak(model, change, speed):
+    """Greatest lateral acceleration of the trailer's CG when the steer axle follows a change."""
+    step = 0.005
+    a, _, _ = model.matrices(speed)
+    state, greatest = np.zeros(4), 0.0
+    for time in np.arange(0.0, change.length / speed + 4.0, step):
+        wanted = float(change.evaluate(speed * time)[2]) * speed**2
+        # The steer angle is what makes the steer axle's own acceleration the wanted one.
+        free = a[:4, :4] @ state
+        steer = (wanted - free[0] - speed * state[1]) / a[0, 6]
+        rate = free + a[:4, 6] * steer
+        trailer = rate[0] + speed * state[1] - model.kingpin * rate[1] - model.trailer_cg * rate[2]
+        greatest = max(greatest, abs(float(trailer)))
+        state = state + step * rate
+    return greatest
+
+
+def test_cross_slope_to_the_inside_lets_the_truck_go_faster():
+    curvature = np.array([1 / 100.0, 1 / 100.0, -1 / 100.0, 0.0])
+    bank = np.array([-0.04, 0.04, 0.04, 0.0])
+    inside, outside, inside_right, straight = curve_speed_by_roll(curvature, bank, 1.4)
+    assert inside == pytest.approx(inside_right)
+    assert inside > outside
+    assert inside**2 / 100.0 - GRAVITY * np.tan(0.04) == pytest.approx(1.4)
+    assert straight > 100.0
+
+
+def test_margins_are_computed_once_for_a_mass_and_clamped_outside():
+    margins = RollMargins(PARAMETERS, 0.2)
+    assert margins.at(54_900.0) is margins.at(55_100.0)
+    assert margins.at(70e3).threshold == margins.at(55e3).threshold
+    high = dataclasses.replace(PARAMETERS).with_payload_height(3.0)
+    assert RollMargins(high, 0.2).at(55e3).threshold < margins.at(55e3).threshold
