@@ -26,6 +26,7 @@ FloatArray = NDArray[np.float64]
 _INSIDE = 0.05  # least first slack
 _MU = 0.1  # first s z
 _DIVERGED = 1e9
+_POLISH = 2  # further steps once the tolerances are met
 _NO_DRIVE = "no drive keeps to all limits: their multipliers have no bound"
 
 
@@ -37,7 +38,7 @@ class Settings:
       tolerance: of the mean s z and of the inequalities' residuals.
       dual_tolerance: of the Lagrangian's gradient.
       iterations: of one run, at most; time_limit: for both [s].
-      guarded: True leaves the quick run out.
+      guarded: True leaves the quick run out; fallback: False leaves the guarded one out.
     """
 
     tolerance: float = 1e-8
@@ -45,6 +46,7 @@ class Settings:
     iterations: int = 100
     time_limit: float = 20.0
     guarded: bool = False
+    fallback: bool = True
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,7 @@ def minimize(problem: Problem, b: FloatArray, settings: Settings | None = None) 
         if not settings.guarded:
             quick = _Run(problem, b, settings, began)
             note = quick.go(guarded=False)
-            if not note or quick.late:
+            if not note or quick.late or not settings.fallback:
                 return quick.optimum(note)
             done = quick.iterations
         guarded = _Run(problem, b, settings, began, done)
@@ -119,7 +121,7 @@ class _Run:
     def go(self, guarded: bool) -> str:
         """Iterates until the optimality conditions hold; else says why they do not."""
         settings, limits = self.settings, self.limits
-        mu, penalty = _MU, 1.0
+        mu, penalty, polished = _MU, 1.0, 0
         for _ in range(settings.iterations):
             residual = (limits.values(self.at) - self.s) * limits.present
             slope_b, slope_y = limits.gradient(self.at, self.z)
@@ -131,7 +133,10 @@ class _Run:
             if primal > settings.tolerance and self.z.max() > _DIVERGED:
                 return _NO_DRIVE
             if max(primal, gap) < settings.tolerance and dual < settings.dual_tolerance:
-                return ""
+                # Newton's last steps make the multipliers exact; rounding may forbid it.
+                polished += 1
+                if polished > _POLISH or dual < 1e-3 * settings.dual_tolerance:
+                    return ""
             if self.late:
                 return f"the time limit of {settings.time_limit:g} s was reached"
             if guarded:

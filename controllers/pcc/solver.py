@@ -40,6 +40,7 @@ _ROOM = 1e-7
 # done before: to hold it exactly would take multipliers without bound. There the end speed is worth
 # so many times what full power burns for it, and may be missed by so little [m/s].
 _END_WORTH = 20.0
+_END_ITERATIONS = 40  # with the end speed as a bound, before that
 _END_SHORT = 0.02
 _END_EXACT = 1e-6  # of v^2, within which the end speed is what was asked for
 _END_NEAR = 1e-3  # of v^2: how near the end speed is to the greatest possible one there
@@ -136,11 +137,10 @@ class Solver:
         self._check(task, guess)
         fastest = require_feasible(self.vehicle, task)
         spent = bool(fastest[-1] ** 2 < task.b_low[-1] * (1.0 + _END_NEAR))
-        problem, units = scaled(self.vehicle, task, soft_end=spent)
+        problem, units = scaled(self.vehicle, task)
         own = None
         if self.method == "interior_point":
-            settings = Settings(time_limit=self.time_limit)
-            own = minimize(problem, guess**2 / units.b, settings)
+            own = self._own(task, problem, guess**2 / units.b, spent)
         left = self.time_limit - (time.perf_counter() - began)
         if own is None or (not own.converged and left > _PATIENCE):
             optimum, method = self._make_ipopt().solve(task, guess, problem, units), "ipopt"
@@ -156,6 +156,18 @@ class Solver:
                 f"{optimum.note}"
             )
         return _answer(task, optimum, units, time.perf_counter() - began, method)
+
+    def _own(self, task: Task, problem: Problem, guess: FloatArray, spent: bool) -> Optimum:
+        """By the interior-point method; with a soft end speed where that is `spent` and hard."""
+        settings = Settings(time_limit=self.time_limit)
+        if not spent:
+            return minimize(problem, guess, settings)
+        short = replace(settings, iterations=_END_ITERATIONS, time_limit=0.5 * self.time_limit)
+        own = minimize(problem, guess, replace(short, fallback=False))
+        if own.converged:
+            return own
+        soft, _ = scaled(self.vehicle, task, soft_end=True)
+        return minimize(soft, guess, replace(settings, time_limit=0.5 * self.time_limit))
 
     def _make_ipopt(self) -> Ipopt:
         """IPOPT for this grid, built when first needed: CasADi takes a second to load."""
