@@ -185,14 +185,25 @@ def roll_out(
     first, inverse = float(path.station[0]), 1.0 / preview.step
     caps, last = cap.tolist(), len(cap) - 1
 
-    def cap_at(place: float) -> float:
-        position = min(max((place - first) * inverse, 0.0), last - 1e-6)
-        row = int(position)
-        share = position - row
-        cap_here = caps[row] + share * (caps[row + 1] - caps[row])
-        left = max(stop - place, 0.0)
-        return float(min(cap_here, math.sqrt(2.0 * following.preview_deceleration * left)))
+    braking = 2.0 * following.preview_deceleration
+    # Where the stop is not in force yet: the square root is not needed.
+    near_stop = stop - max(caps) ** 2 / braking
 
+    def cap_at(place: float) -> float:
+        position = (place - first) * inverse
+        if position <= 0.0:
+            cap_here = caps[0]
+        elif position >= last:
+            cap_here = caps[last]
+        else:
+            row = int(position)
+            low = caps[row]
+            cap_here = low + (position - row) * (caps[row + 1] - low)
+        if place > near_stop:
+            cap_here = min(cap_here, math.sqrt(braking * max(stop - place, 0.0)))
+        return float(cap_here)
+
+    far, near = _LOOK_AHEAD
     for k in range(steps + 1):
         time = k * step
         if k:
@@ -203,7 +214,7 @@ def roll_out(
             v = v_next
         wanted = -config.emergency_deceleration
         if not emergency:
-            to_cap = min((cap_at(s + v * t) - v) / t for t in _LOOK_AHEAD)
+            to_cap = min((cap_at(s + v * far) - v) / far, (cap_at(s + v * near) - v) / near)
             wanted = _wanted(v, s - start.station, time, cap_at(s), to_cap, leads, following)
             wanted = max(wanted, -following.deceleration_max)
             wanted = min(wanted, power_acceleration(v, mass, grade, config))
@@ -232,6 +243,8 @@ def _wanted(
     a desired speed high enough not to lag either.
     """
     wanted = min(to_cap, following.acceleration_max)
+    if not leads:
+        return wanted
     desired = _desired_speed(v, cap_here, to_cap, following)
     for lead in leads:
         if time > lead.until:
