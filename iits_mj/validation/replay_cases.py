@@ -12,22 +12,30 @@ from controllers.pcc.planner import PccConfig
 from controllers.pcc.profile import RoadProfile
 from controllers.speed_plan import SpeedConfig
 from iits_mj.road import RoadMap, Route
-from iits_mj.road.measured import Lanes, measured_route
+from iits_mj.road.measured import Lanes, measured_route, route_from_csv
 from iits_mj.units import KMH
 from iits_mj.validation.closed_loop import Task
 from iits_mj.validation.config import ValidateConfig
 from iits_mj.validation.replay_drives import RUN_IN, RUN_OUT, Case
-from iits_mj.validation.road_files import CYCLE_55, CYCLE_65, PAPER_ROAD, find_road
+from iits_mj.validation.road_files import (
+    CYCLE_55,
+    CYCLE_65,
+    PAPER_PLAN_VIEW,
+    PAPER_ROAD,
+    find_road,
+)
 
 PAPER_LENGTH = 15_000.0
 PAPER_SPEED = 72.0 * KMH
 # The speed limiter of heavy trucks in the European Union, directive 92/6/EEC.
 LIMITER = 90.0 * KMH
-_LEAST = 36.0 * KMH
+_LEAST = 45.0 * KMH
 _STEP = 50.0
-# On the cycles: 5 mph above and 10 mph below the cycle's speed.
+# On the cycles: 5 mph above and 15 mph below the cycle's speed.
 _MPH = 0.44704
-_ABOVE, _BELOW = 5.0 * _MPH, 10.0 * _MPH
+_ABOVE, _BELOW = 5.0 * _MPH, 15.0 * _MPH
+# Of a route beyond the measured stretch: the planner stops before a road's end in sight [m].
+_LEFT = 600.0
 # The limits are the planner's affair, not the road's, where it is a bare profile [m/s].
 _UNLIMITED = 40.0
 ADAPTIVE = {"gearbox": {"shift_strategy": "adaptive"}}
@@ -67,13 +75,16 @@ def highway_case(
     payload: float = LADEN, length: float | None = None, timestep: float = Task.timestep
 ) -> Case:
     """Our own highway with its limits and curves, cruised at 72 km/h or what the limit is."""
-    route = RoadMap.builtin().route()
-    wanted = route.length - RUN_IN - 200.0 if length is None else length
-    road = RoadProfile.from_route(
-        route, RUN_IN, wanted, _STEP, lateral_acceleration=SpeedConfig.curve_acceleration
-    )
-    settings = PccConfig(v_ref=PAPER_SPEED, v_min=_LEAST, v_max=LIMITER)
-    return Case("our highway", route, road, 0.0, settings, payload, timestep)
+    return _along(RoadMap.builtin().route(), "our highway", payload, length, timestep)
+
+
+def site_case(config: ValidateConfig, payload: float = LADEN) -> Case | None:
+    """The test site of the paper with its bends, another stretch of road; None without the file."""
+    path = find_road(config, PAPER_PLAN_VIEW)
+    if path is None:
+        return None
+    route = route_from_csv(path, Lanes(speed_limit=_UNLIMITED))
+    return _along(route, "the paper's test site with its bends", payload)
 
 
 def hill_case(length: float, timestep: float) -> Case:
@@ -99,8 +110,25 @@ def full_cases(config: ValidateConfig) -> list[Case]:
         highway_case(EMPTY),
         cycle_case(config, CYCLE_55),
         cycle_case(config, CYCLE_65),
+        site_case(config),
     ]
     return [case for case in cases if case is not None]
+
+
+def _along(
+    route: Route,
+    name: str,
+    payload: float,
+    length: float | None = None,
+    timestep: float = Task.timestep,
+) -> Case:
+    """A route with its limits and curves, from behind the run-in to before its end."""
+    wanted = route.length - RUN_IN - _LEFT if length is None else length
+    road = RoadProfile.from_route(
+        route, RUN_IN, wanted, _STEP, lateral_acceleration=SpeedConfig.curve_acceleration
+    )
+    settings = PccConfig(v_ref=PAPER_SPEED, v_min=_LEAST, v_max=LIMITER)
+    return Case(name, route, road, 0.0, settings, payload, timestep)
 
 
 def _bare(
@@ -113,7 +141,7 @@ def _bare(
 ) -> Case:
     """A straight road with these heights, begun and ended on its first and last grade."""
     before = np.arange(-RUN_IN, -1e-6, fine.step)
-    after = np.arange(fine.step, RUN_OUT + 300.0, fine.step)
+    after = np.arange(fine.step, RUN_OUT + _LEFT, fine.step)
     first, last = float(fine.grade[0]), float(fine.grade[-1])
     station = fine.station - fine.station[0]
     height = np.concatenate(

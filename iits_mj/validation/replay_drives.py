@@ -228,9 +228,9 @@ def _driven(case: Case, schedule: Schedule | None, folder: Path | None) -> Recor
 
 
 def _file_name(case: Case, profile: SpeedProfile | None) -> str:
-    digest = hashlib.sha256(repr((case.payload, case.timestep, case.overlay, case.config)).encode())
+    what = (case.payload, case.timestep, case.overlay, case.config.v_ref, case.first, case.last)
+    digest = hashlib.sha256(repr(what).encode())
     digest.update(case.route.table(10.0).tobytes())
-    digest.update(repr((case.first, case.last)).encode())
     if profile is not None:
         digest.update(profile.station.tobytes() + profile.speed.tobytes())
     kind = "cruise" if profile is None else "plan"
