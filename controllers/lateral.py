@@ -110,7 +110,7 @@ class LateralController:
         push = self._trust(speed) * self._observer.update(motion, gains)
         rate -= float(gains.disturbance @ push)
         self._move(rate, error, speed)
-        near = float(np.mean(ahead[: self._near]))
+        near = float(ahead[: self._near].sum()) / self._near
         steady = speed**2 * near / gains.response + float(gains.balance @ push)
         self._wheel = self._play.turn(
             math.asin(self._quieted(steady, gains)), gains.response, config.step

@@ -7,6 +7,7 @@ the disturbance that was seen, taken to last. All three come out of one Riccati 
 
 from __future__ import annotations
 
+from bisect import bisect
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -29,6 +30,8 @@ class LateralConfig:
       articulation_weight: on the articulation rate [s2/rad2].
       integral_weight: on the integral of the offset [1/(m2 s2)].
       rate_weight: on the rate of the road wheel angle [s2/rad2].
+      rate_speed: below it that weight falls with the fourth power of speed, as the path answers
+        with the square [m/s]; rate_weight_min: not below this [s2/rad2].
       preview_time: of curvature [s]; step: of the controller [s].
       lag: steering and tire relaxation [s].
       speed_grid: [m/s], rising.
@@ -48,6 +51,8 @@ class LateralConfig:
     articulation_weight: float = 5.0
     integral_weight: float = 0.003
     rate_weight: float = 100.0
+    rate_speed: float = 12.0
+    rate_weight_min: float = 0.1
     preview_time: float = 2.0
     step: float = 0.02
     lag: float = 0.12
@@ -89,28 +94,29 @@ class Gains:
 
 @dataclass(frozen=True)
 class LateralGains:
-    """Gains over the speed grid (k,), one row a speed; `at` takes them apart."""
+    """Gains over the speed grid, one row a speed; `at` takes them apart."""
 
-    speed: FloatArray
+    speed: tuple[float, ...]
     rows: FloatArray
 
     @classmethod
     def design(cls, model: LateralModel, config: LateralConfig) -> LateralGains:
         """Solves the Riccati equation at every speed of the grid."""
         rows = [_pack(_design(model, speed, config)) for speed in config.speed_grid]
-        return cls(np.array(config.speed_grid), np.array(rows))
+        return cls(config.speed_grid, np.array(rows))
 
     def at(self, speed: float) -> Gains:
         """The gains at a speed [m/s], interpolated; beyond the grid those of its ends."""
         grid = self.speed
-        row = int(np.clip(np.searchsorted(grid, speed) - 1, 0, len(grid) - 2))
-        share = float(np.clip((speed - grid[row]) / (grid[row + 1] - grid[row]), 0.0, 1.0))
+        row = min(max(bisect(grid, speed) - 1, 0), len(grid) - 2)
+        share = min(max((speed - grid[row]) / (grid[row + 1] - grid[row]), 0.0), 1.0)
         return _unpack((1.0 - share) * self.rows[row] + share * self.rows[row + 1])
 
 
 def _design(model: LateralModel, speed: float, config: LateralConfig) -> Gains:
     a, b, e, disturb = model.discrete(speed, config.step)
-    rate = np.array([[config.rate_weight]])
+    share = min(1.0, speed / config.rate_speed) ** 4
+    rate = np.array([[max(config.rate_weight * share, config.rate_weight_min)]])
     riccati = solve_discrete_are(a, b, state_weight(speed, config), rate)
     inverse = np.linalg.inv(rate + b.T @ riccati @ b)
     gain = inverse @ b.T @ riccati @ a
@@ -157,15 +163,12 @@ def _pack(gains: Gains) -> FloatArray:
 
 
 def _unpack(row: FloatArray) -> Gains:
-    n = len(STATES)
-    ends = np.cumsum([n, 3, 15, 9, 3, 1])
-    feedback, disturbance, motion, blame, balance, response, preview = np.split(row, ends)
     return Gains(
-        feedback,
-        preview,
-        disturbance,
-        motion.reshape(3, 5),
-        blame.reshape(3, 3),
-        balance,
-        float(response[0]),
+        feedback=row[:9],
+        disturbance=row[9:12],
+        motion=row[12:27].reshape(3, 5),
+        blame=row[27:36].reshape(3, 3),
+        balance=row[36:39],
+        response=float(row[39]),
+        preview=row[40:],
     )

@@ -50,9 +50,10 @@ class PathView:
         It is the turn of the heading by the way; beyond the path's end the last curvature lasts.
         """
         yaw = np.interp(stations, self.station, self.yaw)
-        beyond = np.maximum(stations - self.station[-1], 0.0)
-        yaw += float(self.trajectory.curvature[-1]) * beyond
-        return np.asarray(np.diff(yaw) / np.diff(stations))
+        if stations[-1] > self.station[-1]:
+            beyond = np.maximum(stations - self.station[-1], 0.0)
+            yaw += float(self.trajectory.curvature[-1]) * beyond
+        return np.asarray((yaw[1:] - yaw[:-1]) / (stations[1:] - stations[:-1]))
 
 
 def path_error(ego: EgoState, trajectory: Trajectory) -> tuple[float, float]:
