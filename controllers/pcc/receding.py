@@ -92,7 +92,9 @@ class RecedingPlanner:
         """
         self.config, self.receding = config or PccConfig(), receding or RecedingConfig()
         parameters = parameters or TruckParameters.load()
-        self.vehicle = make_vehicle(parameters, FuelMap(parameters), mass, self.config)
+        vehicle = make_vehicle(parameters, FuelMap(parameters), mass, self.config)
+        power = self.receding.power_share * vehicle.power_max
+        self.vehicle = replace(vehicle, power_max=power)
         end = appointment or Appointment(float(road.station[-1]))
         self.trip = Trip(self.vehicle, road, self.config, self.receding, end)
         self._time_limit = min(self.receding.time_limit, 1e6)
@@ -203,9 +205,9 @@ class RecedingPlanner:
         fence = fence_of(road, speed, bounds.fastest, leader, settings)
         if fence.kept(road, answer.speed):
             return answer.speed, answer.wall_time
-        low = np.minimum(fence.slowest**2, high)
         # Who is faster than the vehicle ahead where the plan ends must brake soon after.
-        high[-1] = max(min(float(high[-1]), fence.pace**2), float(low[-1]))
+        high[-1] = max(min(float(high[-1]), fence.pace**2), float(fence.slowest[-1]) ** 2)
+        low = np.minimum(fence.slowest**2, high)
         behind = self._solve(replace(task, b_low=low, b_high=high, fence=fence.time), bounds)
         return behind.speed, answer.wall_time + behind.wall_time
 

@@ -22,7 +22,7 @@ from iits_mj.errors import PlanningError
 
 FloatArray = NDArray[np.float64]
 # The least trip time is nobody's plan: every drop of fuel for a second. So much is left [1].
-_TIGHT = 1.005
+_TIGHT = 1.01
 # Mean speeds that a lag may ask for, over the schedule's [1].
 _FASTER = (0.75, 1.35)
 
@@ -51,8 +51,9 @@ class Schedule:
         return float(self.station[-1])
 
     def covers(self, station: float) -> bool:
-        """True where the schedule says something."""
-        return bool(self.station[0] - 1e-6 <= station <= self.station[-1])
+        """True where the schedule says something; it begins at the node after the truck."""
+        step = float(self.station[1] - self.station[0])
+        return bool(self.station[0] - step <= station <= self.station[-1])
 
     def due(self, station: float) -> float:
         """Time at which a station is to be passed [s]; v^2 is linear between nodes."""

@@ -87,8 +87,19 @@ def make_traffic(
     return Recorder(traffic) if record else traffic
 
 
-def make_stack(config: DriveConfig, route: Route, parameters: TruckParameters) -> Stack:
+def make_stack(
+    config: DriveConfig,
+    route: Route,
+    parameters: TruckParameters,
+    reference: SpeedReference | None = None,
+) -> Stack:
     """The pipeline from scene to command, at the reference speed asked for.
+
+    Args:
+      config: of the drive.
+      route: the truck's road.
+      parameters: of the truck.
+      reference: who says how fast to go; default: `make_reference`.
 
     Raises:
       InputError: the speed profile or the band of speeds is not usable.
@@ -100,7 +111,7 @@ def make_stack(config: DriveConfig, route: Route, parameters: TruckParameters) -
         decision.make(config.decision),
         planner=dataclasses.replace(planner, speed=speed),
         parameters=parameters,
-        reference=make_reference(config, route, parameters),
+        reference=reference or make_reference(config, route, parameters),
     )
 
 

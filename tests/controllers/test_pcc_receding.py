@@ -76,7 +76,7 @@ def test_short_horizon_drives_the_plan_of_the_whole_trip():
     whole = plan(ROAD, PARAMETERS, 55_000.0, config)
     end = float(STATION[-1])
     trip = Appointment(end, whole.plan.time, float(whole.plan.speed[-1]))
-    short = RecedingConfig(horizon=2_500.0, time_limit=np.inf)
+    short = RecedingConfig(horizon=2_500.0, time_limit=np.inf, power_share=1.0)
     planner = RecedingPlanner(ROAD, PARAMETERS, 55_000.0, config, short, trip)
     driven = drive(planner, 0.0, end, float(whole.plan.speed[0]), period=4.0)
     assert set(driven.plans) <= {"optimal", "kept"}
@@ -137,7 +137,7 @@ def test_arrival_that_was_asked_for_is_met_after_being_held_up():
     trip = Appointment(end, 540.0)
     planner = RecedingPlanner(ROAD, PARAMETERS, 55_000.0, PccConfig(), PATIENT, trip)
     driven = drive(planner, 0.0, end, 18.0, period=2.0, held=(3000.0, 3600.0, 10.0))
-    assert np.nanmax(driven.lag) > 2.9
+    assert np.nanmax(driven.lag) > 2.0
     assert planner.trip.schedules >= 2
     arrived = float(np.interp(end, driven.station, driven.time))
     assert arrived == pytest.approx(540.0, abs=2.0)
@@ -338,6 +338,7 @@ def test_numbers_that_are_not_finite_are_refused_by_name(planner):
         (RecedingConfig, {"horizon": 0.0}),
         (RecedingConfig, {"time_limit": float("nan")}),
         (RecedingConfig, {"slack": -0.1}),
+        (RecedingConfig, {"power_share": 1.2}),
         (FenceConfig, {"time_gap": float("inf")}),
     ],
 )

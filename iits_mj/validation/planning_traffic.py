@@ -1,0 +1,207 @@
+r"""Fuel saved in traffic by predictive cruise control, full stack, against constant-speed cruise.
+
+Sixty trips take the better part of an hour of one core, so that they are driven by a runner of
+their own, which goes on where it was stopped:
+
+    python -m iits_mj.validation.planning_traffic --seeds 10 --jobs 2 \
+        --out docs/validation/planning_traffic.csv
+
+`run_traffic` makes the figures from its table, and drives what is missing in it in the full form.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import multiprocessing
+import sys
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+
+import numpy as np
+
+from iits_mj.errors import Error, InputError
+from iits_mj.parameters import TruckParameters
+from iits_mj.results import Check, Line, Panel, Results
+from iits_mj.units import KMH
+from iits_mj.validation.config import ValidateConfig
+from iits_mj.validation.evaluate import half_width
+from iits_mj.validation.traffic_trips import (
+    DENSITIES,
+    LENGTH,
+    PLANNERS,
+    SPEED,
+    TRAFFIC_SPEED,
+    TripRow,
+    drive_pair,
+    read_rows,
+    worth_of_energy,
+    write_rows,
+)
+
+SEEDS = 10
+FEWEST = 3  # seeds a density that say anything
+# In a checkout; an installed package has no docs and drives the trips.
+TABLE = Path(__file__).resolve().parents[2] / "docs" / "validation" / "planning_traffic.csv"
+_MASS = 55_000.0
+
+
+def run_traffic(config: ValidateConfig) -> Results:
+    """Savings, trip times and what else there is to know, a density each.
+
+    Raises:
+      InputError: the table cannot be read.
+    """
+    rows = read_rows(TABLE)
+    results = Results("validate planning traffic")
+    if not config.quick:
+        wanted = [(d, seed) for seed in range(SEEDS) for d in DENSITIES]
+        known = {row.key for row in rows}
+        for density, seed in wanted:
+            if any((density, seed, name, LENGTH) not in known for name in PLANNERS):
+                rows += drive_pair(density, seed)
+    if not rows:
+        results.notes.append(
+            "traffic: left out of the quick form, as there is no table of trips; drive them with "
+            "python -m iits_mj.validation.planning_traffic"
+        )
+        return results
+    summarize(results, rows)
+    return results
+
+
+def pairs_of(rows: list[TripRow], density: str) -> list[tuple[TripRow, TripRow]]:
+    """Cruise and PCC of the same seed, by seed, where both were driven."""
+    found = {row.key: row for row in rows if row.density == density and row.length == LENGTH}
+    seeds = sorted({key[1] for key in found})
+    pairs = []
+    for seed in seeds:
+        both = [found.get((density, seed, name, LENGTH)) for name in PLANNERS]
+        if both[0] is not None and both[1] is not None:
+            pairs.append((both[0], both[1]))
+    return pairs
+
+
+def saving_percent(cruise: TripRow, pcc: TripRow, worth: float) -> float:
+    """Fuel saved, PCC's being corrected for its kinetic energy at the end [%].
+
+    Args:
+      cruise: one trip.
+      pcc: the other.
+      worth: of a joule [kg/J].
+    """
+    energy = 0.5 * _MASS * (pcc.end_speed**2 - cruise.end_speed**2)
+    return 100.0 * (1.0 - (pcc.fuel - worth * energy) / cruise.fuel)
+
+
+def summarize(results: Results, rows: list[TripRow]) -> None:
+    """Adds the figures of a table of trips."""
+    worth = worth_of_energy(TruckParameters.load())
+    lines, speeds = [], []
+    for density in DENSITIES:
+        pairs = pairs_of(rows, density)
+        driven = [(c, p) for c, p in pairs if not c.failed and not p.failed]
+        if len(driven) < FEWEST:
+            results.notes.append(f"traffic, {density}: {len(driven)} pairs are too few to tell")
+            continue
+        saved = np.array([saving_percent(c, p, worth) for c, p in driven])
+        late = np.array([100.0 * (p.time / c.time - 1.0) for c, p in driven])
+        name = f"in traffic, {density}: "
+        changes = np.mean([p.changes - c.changes for c, p in driven])
+        planned = sum(p.plans for _, p in driven)
+        others = sum(p.other_plans for _, p in driven)
+        failed = sum(c.failed + p.failed for c, p in pairs)
+        results.checks += [
+            Check(
+                name + f"fuel saved, mean of {len(driven)}",
+                float(saved.mean()),
+                "%",
+                f"±{half_width(saved):.2f}",
+                "> 0",
+            ),
+            Check(
+                name + "trip time, mean over the cruise's", float(late.mean()), "%", 0.0, "-1 .. 1"
+            ),
+            Check(name + "trip time, greatest difference", float(np.abs(late).max()), "%"),
+            Check(name + "lane changes, pcc less cruise", float(changes), "1"),
+            Check(name + "collisions and trips not ended", float(failed), "1", None, "<= 0"),
+            Check(name + "plans by the optimizer", 100.0 * planned / max(planned + others, 1), "%"),
+            Check(
+                name + "friction brakes on, pcc over cruise",
+                sum(p.friction for _, p in driven) / max(sum(c.friction for c, _ in driven), 0.1),
+                "1",
+            ),
+            Check(
+                name + "solve, median",
+                1e3 * float(np.median([p.solve_p50 for _, p in driven])),
+                "ms",
+            ),
+        ]
+        seeds = np.array([c.seed for c, _ in driven], dtype=float)
+        lines.append(Line(density, seeds, saved))
+        speeds.append(Line(density, seeds, np.array([LENGTH / c.time / KMH for c, _ in driven])))
+    results.figures["in traffic"] = [
+        Panel("Fuel saved by PCC", "seed", "saving [%]", tuple(lines)),
+        Panel("Mean speed of the cruise", "seed", "speed [km/h]", tuple(speeds)),
+    ]
+    results.notes.append(
+        f"traffic: {LENGTH / 1e3:g} km of the built-in highway, 55 t, reference {SPEED / KMH:g} "
+        f"km/h, band {0.75 * SPEED / KMH:g} to 90 km/h within the road's limits, traffic at "
+        f"{TRAFFIC_SPEED / KMH:g} km/h that reacts to the truck, MOBIL; the cruise is driven first "
+        "and PCC is asked to arrive when it did, as fast as it was; fuel corrected for kinetic "
+        "energy at the end; ± is the 95 % interval of the paired mean"
+    )
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Drives the trips that a table lacks; see the module."""
+    parser = argparse.ArgumentParser(description="fuel in traffic, with and without PCC")
+    parser.add_argument("--seeds", type=int, default=SEEDS)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--out", type=Path, default=TABLE)
+    asked = parser.parse_args(arguments)
+    try:
+        if not 1 <= asked.seeds <= 1_000 or not 1 <= asked.jobs <= 256:
+            raise InputError("seeds must be 1 to 1000, jobs 1 to 256")
+        rows = read_rows(asked.out)
+        known = {row.key for row in rows}
+        missing = [
+            (density, seed)
+            for seed in range(asked.seeds)
+            for density in DENSITIES
+            if any((density, seed, name, LENGTH) not in known for name in PLANNERS)
+        ]
+        redone = set(missing)
+        rows = [row for row in rows if (row.density, row.seed) not in redone]
+        write_rows(asked.out, rows)
+        # SUMO is one to a process.
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(asked.jobs, mp_context=context) as pool:
+            futures = [pool.submit(drive_pair, *job) for job in missing]
+            for count, future in enumerate(as_completed(futures), start=1):
+                pair = future.result()
+                rows += pair
+                write_rows(asked.out, rows)
+                print(f"{count}/{len(missing)}: {_sentence(*pair)}", flush=True)
+    except Error as error:
+        print(f"planning_traffic: {error}", file=sys.stderr)
+        return 2
+    results = Results("validate planning traffic")
+    summarize(results, rows)
+    print(results.to_table())
+    return 0
+
+
+def _sentence(cruise: TripRow, pcc: TripRow) -> str:
+    saved = saving_percent(cruise, pcc, worth_of_energy(TruckParameters.load()))
+    late = 100.0 * (pcc.time / cruise.time - 1.0)
+    if math.isnan(saved):
+        return f"{cruise.density}, seed {cruise.seed}: a trip failed"
+    return (
+        f"{cruise.density}, seed {cruise.seed}: {saved:.1f} % saved, {late:+.2f} % of time, "
+        f"{cruise.changes} and {pcc.changes} changes"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,222 @@
+"""Who says how fast the truck would like to go: constant, profile, PCC in the stack."""
+
+import dataclasses
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from controllers.decision.base import DecisionContext
+from controllers.pcc import Appointment, PccConfig, PccReference, RecedingConfig
+from controllers.pcc.solver import Solver
+from controllers.planner import PlannerConfig
+from controllers.speed_plan import SpeedConfig
+from controllers.speed_reference import (
+    CruiseReference,
+    ProfileReference,
+    check_covers,
+    read_profile,
+)
+from controllers.stack import Stack
+from iits_mj.errors import InputError, PlanningError
+from iits_mj.messages import Decision, EgoState, Scene, SpeedProfile, TrackedVehicle
+from iits_mj.parameters import TruckParameters
+from iits_mj.road import Route
+
+PARAMETERS = TruckParameters.load()
+PROFILE = SpeedProfile(np.array([0.0, 1000.0, 2000.0]), np.array([15.0, 20.0, 15.0]))
+PCC = PccConfig(v_ref=16.0, v_min=12.0, v_max=25.0)
+RECEDING = RecedingConfig(time_limit=np.inf)
+
+
+@pytest.fixture(scope="module")
+def route():
+    return Route.straight(length=6000.0, speed_limit=22.0)
+
+
+def ego(route, station=500.0, speed=16.0, time=0.0, **fields):
+    offset = float(route.lane_offset(0, station))
+    point = route.evaluate(station, offset)
+    return EgoState(
+        time=time,
+        x=float(point.x),
+        y=float(point.y),
+        yaw=float(point.heading),
+        speed=speed,
+        station=station,
+        offset=offset,
+        **fields,
+    )
+
+
+def vehicle(route, station, speed):
+    return TrackedVehicle(
+        "slow", speed=speed, station=station, offset=float(route.lane_offset(0, station))
+    )
+
+
+def stack_of(route, maker=None, **settings):
+    config = PlannerConfig(speed=SpeedConfig(cruise_speed=PCC.v_ref))
+    return Stack(route, maker, config, parameters=PARAMETERS, **settings)
+
+
+class Watcher:
+    """Notes what the decision maker is told."""
+
+    name = "watcher"
+
+    def __init__(self):
+        self.speeds = []
+
+    def reset(self):
+        self.speeds.clear()
+
+    def decide(self, context: DecisionContext):
+        self.speeds.append(context.reference_speed)
+        return Decision.KEEP
+
+
+def test_without_a_reference_the_stack_cruises(route):
+    stack = stack_of(route)
+    assert isinstance(stack.reference, CruiseReference)
+    stack.plan(Scene(0.0, ego(route)))
+    assert stack.reference_speed(3000.0) == PCC.v_ref
+
+
+def test_a_profile_is_followed_by_the_planner(route):
+    stack = stack_of(route, profile=PROFILE)
+    assert isinstance(stack.reference, ProfileReference)
+    planned = stack.plan(Scene(0.0, ego(route, speed=17.5)))
+    assert planned.speed[-1] > 17.8
+    assert stack.reference_speed(500.0) == pytest.approx(17.5)
+
+
+def test_a_stack_has_one_reference(route):
+    with pytest.raises(InputError, match="one speed reference"):
+        stack_of(route, profile=PROFILE, reference=CruiseReference(15.0))
+
+
+def test_pcc_plans_once_a_second_and_drives_the_level_at_the_reference_speed(route):
+    reference = PccReference(route, PCC, PARAMETERS, RECEDING)
+    stack = stack_of(route, reference=reference)
+    for k in range(25):
+        stack.plan(Scene(0.1 * k, ego(route, station=500.0 + 1.6 * k, time=0.1 * k)))
+    report = reference.report()
+    assert report.plans == {"optimal": 3}
+    assert len(report.solve_time) == 3
+    assert report.schedules == 1
+    assert abs(report.lag) < 0.2
+    assert stack.reference_speed(900.0) == pytest.approx(16.0, abs=0.1)
+
+
+def test_pcc_takes_the_mass_that_the_truck_reports(route):
+    reference = PccReference(route, PCC, PARAMETERS, RECEDING)
+    stack = stack_of(route, reference=reference)
+    stack.plan(Scene(0.0, ego(route, mass=19_000.0)))
+    assert reference.planner.vehicle.mass == 19_000.0
+    stack.reset()
+    stack.plan(Scene(0.0, ego(route, mass=55_000.0)))
+    assert reference.planner.vehicle.mass == 55_000.0
+    with pytest.raises(InputError, match="mass is nan"):
+        stack.plan(Scene(5.0, ego(route, mass=float("nan"))))
+
+
+def test_a_slow_vehicle_ahead_slows_the_reference_but_not_what_a_change_can_gain(route):
+    watcher = Watcher()
+    reference = PccReference(route, PCC, PARAMETERS, RECEDING)
+    stack = stack_of(route, watcher, reference=reference)
+    stack.plan(Scene(0.0, ego(route), [vehicle(route, 560.0, 12.0)]))
+    assert reference.last.status == "optimal"
+    assert stack.reference_speed(700.0) < 12.6
+    assert watcher.speeds == [pytest.approx(16.0, abs=0.2)]
+
+
+def test_the_trajectory_stays_the_safety_layer_behind_a_standing_vehicle(route):
+    reference = PccReference(route, PCC, PARAMETERS, RECEDING)
+    stack = stack_of(route, reference=reference)
+    planned = stack.plan(Scene(0.0, ego(route), [vehicle(route, 580.0, 0.0)]))
+    assert planned.acceleration.min() < -1.0
+    assert planned.speed[-1] < 10.0
+
+
+def test_a_failing_optimizer_does_not_stop_the_stack(route, monkeypatch):
+    def fail(self, task, guess):
+        raise PlanningError("time is up")
+
+    monkeypatch.setattr(Solver, "solve", fail)
+    reference = PccReference(route, PCC, PARAMETERS, RECEDING)
+    stack = stack_of(route, reference=reference)
+    planned = stack.plan(Scene(0.0, ego(route)))
+    assert planned.speed == pytest.approx(np.full(planned.speed.size, 16.0), abs=0.1)
+    assert reference.report().reasons == {"time is up": 1}
+
+
+def test_two_drives_with_one_stack_are_the_same(route):
+    stack = stack_of(route, reference=PccReference(route, PCC, PARAMETERS, RECEDING))
+    scenes = [
+        Scene(0.1 * k, ego(route, 500.0 + 1.6 * k, time=0.1 * k), [vehicle(route, 650.0, 15.0)])
+        for k in range(12)
+    ]
+    found = []
+    for _ in range(2):
+        stack.reset()
+        found.append([stack.plan(scene).speed for scene in scenes])
+    assert np.array_equal(*found)
+
+
+def test_numbers_that_are_not_finite_never_reach_the_optimizer(route):
+    stack = stack_of(route, reference=PccReference(route, PCC, PARAMETERS, RECEDING))
+    with pytest.raises(InputError, match="speed is nan"):
+        stack.plan(Scene(0.0, replace(ego(route), speed=float("nan"))))
+
+
+def test_bad_periods_and_appointments_are_refused(route):
+    with pytest.raises(InputError, match="period"):
+        PccReference(route, PCC, PARAMETERS, RECEDING, period=0.0)
+    with pytest.raises(InputError, match="station is nan"):
+        Appointment(float("nan"))
+
+
+def test_a_written_profile_is_read_back(tmp_path):
+    path = tmp_path / "speed.csv"
+    path.write_text(
+        "station_m,height_m,speed_mps,cruise_speed_mps\n0,1,15,20\n50,1,16.5,20\n", encoding="utf-8"
+    )
+    found = read_profile(path)
+    assert found.station.tolist() == [0.0, 50.0]
+    assert found.speed.tolist() == [15.0, 16.5]
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("", "columns"),
+        ("a,b\n1,2\n3,4\n", "columns"),
+        ("station_m,speed_mps\n1,2\n", "two rows"),
+        ("station_m,speed_mps\n1,x\n2,3\n", "not a number"),
+        ("station_m,speed_mps\n1\n2,3\n", "not a number"),
+        ("station_m,speed_mps\n1,nan\n2,3\n", "finite"),
+        ("station_m,speed_mps\n2,15\n1,15\n", "rise"),
+        ("station_m,speed_mps\n1,15\n2,0\n", "not allowed"),
+        ("station_m,speed_mps\n1,15\n2,90\n", "not allowed"),
+    ],
+)
+def test_unusable_profiles_are_refused_with_the_reason(tmp_path, text, why):
+    path = tmp_path / "speed.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=why):
+        read_profile(path)
+
+
+def test_a_missing_profile_and_one_of_another_road_are_refused(tmp_path):
+    with pytest.raises(InputError, match="cannot be read"):
+        read_profile(tmp_path / "none.csv")
+    with pytest.raises(InputError, match="nothing of it lies ahead"):
+        check_covers(PROFILE, 2500.0, 6000.0, "profile")
+    check_covers(PROFILE, 100.0, 6000.0, "profile")
+
+
+def test_reports_are_plain_values(route):
+    report = PccReference(route, PCC, PARAMETERS, RECEDING).report()
+    assert dataclasses.asdict(report)["plans"] == {}
+    assert np.isnan(report.lag)

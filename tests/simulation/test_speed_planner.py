@@ -1,0 +1,99 @@
+"""The reference speed of a drive: PCC, cruise, a profile's file; what cannot be planned."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from controllers.pcc import PccReference
+from controllers.speed_reference import CruiseReference, ProfileReference
+from iits_mj.errors import InputError
+from iits_mj.parameters import TruckParameters
+from iits_mj.road import RoadMap, Route
+from iits_mj.simulation import DriveConfig, Simulation, Telemetry
+from iits_mj.simulation.parts import make_reference
+
+PARAMETERS = TruckParameters.load()
+
+
+@pytest.fixture(scope="module")
+def route() -> Route:
+    return RoadMap.builtin().route()
+
+
+def reference(route: Route, **settings: object) -> object:
+    return make_reference(DriveConfig(**settings), route, PARAMETERS)  # type: ignore[arg-type]
+
+
+def profile(path: Path, first: float, last: float) -> Path:
+    path.write_text(f"station_m,speed_mps\n{first},14\n{last},12\n", encoding="utf-8")
+    return path
+
+
+def test_each_planner_makes_its_reference(route: Route, tmp_path: Path) -> None:
+    assert isinstance(reference(route, speed_planner="pcc"), PccReference)
+    assert isinstance(reference(route, speed_planner="cruise"), CruiseReference)
+    file = profile(tmp_path / "speed.csv", 0.0, 900.0)
+    assert isinstance(reference(route, speed_profile=file), ProfileReference)
+
+
+def test_band_is_lawful_by_itself_and_can_be_told(route: Route) -> None:
+    found = reference(route, speed_planner="pcc", speed=20.0)
+    assert isinstance(found, PccReference)
+    assert (found.config.v_min, found.config.v_max) == (15.0, 25.0)
+    assert found.road.v_limit.max() == pytest.approx(80.0 / 3.6, abs=0.01)
+    told = reference(route, speed_planner="pcc", speed=20.0, speed_min=18.0, speed_max=21.0)
+    assert isinstance(told, PccReference)
+    assert (told.config.v_min, told.config.v_max) == (18.0, 21.0)
+
+
+@pytest.mark.parametrize("band", [{"speed_min": 21.0}, {"speed_max": 19.0}])
+def test_a_reference_speed_outside_its_band_is_refused(route: Route, band: dict) -> None:
+    with pytest.raises(InputError, match=r"speed 20 m/s is outside"):
+        reference(route, speed_planner="pcc", speed=20.0, **band)
+
+
+def test_a_band_is_of_pcc_only(route: Route) -> None:
+    with pytest.raises(InputError, match="speed-planner pcc"):
+        reference(route, speed_planner="cruise", speed_min=12.0)
+
+
+def test_a_profile_of_another_road_is_refused(route: Route, tmp_path: Path) -> None:
+    file = profile(tmp_path / "speed.csv", 0.0, 900.0)
+    with pytest.raises(InputError, match="nothing of it lies ahead"):
+        reference(route, speed_profile=file, start_station=1000.0)
+
+
+def test_a_road_too_short_to_plan_is_driven_at_the_reference_speed() -> None:
+    found = reference(Route.straight(length=150.0), speed_planner="pcc", speed=15.0)
+    assert isinstance(found, CruiseReference)
+    assert "too short" in found.reason
+    assert found.at(50.0) == 15.0
+
+
+def test_drive_with_pcc_is_the_same_again_bit_for_bit() -> None:
+    config = DriveConfig(speed_planner="pcc", traffic_mode="none", duration=3.0)
+    with Simulation(config, visuals=False) as simulation:
+        tables = []
+        for _ in range(2):
+            telemetry = Telemetry(None)
+            simulation.run([telemetry])
+            tables.append([telemetry.column(n) for n in ("speed [m/s]", "reference_speed [m/s]")])
+            simulation.reset()
+    assert np.array_equal(*tables)
+
+
+def test_drive_follows_a_profile(tmp_path: Path) -> None:
+    file = profile(tmp_path / "speed.csv", 0.0, 200.0)
+    config = DriveConfig(
+        speed_profile=file, traffic_mode="none", duration=8.0, start_speed=14.0, payload=0.0
+    )
+    telemetry = Telemetry(None)
+    with Simulation(config, visuals=False) as simulation:
+        simulation.run([telemetry])
+    station = telemetry.column("station [m]")
+    wanted = np.interp(station, [0.0, 200.0], [14.0, 12.0])
+    assert telemetry.column("reference_speed [m/s]") == pytest.approx(wanted)
+    assert np.abs(telemetry.column("speed [m/s]") - wanted)[30:].max() < 0.6
