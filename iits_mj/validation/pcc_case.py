@@ -13,6 +13,7 @@ from controllers.pcc.fuel import FuelMap
 from controllers.pcc.planner import lower_speeds, make_vehicle
 from controllers.pcc.solver import Answer, Solver, Task
 from controllers.pcc.vehicle import PointMass, durations, full_power_speed
+from iits_mj.errors import PlanningError
 from iits_mj.parameters import TruckParameters
 from iits_mj.units import GRAVITY
 
@@ -66,6 +67,10 @@ def solve(
     """
     parameters = parameters or TruckParameters.load()
     solution = plan(road, parameters, mass, config)
+    if min(solution.baseline_fuel, float(solution.baseline.map_fuel.sum())) <= 0.0:
+        raise PlanningError(
+            f"on road {road.name!r} the cruise burns no fuel at all: nothing can be saved"
+        )
     fuel_map = FuelMap(parameters)
     vehicle = make_vehicle(parameters, fuel_map, mass, config)
     base = solution.baseline.speed

@@ -25,7 +25,7 @@ from iits_mj.validation.pcc import PAPER_SAVING_PERCENT, panels
 from iits_mj.validation.pcc_accuracy import (
     FINE_STEP,
     bound_checks,
-    convergence_check,
+    convergence_checks,
     cost_checks,
     element_checks,
     energy_checks,
@@ -114,7 +114,7 @@ def run_savings(config: ValidateConfig) -> Results:
     if case is not None:
         checks += bound_checks(case)
         checks += energy_checks(case)
-        checks.append(convergence_check(case, load(FINE_STEP)))
+        checks += convergence_checks(case, load(FINE_STEP))
         checks += cost_checks(case, LONG_QUICK if config.quick else LONG)
         if not config.quick:
             elements = finite_elements(case)
