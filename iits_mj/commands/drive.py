@@ -35,6 +35,7 @@ from iits_mj.simulation.ending import DivergedError
 from iits_mj.simulation.figures import drive_figures
 from iits_mj.simulation.log_driver import LogDriver
 from iits_mj.simulation.recorded_options import check_given
+from iits_mj.simulation.speed_report import speed_object, speed_rows
 from iits_mj.simulation.summary import counts_text, to_text
 from iits_mj.truck import Truck
 
@@ -100,6 +101,7 @@ class Outcome:
     Attributes:
       summary, telemetry: of the drive; video: where it lies, or None; notes: for the report.
       receiver: of the truck's commands, where they came as frames; logged: frames written.
+      driver: who drove.
     """
 
     summary: DriveSummary
@@ -108,6 +110,7 @@ class Outcome:
     notes: tuple[str, ...]
     receiver: CommandReceiver | None
     logged: int
+    driver: Driver
 
     def frames(self) -> dict[str, Mapping[str, int]]:
         """What became of the frames, by kind and reason; nothing where there were none."""
@@ -123,7 +126,7 @@ class Outcome:
 
     def rows(self) -> list[tuple[str, str]]:
         """Name and value of every figure, for tables that people read."""
-        rows = self.summary.rows()
+        rows = self.summary.rows() + speed_rows(self.driver)
         rows += [(f"frames {what}", counts_text(n)) for what, n in self.frames().items()]
         return rows
 
@@ -182,7 +185,8 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
         notes += (UNSTEERED,)
     video = film.path if film else None
     logged = log.count if log else 0
-    return Outcome(summary, telemetry, video, notes, receiver, logged), interrupted
+    driver = simulation.driver
+    return Outcome(summary, telemetry, video, notes, receiver, logged, driver), interrupted
 
 
 def _receiver(simulation: Simulation) -> CommandReceiver | None:
@@ -257,4 +261,5 @@ def _summary_object(job: Job, outcome: Outcome) -> dict[str, object]:
         "settings": dict(_settings(job.options)),
         "notes": list(outcome.notes),
     }
+    found |= speed_object(outcome.driver)
     return found | {what: dict(counts) for what, counts in outcome.frames().items()}

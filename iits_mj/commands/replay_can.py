@@ -88,6 +88,7 @@ def run(options: Options) -> int:
         duration=options.duration or _LONGEST,
         traffic_mode="none",
         decision="keep",
+        speed_planner="cruise",
     )
 
     def driver(route: Route, truck: Truck) -> LogDriver:

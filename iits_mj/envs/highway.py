@@ -111,6 +111,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
             payload=payload,
             payload_height=payload_height,
             decision="keep",
+            # Its observations and rewards are those of a constant reference speed.
+            speed_planner="cruise",
         )
         self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (OBSERVATION_SIZE,), np.float32)
         self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))

@@ -97,6 +97,7 @@ def run_full(density: str, traffic_speed: float, method: str, seed: int, duratio
         seed=seed,
         speed=REFERENCE_SPEED,
         start_speed=traffic_speed,
+        speed_planner="cruise",
     )
     with Simulation(config) as simulation:
         result = simulation.run()
