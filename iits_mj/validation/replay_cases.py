@@ -98,7 +98,10 @@ def hill_case(length: float, timestep: float) -> Case:
 
 
 def full_cases(config: ValidateConfig) -> list[Case]:
-    """All of the full form whose files are at hand, the paper's road first."""
+    """Those of the full form whose files are at hand, the paper's road first.
+
+    With a payload named in the config only the cases with that load.
+    """
     paper = paper_case(config)
     cases = [
         paper,
@@ -112,7 +115,11 @@ def full_cases(config: ValidateConfig) -> list[Case]:
         cycle_case(config, CYCLE_65),
         site_case(config),
     ]
-    return [case for case in cases if case is not None]
+    step = Task.timestep if config.timestep is None else config.timestep
+    wanted = [case for case in cases if case is not None]
+    if config.payload is not None:
+        wanted = [case for case in wanted if case.payload == config.payload]
+    return [dataclasses.replace(case, timestep=step) for case in wanted]
 
 
 def _along(
