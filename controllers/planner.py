@@ -242,6 +242,9 @@ class Planner:
         speed = float(np.interp(scene.time, last.time, last.speed))
         acceleration = float(np.interp(scene.time, last.time, last.acceleration))
         speed = min(max(speed, ego.speed - reach), ego.speed + reach)
+        if not self._emergency:
+            # What an emergency left is let go at once.
+            acceleration = max(acceleration, -self.config.speed.following.deceleration_max)
         return SpeedState(ego.station, max(speed, 0.0), acceleration)
 
     def _stops(
