@@ -60,6 +60,8 @@ class LateralController:
         self._gains: LateralGains | None = None
         count = round(config.preview_time / config.step) + 1
         self._ages: FloatArray = np.linspace(0.0, config.preview_time, count)
+        # Sine of the road wheels' greatest angle.
+        self._most = math.sin(parameters.steering.angle_max / parameters.steering.ratio)
         self._near = max(1, round(2.0 * config.lag / config.step))
         self._play = SteeringPlay(parameters.steering, config.play)
         self._observer = DisturbanceObserver(config.disturbance_time, config.step)
@@ -126,15 +128,15 @@ class LateralController:
         """
         beyond = (self._demand or 0.0) - steady
         idle = min(self.config.idle_angle, self.config.idle_acceleration / gains.response)
-        return steady + math.copysign(max(abs(beyond) - idle, 0.0), beyond)
+        wanted = steady + math.copysign(max(abs(beyond) - idle, 0.0), beyond)
+        return min(max(wanted, -self._most), self._most)
 
     def _move(self, rate: float, error: float, speed: float) -> None:
         """Moves the demanded angle, within what the gear can, and the integral."""
         config, steering = self.config, self.parameters.steering
         limit = steering.rate_max / steering.ratio
-        most = math.sin(steering.angle_max / steering.ratio)
         demand = (self._demand or 0.0) + min(max(rate, -limit), limit) * config.step
-        self._demand = min(max(demand, -most), most)
+        self._demand = min(max(demand, -self._most), self._most)
         if abs(self.error) < config.integral_error_max and speed > 2.0:
             grown = self._integral + error * config.step
             self._integral = min(max(grown, -config.integral_max), config.integral_max)

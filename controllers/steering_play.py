@@ -91,4 +91,6 @@ class SteeringPlay:
             self._wheel += self._flank * reach
         else:
             self._wheel = target
+        most = self.steering.angle_max
+        self._wheel = min(max(self._wheel, -most), most)
         return self._wheel
