@@ -114,6 +114,13 @@ def with_rolling(parameters: TruckParameters, coefficient: float) -> TruckParame
     return replace(parameters, tire_common=common)
 
 
+def with_power(parameters: TruckParameters, share: float) -> TruckParameters:
+    """The truck with a share of its engine's full-load torque; drag and fuel map as they are."""
+    engine = parameters.engine
+    torque = engine.full_load_torque * share
+    return replace(parameters, engine=replace(engine, full_load_torque=torque))
+
+
 def scaled_heights(road: RoadProfile, factor: float) -> RoadProfile:
     """The road with all heights, and so all grades, times a factor."""
     return replace(road, height=road.height * factor)

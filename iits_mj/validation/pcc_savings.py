@@ -32,7 +32,7 @@ from iits_mj.validation.pcc_accuracy import (
     finite_elements,
     warm_up,
 )
-from iits_mj.validation.pcc_case import Case, bound, scaled_heights, solve, with_rolling
+from iits_mj.validation.pcc_case import Case, bound, scaled_heights, solve, with_power, with_rolling
 from iits_mj.validation.road_files import CYCLE_55, CYCLE_65, PAPER_ROAD, find_road
 
 FloatArray = NDArray[np.float64]
@@ -118,7 +118,7 @@ def run_savings(config: ValidateConfig) -> Results:
         checks += cost_checks(case, LONG_QUICK if config.quick else LONG)
         if not config.quick:
             elements = finite_elements(case)
-            checks += element_checks(case, elements)
+            checks += element_checks(case, elements, must="-0.5 .. 0.5")
             table.notes += [elements.reason] if elements.reason else []
             results.figures[name] = panels(case, elements)
     if not config.quick:
@@ -185,7 +185,7 @@ def _other_roads(config: ValidateConfig, table: Table) -> None:
 
 
 def sensitivities(table: Table, road: RoadProfile, name: str) -> list[Panel]:
-    """Saving over band, mass, rolling resistance, hilliness and k_a, one at a time."""
+    """Saving over band, mass, rolling resistance, power, hilliness and k_a, one at a time."""
     parameters = TruckParameters.load()
     panels = []
 
@@ -194,12 +194,12 @@ def sensitivities(table: Table, road: RoadProfile, name: str) -> list[Panel]:
     ) -> None:
         kept = [(value, solve_one(f"{title} {value:g}", value)) for value in values]
         pairs = [(value, case.solution) for value, case in kept if case is not None]
-        x = np.array([value for value, _ in pairs])
+        x = np.array([value for value, _ in pairs], dtype=float)
         lines = (
             Line("engine map", x, np.array([s.map_saving_percent for _, s in pairs]), "simulation"),
             Line("optimizer's model", x, np.array([s.saving_percent for _, s in pairs])),
         )
-        panels.append(Panel(f"Saving, {name}", title, "saving [%]", lines))
+        panels.append(Panel(f"{name}: {title.split(' [')[0]}", title, "saving [%]", lines))
 
     sweep(
         "greatest speed [km/h]",
@@ -220,6 +220,11 @@ def sensitivities(table: Table, road: RoadProfile, name: str) -> list[Panel]:
         "rolling resistance [1]",
         (0.005, 0.006, 0.007),
         lambda label, c: table.add(label, road, BAND, LADEN, with_rolling(parameters, c)),
+    )
+    sweep(
+        "engine's full load times [1]",
+        (0.8, 0.9, 1.0),
+        lambda label, share: table.add(label, road, BAND, LADEN, with_power(parameters, share)),
     )
     sweep(
         "heights times [1]",

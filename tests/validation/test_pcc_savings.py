@@ -11,7 +11,14 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.validation import pcc_savings
 from iits_mj.validation.config import ValidateConfig
 from iits_mj.validation.pcc_accuracy import convergence_checks, finite_elements, long_road
-from iits_mj.validation.pcc_case import balance, bound, scaled_heights, solve, with_rolling
+from iits_mj.validation.pcc_case import (
+    balance,
+    bound,
+    scaled_heights,
+    solve,
+    with_power,
+    with_rolling,
+)
 
 BAND = PccConfig(v_max=25.0)
 
@@ -92,6 +99,12 @@ def test_lower_hills_and_higher_rolling_resistance_leave_less_to_save(case):
     assert stiff.vehicle.rolling == 0.009
     assert lower.solution.saving_percent < case.solution.saving_percent
     assert stiff.solution.saving_percent < case.solution.saving_percent
+
+
+def test_a_share_of_the_full_load_is_a_share_of_the_power(case):
+    weaker = solve(case.road, BAND, parameters=with_power(TruckParameters.load(), 0.8))
+    assert weaker.vehicle.power_max == pytest.approx(0.8 * case.vehicle.power_max)
+    assert weaker.solution.plan.power.max() <= weaker.vehicle.power_max * (1.0 + 1e-4)
 
 
 def test_quick_form_needs_no_files_and_demands_nothing_of_the_paper():
