@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.pcc.profile import RoadProfile
-from controllers.pcc.vehicle import PointMass, durations
+from controllers.pcc.vehicle import PointMass, durations, full_power_speed
 from iits_mj.errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -53,7 +53,8 @@ class FenceConfig:
       regain: time in which a gap that is too short is won back to a third [s].
       deceleration: greatest that a plan has for a vehicle's sake [m/s2].
       slower: greatest difference to its speed while falling back [m/s].
-      horizon: of plans behind a vehicle, as nobody knows what it will do [m].
+      hold: for so long it is predicted to go on; after that it is out of the way, or passed [s].
+      horizon: of plans behind a vehicle [m].
       jam: behind vehicles slower than this nothing is optimized [m/s].
     """
 
@@ -62,6 +63,7 @@ class FenceConfig:
     regain: float = 30.0
     deceleration: float = 0.5
     slower: float = 1.5
+    hold: float = 30.0
     horizon: float = 2_000.0
     jam: float = 4.0
 
@@ -84,12 +86,10 @@ class Fence:
     Attributes:
       time: earliest time from now at which each node may be passed [s].
       slowest: least speeds that the plan may have to that end [m/s].
-      pace: of the vehicle [m/s].
     """
 
     time: FloatArray
     slowest: FloatArray
-    pace: float
 
     def kept(self, road: RoadProfile, speed: FloatArray, early: float = 0.0) -> bool:
         """Whether node speeds stay behind it, or pass it by at most `early` seconds too soon."""
@@ -97,47 +97,61 @@ class Fence:
 
 
 def fence_of(
-    road: RoadProfile, speed: float, fastest: FloatArray, leader: Leader, config: FenceConfig
+    vehicle: PointMass, road: RoadProfile, speed: float, leader: Leader, config: FenceConfig
 ) -> Fence:
-    """The fence of a vehicle that goes on at its speed.
+    """The fence of a vehicle that goes on at its speed for a while.
 
-    A plan that counted on its leaving would hang back, to be fast when it is gone. A gap that is
-    too short now, as after a cut-in, is won back over some time, and no more is asked for than
-    comfortable braking can do: no fence makes a problem infeasible, and what braking it takes
-    beyond that is the trajectory planner's.
+    Not for ever: who plans to stay behind a slow vehicle two kilometers on slows down now, and
+    never comes near enough to pass it. A gap that is too short now, as after a cut-in, is won back
+    over some time, and no more is asked for than comfortable braking can do: no fence makes a
+    problem infeasible, and what braking it takes beyond that is the trajectory planner's.
 
     Args:
-      road: ahead, from where the truck is.
+      vehicle: the truck.
+      road: ahead, from where it is.
       speed: of the truck [m/s].
-      fastest: greatest speeds at the nodes, shape (n + 1,) [m/s].
       leader: the vehicle.
       config: gaps.
+
+    Raises:
+      PlanningError: a climb is beyond full power.
     """
     pace = leader.pace
     way = road.station - road.station[0]
     floor = min(max(pace - config.slower, 0.5 * pace), speed)
-    braked = np.sqrt(np.maximum(speed**2 - 2.0 * config.deceleration * way, floor**2))
-    slowest = np.minimum(braked, 0.9 * fastest)
+    braked = _braked(road, speed, floor, config)
+    # On a climb it may be slower still: as slow as full power makes who arrives there so slowly.
+    slowest = 0.99 * full_power_speed(vehicle, road, speed, braked)
     slowest[0] = speed
     passing = (road.station - config.clear(leader)) / pace + config.time_gap
     lost = max(speed - pace, 0.0) ** 2 / (2.0 * config.deceleration) / pace
     missing = max(float(passing[0]) + lost, 0.0)
     passing = passing - missing * np.exp(-way / (config.regain * max(speed, LEAST_PACE)))
-    return Fence(np.clip(passing, 0.0, 0.98 * _clock(road, slowest)), slowest, pace)
+    # Once the vehicle is gone nothing is in the way: nobody needs to pass later than that.
+    passing = np.clip(passing, 0.0, config.hold)
+    return Fence(np.minimum(passing, 0.98 * _clock(road, slowest)), slowest)
 
 
 def _clock(road: RoadProfile, speed: FloatArray) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(durations(speed, road))])
 
 
-def approach_speeds(road: RoadProfile, leader: Leader, config: FenceConfig) -> FloatArray:
+def approach_speeds(
+    road: RoadProfile, speed: float, leader: Leader, config: FenceConfig
+) -> FloatArray:
     """Node speeds (n + 1,) that come down to a leader's at the deceleration of the settings.
 
     The trajectory planner does the following itself; this only saves driving up to a jam.
     """
     end = max(leader.pace, config.jam)
     way = np.maximum(config.clear(leader) - road.station, 0.0)
-    return np.asarray(np.sqrt(end**2 + 2.0 * config.deceleration * way))
+    wanted = np.sqrt(end**2 + 2.0 * config.deceleration * way)
+    return np.asarray(np.maximum(wanted, _braked(road, speed, min(end, speed), config)))
+
+
+def _braked(road: RoadProfile, speed: float, floor: float, config: FenceConfig) -> FloatArray:
+    way = road.station - road.station[0]
+    return np.asarray(np.sqrt(np.maximum(speed**2 - 2.0 * config.deceleration * way, floor**2)))
 
 
 def braking_speeds(vehicle: PointMass, road: RoadProfile, speed: float) -> FloatArray:

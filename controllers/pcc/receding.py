@@ -202,11 +202,10 @@ class RecedingPlanner:
         answer = self._solve(task, bounds)
         if leader is None:
             return answer.speed, answer.wall_time
-        fence = fence_of(road, speed, bounds.fastest, leader, settings)
+        fence = fence_of(self.vehicle, road, speed, leader, settings)
         if fence.kept(road, answer.speed):
             return answer.speed, answer.wall_time
-        # Who is faster than the vehicle ahead where the plan ends must brake soon after.
-        high[-1] = max(min(float(high[-1]), fence.pace**2), float(fence.slowest[-1]) ** 2)
+        high[-1] = max(float(high[-1]), float(fence.slowest[-1]) ** 2)
         low = np.minimum(fence.slowest**2, high)
         behind = self._solve(replace(task, b_low=low, b_high=high, fence=fence.time), bounds)
         return behind.speed, answer.wall_time + behind.wall_time
@@ -267,7 +266,7 @@ class RecedingPlanner:
             # Not even that can be driven: ask for the limits and let the truck do its best.
             held = np.minimum(road.v_limit, self.config.v_ref)
         if leader is not None:
-            held = np.minimum(held, approach_speeds(road, leader, settings))
+            held = np.minimum(held, approach_speeds(road, speed, leader, settings))
         return held, "cruise"
 
     def _holds(
@@ -278,5 +277,8 @@ class RecedingPlanner:
         lawful = bool((held[1:] <= road.v_limit[1:] + 1e-6).all())
         if not (near and lawful) or leader is None:
             return near and lawful
-        fence = fence_of(road, speed, np.full(held.size, np.inf), leader, self.receding.fence)
+        try:
+            fence = fence_of(self.vehicle, road, speed, leader, self.receding.fence)
+        except PlanningError:
+            return False
         return fence.kept(road, held, _SOON)

@@ -49,7 +49,7 @@ class RecedingConfig:
     step: float = 50.0
     time_limit: float = 0.5
     fence: FenceConfig = field(default_factory=FenceConfig)
-    power_share: float = 0.85
+    power_share: float = 0.8
     resync: float = 0.5
     slack: float = 0.0
     replan_lag: float = 3.0
