@@ -27,6 +27,9 @@ _INSIDE = 0.05  # least first slack
 _MU = 0.1  # first s z
 _DIVERGED = 1e9
 _POLISH = 2  # further steps once the tolerances are met
+_ACCEPTED = 100.0  # times the tolerances, with which an optimum is taken when iterations are up
+_WINDOW = 30  # iterations of the quick run, each so many the errors are to fall to a tenth
+_NO_STEP = "the curvature is not positive"
 _NO_DRIVE = "no drive keeps to all limits: their multipliers have no bound"
 
 
@@ -122,6 +125,7 @@ class _Run:
         """Iterates until the optimality conditions hold; else says why they do not."""
         settings, limits = self.settings, self.limits
         mu, penalty, polished = _MU, 1.0, 0
+        errors: list[float] = []
         for _ in range(settings.iterations):
             residual = (limits.values(self.at) - self.s) * limits.present
             slope_b, slope_y = limits.gradient(self.at, self.z)
@@ -142,9 +146,20 @@ class _Run:
             if guarded:
                 mu = self._lower(mu, max(primal, dual))
                 penalty = self._guarded_step(residual, mu, penalty)
+                if not np.isfinite(penalty):
+                    return _NO_STEP
+            elif len(errors) > 2 * _WINDOW and min(errors[-_WINDOW:]) > 0.1 * min(
+                errors[:-_WINDOW]
+            ):
+                break
             elif not self._quick_step(residual, gap):
-                return "the curvature is not positive"
+                return _NO_STEP
+            errors.append(float(max(primal, gap)))
             self.iterations += 1
+        if max(primal, gap) < _ACCEPTED * settings.tolerance and (
+            dual < _ACCEPTED * settings.dual_tolerance
+        ):
+            return ""
         return f"{self.iterations} iterations were not enough"
 
     def optimum(self, note: str) -> Optimum:
@@ -187,9 +202,12 @@ class _Run:
         return mu
 
     def _guarded_step(self, residual: FloatArray, mu: float, penalty: float) -> float:
-        """A step that lowers the merit function; gives back the penalty nu."""
+        """A step that lowers the merit function; gives back nu, NaN where there is no direction."""
         present = self.limits.present
-        step = _System(self).direction(residual, mu * present)
+        system = _System(self)
+        if not system.definite:
+            return float("nan")
+        step = system.direction(residual, mu * present)
         ds, dz, db, dy = step
         slope_b, slope_y = self.limits.gradient(self.at, np.zeros_like(self.z))
         drop = _dot(slope_b, db) + _dot(slope_y, dy) - mu * _dot(present / self.s, ds)
@@ -231,11 +249,13 @@ class _System:
         intervals, nodes, times = limits.weights(run.z / run.s)
         free = ~limits.pinned
         by_duration = limits.slopes(at, run.z)[1]
-        for convex in (False, True):
+        # Exact, then the convex part, then that with more on its diagonal than rounding takes away.
+        for convex, more in ((False, 0.0), (True, 0.0), (True, 1e-7)):
             h00, h01, h11, *self._brake = at.curvature(intervals, by_duration, convex)
             diagonal = nodes + 1e-12
             diagonal[:-1] += h00
             diagonal[1:] += h11
+            diagonal *= 1.0 + more
             diagonal[limits.pinned] = 1.0
             self._system = NodeSystem(
                 diagonal,
