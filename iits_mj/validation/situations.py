@@ -64,9 +64,9 @@ def _three_situations() -> Results:
     route, results = Route.straight(length=3000.0), Results("situations")
     there = (_START - 40.0, _START + 140.0)
 
-    invalid = IdealDrive(route, _START, 0, SPEED).run(4.0, decide=once(1.0, Decision.RIGHT))
+    invalid = IdealDrive(route, _START, 0, SPEED).run(2.0, decide=once(1.0, Decision.RIGHT))
     unsafe = IdealDrive(route, _START, 0, SPEED)
-    unsafe.run(4.0, _beside(route), once(1.0, Decision.LEFT))
+    unsafe.run(2.0, _beside(route), once(1.0, Decision.LEFT))
     safe = IdealDrive(route, _START, 0, SPEED)
     safe.run(12.0, _far(route), once(1.0, Decision.LEFT))
     begun = next(plan for plan in safe.plans if plan.mode is PlanMode.LANE_CHANGE)
@@ -117,7 +117,7 @@ def _lane_end(route: Route, quick: bool) -> Results:
 
     The cars of the stream do not make room, so that what opens is what the truck has aimed for.
     """
-    results, speed, begin = Results("lane end"), 14.0, 3950.0
+    results, speed, begin = Results("lane end"), 14.0, 4050.0
     drive = IdealDrive(route, begin, 2, speed)
     hole = -30.0
 
@@ -125,7 +125,7 @@ def _lane_end(route: Route, quick: bool) -> Results:
         places = [begin + hole + 34.0 * k + speed * ego.time for k in range(-12, 13) if k != 0]
         return tuple(car(route, f"c{k}", place, 1, speed) for k, place in enumerate(places))
 
-    drive.run(28.0 if quick else 40.0, stream)
+    drive.run(22.0 if quick else 40.0, stream)
     begun = next(
         (row for row, plan in enumerate(drive.plans) if plan.mode is PlanMode.LANE_CHANGE), 0
     )
@@ -254,7 +254,7 @@ def _ramp() -> Results:
 def _random(highway: Route, quick: bool) -> Results:
     """Random states on both roads."""
     results = Results("random states")
-    count = 50 if quick else 1500
+    count = 30 if quick else 1500
     found = random_breaches([Route.straight(length=6000.0), highway], count)
     label = f"{found.trajectories} trajectories from {count} random states"
     results.checks += [
