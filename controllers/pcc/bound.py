@@ -14,7 +14,9 @@ square over a concave function. `E^2 / t` is convex in (E, t) together. Only the
 convex. The relaxation asks `t >= 2 ds / (v[k] + v[k+1])` in its place: every plan stays feasible at
 its own cost, so the relaxed optimum is at most the cost of any plan. Where it meets (1), which it
 does as long as waiting does not pay (`f0 + price > f2 P^2` off the limits of power), the relaxed
-optimum is itself a plan: then that plan is the global optimum.
+optimum is itself a plan: then that plan is the global optimum. Where waiting would pay it is held
+by `t <= ds (c(b[k]) + c(b[k+1])) / 2`, with c the chord of `1 / sqrt(b)` over the bounds of b. Every
+plan keeps to that too: a harmonic mean is at most the arithmetic one, and a chord lies above.
 
 The number is a bound even if the relaxed problem is solved inexactly. With multipliers y >= 0 the
 Lagrangian L(x, y) is at most the cost for every feasible x; it is convex in x, so it lies above its
@@ -136,10 +138,8 @@ def certificate(vehicle: PointMass, task: Task, answer: Answer) -> float:
     push = -lever * (force + of_full - of_over)
     late = wait - vehicle.power_max * of_full - vehicle.power_drag * of_over
     columns = (np.maximum(-push, 0.0), np.maximum(push, 0.0), of_full, of_over)
-    multipliers = np.column_stack([*columns, np.maximum(late, 0.0)])
-    return relaxation.dual_value(
-        (b, work, t), np.vstack([multipliers, [answer.time_price, 0.0, 0.0, 0.0, 0.0]])
-    )
+    table = np.column_stack([*columns, np.maximum(late, 0.0), np.zeros(late.size)])
+    return relaxation.dual_value((b, work, t), np.vstack([table, [answer.time_price, *[0.0] * 5]]))
 
 
 class _Relaxation:
@@ -153,19 +153,27 @@ class _Relaxation:
         self.b_box = (low, high)
         self.t_box = (t_low, t_high)
         self.e_box = (-vehicle.power_drag * t_high, vehicle.power_max * t_high)
+        # The chord of 1 / sqrt(b): its value at `low` and its slope.
+        v_low, v_high = np.sqrt(low), np.sqrt(high)
+        self.chord = (1.0 / v_low, -1.0 / (v_low * v_high * (v_low + v_high)))
 
     def least_time(self, b: FloatArray) -> FloatArray:
         """Durations (1) [s], shape (n,), for b [m2/s2], shape (n + 1,)."""
         v = np.sqrt(b)
         return np.asarray(2.0 * self.step / (v[1:] + v[:-1]))
 
+    def most_time(self, b: Any) -> Any:
+        """Durations (n,) that no plan exceeds, linear in b [m2/s2], of shape (n + 1,)."""
+        slowness = self.chord[0] + self.chord[1] * (b - self.b_box[0])
+        return 0.5 * self.step * (slowness[:-1] + slowness[1:])
+
     def solve(
         self,
     ) -> tuple[tuple[FloatArray, FloatArray, FloatArray], FloatArray, float, bool]:
-        """Point (b, E, t), multipliers of shape (n, 5), optimum [kg], and whether it converged.
+        """Point (b, E, t), multipliers, optimum [kg], and whether it converged.
 
-        Columns of the multipliers: brakes low, brakes high, power, drag, time (1); the price of the
-        trip time stands in the last row, first column: shape (n + 1, 5).
+        Columns of the multipliers: brakes low, brakes high, power, drag, time (1), chord; the price
+        of the trip time stands in the last row, first column: shape (n + 1, 6).
         """
         import casadi as ca
 
@@ -189,6 +197,7 @@ class _Relaxation:
             (work_ - vehicle.power_max * t_) / _E,
             (-work_ - vehicle.power_drag * t_) / _E,
             (2.0 * ds / sums - t_) / _T,
+            (t_ - self.most_time(b_)) / _T,
         )
         problem = {
             "x": ca.vertcat(ca.vec(ca.horzcat(b[:-1], work, t).T), b[n]),
@@ -212,19 +221,18 @@ class _Relaxation:
             x0=middle,
             lbx=low,
             ubx=high,
-            lbg=np.append(np.tile([0.0, -np.inf, -np.inf, -np.inf], n), -np.inf),
+            lbg=np.append(np.tile([0.0, *[-np.inf] * 4], n), -np.inf),
             ubg=np.append(
-                np.tile([vehicle.brake_max / scale, 0.0, 0.0, 0.0], n), task.time_max / 100.0
+                np.tile([vehicle.brake_max / scale, *[0.0] * 4], n), task.time_max / 100.0
             ),
         )
         x = np.clip(np.asarray(result["x"]).ravel(), low, high)
         table = x[:-1].reshape(n, 3)
         point = (np.append(table[:, 0], x[-1]) * _B, table[:, 1] * _E, table[:, 2] * _T)
         raw = np.asarray(result["lam_g"]).ravel() * _COST
-        price, raw = max(float(raw[-1]), 0.0) / 100.0, raw[:-1].reshape(n, 4)
-        raw = raw / np.array([scale, _E, _E, _T])
-        columns = (-raw[:, 0], raw[:, 0], raw[:, 1], raw[:, 2], raw[:, 3])
-        y = np.vstack([np.column_stack(columns), [price, 0.0, 0.0, 0.0, 0.0]])
+        price, raw = max(float(raw[-1]), 0.0) / 100.0, raw[:-1].reshape(n, 5)
+        raw = raw / np.array([scale, _E, _E, _T, _T])
+        y = np.vstack([np.column_stack([-raw[:, 0], raw]), [price, *[0.0] * 5]])
         return (
             point,
             np.maximum(y, 0.0),
@@ -240,7 +248,7 @@ class _Relaxation:
         b, work, t = point
         v = np.sqrt(b)
         sums, gain = v[1:] + v[:-1], np.diff(b)
-        slow, fast, power, drag, late = multipliers[:-1].T
+        slow, fast, power, drag, late, early = multipliers[:-1].T
         price = float(multipliers[-1, 0]) if np.isfinite(task.time_max) else 0.0
         fuel, eta, kinetic = vehicle.fuel, vehicle.efficiency, vehicle.inertial_mass / (2.0 * ds)
         net = gain * kinetic + self.slope + 0.5 * vehicle.drag * (b[1:] + b[:-1])
@@ -256,13 +264,14 @@ class _Relaxation:
             + power * (work - vehicle.power_max * t)
             + drag * (-work - vehicle.power_drag * t)
             + late * (least - t)
+            + early * (t - self.most_time(b))
         )
         value -= task.price_energy * b[-1]
         if price > 0.0:
             value += price * (t.sum() - task.time_max)
         push = fast - slow
         d_work = fuel.f1 + 2.0 * fuel.f2 * work / t + push * eta / ds + power - drag
-        d_t = fuel.f0 + task.price_time - fuel.f2 * (work / t) ** 2 + price - late
+        d_t = fuel.f0 + task.price_time - fuel.f2 * (work / t) ** 2 + price - late + early
         d_t -= power * vehicle.power_max + drag * vehicle.power_drag
         # At the two ends of an interval: by the sum of speeds, by the difference of b, and by N.
         root = -late * 2.0 * ds / sums**2 - task.k_a * gain**2 / (2.0 * ds * sums**2)
@@ -270,6 +279,8 @@ class _Relaxation:
         d_b = np.zeros(b.size)
         d_b[:-1] += root / (2.0 * v[:-1]) - ride - push * (0.5 * vehicle.drag - kinetic)
         d_b[1:] += root / (2.0 * v[1:]) + ride - push * (0.5 * vehicle.drag + kinetic)
+        d_b[:-1] -= 0.5 * ds * early * self.chord[1][:-1]
+        d_b[1:] -= 0.5 * ds * early * self.chord[1][1:]
         d_b[-1] -= task.price_energy
         for slope, at, (low, high) in (
             (d_b, b, self.b_box),

@@ -141,6 +141,21 @@ def test_bound_stays_below_where_the_relaxation_is_loose():
     assert bound.gap(cost(vehicle, task, answer.speed)) > 0.0
 
 
+def test_no_plan_takes_longer_than_the_chords_allow():
+    vehicle, task, _ = task_on(random_road(8))
+    relaxation = _Relaxation(vehicle, task)
+    rng = np.random.default_rng(5)
+    for _ in range(200):
+        b = rng.uniform(*relaxation.b_box)
+        assert (relaxation.least_time(b) <= relaxation.most_time(b) * (1.0 + 1e-12)).all()
+    for b in relaxation.b_box:
+        # At the ends of the box both say the same for equal speeds.
+        inner = slice(1, -1)
+        assert relaxation.most_time(b)[inner] == pytest.approx(
+            0.5 * task.road.step * (1.0 / np.sqrt(b[1:-2]) + 1.0 / np.sqrt(b[2:-1]))
+        )
+
+
 def test_prices_of_time_and_end_speed_take_the_place_of_a_trip_time():
     vehicle, task, base = task_on(random_road(6))
     low, high = task.b_low.copy(), task.b_high.copy()
