@@ -15,8 +15,8 @@ convex. The relaxation asks `t >= 2 ds / (v[k] + v[k+1])` in its place: every pl
 its own cost, so the relaxed optimum is at most the cost of any plan. Where it meets (1), which it
 does as long as waiting does not pay (`f0 + price > f2 P^2` off the limits of power), the relaxed
 optimum is itself a plan: then that plan is the global optimum. Where waiting would pay it is held
-by `t <= ds (c(b[k]) + c(b[k+1])) / 2`, with c the chord of `1 / sqrt(b)` over the bounds of b. Every
-plan keeps to that too: a harmonic mean is at most the arithmetic one, and a chord lies above.
+by `t <= ds (c(b[k]) + c(b[k+1])) / 2`, with c the chord of `1 / sqrt(b)` over the bounds of b.
+Every plan keeps to that too: a harmonic mean is at most the arithmetic one, a chord lies above.
 
 The number is a bound even if the relaxed problem is solved inexactly. With multipliers y >= 0 the
 Lagrangian L(x, y) is at most the cost for every feasible x; it is convex in x, so it lies above its
