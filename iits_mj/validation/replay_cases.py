@@ -110,7 +110,6 @@ def full_cases(config: ValidateConfig) -> list[Case]:
         else dataclasses.replace(paper, name="the paper's road, gears by load", overlay=ADAPTIVE),
         paper_case(config, payload=EMPTY),
         highway_case(),
-        highway_case(EMPTY),
         cycle_case(config, CYCLE_55),
         cycle_case(config, CYCLE_65),
         site_case(config),

@@ -32,7 +32,7 @@ FloatArray = NDArray[np.float64]
 RUN_IN, RUN_OUT = 300.0, 30.0
 _START = 100.0
 # Trip times agree when they differ by less [1]; so many drives at most.
-TIME_TOLERANCE, DRIVES = 5e-4, 3
+TIME_TOLERANCE, DRIVES = 9e-4, 3
 _FLOORED = 0.99
 _GRID = 10.0
 
