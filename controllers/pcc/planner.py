@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import numbers
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,7 +45,7 @@ class PccConfig:
         """Refuses an empty band and numbers that are not finite."""
         for name in ("v_ref", "v_min", "v_max", "k_a", "deceleration_max"):
             value = getattr(self, name)
-            if not math.isfinite(value) or value < 0.0:
+            if not (isinstance(value, numbers.Real) and 0.0 <= float(value) < math.inf):
                 raise InputError(f"{name} = {value!r} is not allowed: use 0 or more")
         if not 1.0 <= self.v_min <= self.v_ref <= self.v_max <= 60.0:
             raise InputError(
@@ -182,7 +183,7 @@ def make_vehicle(
     parameters: TruckParameters, fuel_map: FuelMap, mass: float, config: PccConfig
 ) -> PointMass:
     """The point mass of a band; InputError when the mass is not a truck's."""
-    if not math.isfinite(mass) or not 5_000.0 <= mass <= 80_000.0:
+    if not (isinstance(mass, numbers.Real) and 5_000.0 <= mass <= 80_000.0):
         raise InputError(f"mass {mass!r} kg is not allowed: use 5000 to 80000 kg")
     return PointMass.of(
         parameters, fuel_map, mass, config.v_min, config.v_max, config.deceleration_max

@@ -36,6 +36,7 @@ _B_MAX = 1e4  # [m2/s2], in place of no speed limit at all
 # Relative room in power and trip time: where only one drive is possible its multipliers would have
 # no bound without it.
 _ROOM = 1e-7
+_ROOM_BRAKE = 1e-4  # of the force of full power at 20 m/s: a newton or two
 # After a long climb at full power the end speed is the same, but for less and less, whatever was
 # done before: to hold it exactly would take multipliers without bound. There the end speed is worth
 # so many times what full power burns for it, and may be missed by so little [m/s].
@@ -242,7 +243,7 @@ def scaled(vehicle: PointMass, task: Task, soft_end: bool = False) -> tuple[Prob
         worth=worth,
         overrun=vehicle.power_drag / power,
         full=1.0 + _ROOM,
-        brake=vehicle.brake_max / (mass * units.force),
+        brake=vehicle.brake_max / (mass * units.force) + _ROOM_BRAKE,
         low=low / units.b,
         high=high / units.b,
         time_max=task.time_max * (1.0 + 0.1 * _ROOM) / units.time,

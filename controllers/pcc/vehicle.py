@@ -51,7 +51,11 @@ class PointMass:
         v_max: float,
         deceleration_max: float = 1.5,
     ) -> PointMass:
-        """The truck of given mass [kg] in a band of speeds [m/s]."""
+        """The truck of given mass [kg] in a band of speeds [m/s].
+
+        Raises:
+          PlanningError: at some speed of the band no gear runs.
+        """
         engine, tires = parameters.engine, parameters.tires
         turning = sum(
             2.0 * axle.wheel_inertia_spin / tires[axle.tire].rolling_radius ** 2
@@ -59,6 +63,11 @@ class PointMass:
         )
         turning += engine.inertia * float(fuel_map.gear_speed[-1]) ** 2
         air = parameters.aerodynamics
+        band = np.linspace(v_min, v_max, 60)
+        powers = fuel_map.power_max(band)
+        if powers.min() <= 0.0:
+            v = float(band[int(powers.argmin())])
+            raise PlanningError(f"no gear runs at {v:.1f} m/s: change v_min or v_max of the band")
         fuel = fuel_map.fit(v_min, v_max)
         return cls(
             mass=mass,
@@ -66,7 +75,7 @@ class PointMass:
             rolling=parameters.tire_common.rolling_resistance,
             drag=0.5 * air.density * air.drag_area,
             efficiency=fuel_map.efficiency,
-            power_max=float(fuel_map.power_max(np.linspace(v_min, v_max, 60)).min()),
+            power_max=float(powers.min()),
             power_drag=fuel.overrun_power,
             brake_max=mass * deceleration_max,
             fuel=fuel,

@@ -215,16 +215,37 @@ def test_a_limit_that_cannot_be_met_is_named():
 
 @pytest.mark.parametrize(
     ("change", "name"),
-    [({"v_min": 30.0}, "band"), ({"v_ref": np.nan}, "v_ref"), ({"k_a": -1}, "k_a")],
+    [
+        ({"v_min": 30.0}, "band"),
+        ({"v_ref": np.nan}, "v_ref"),
+        ({"k_a": -1}, "k_a"),
+        ({"v_max": "90"}, "v_max"),
+    ],
 )
 def test_bad_settings_are_refused_by_name(change, name):
     with pytest.raises(InputError, match=name):
         PccConfig(**change)
 
 
-def test_bad_mass_is_refused():
+@pytest.mark.parametrize("mass", [float("nan"), -1.0, "55 t", None])
+def test_bad_mass_is_refused(mass):
     with pytest.raises(InputError, match="mass"):
-        plan(hills(), PARAMETERS, float("nan"))
+        plan(hills(), PARAMETERS, mass)
+
+
+def test_a_band_beyond_the_gears_is_refused():
+    with pytest.raises(PlanningError, match="no gear runs at"):
+        plan(hills(), PARAMETERS, MASS, PccConfig(v_max=60.0))
+
+
+def test_a_truck_without_brakes_is_planned_by_coasting():
+    gentle = hills(amplitude=0.01)
+    solution = plan(gentle, PARAMETERS, MASS, PccConfig(deceleration_max=0.0))
+    assert solution.method == "interior_point"
+    vehicle = make_vehicle(PARAMETERS, FuelMap(PARAMETERS), MASS, PccConfig())
+    net = vehicle.net_force(solution.plan.speed, gentle)
+    mean = 0.5 * (solution.plan.speed[1:] + solution.plan.speed[:-1])
+    assert (net >= -vehicle.power_drag * vehicle.efficiency / mean - 5.0).all()
 
 
 @pytest.mark.parametrize(
