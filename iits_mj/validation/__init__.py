@@ -6,7 +6,7 @@
 from collections.abc import Callable
 
 from iits_mj.results import Results
-from iits_mj.validation import lateral, longitudinal, standards, step_size, traffic
+from iits_mj.validation import lateral, longitudinal, planning, standards, step_size, traffic
 from iits_mj.validation.config import ValidateConfig
 
 COMMANDS: dict[str, Callable[[ValidateConfig], Results]] = {
@@ -15,6 +15,7 @@ COMMANDS: dict[str, Callable[[ValidateConfig], Results]] = {
     "standards": standards.run,
     "step-size": step_size.run,
     "traffic": traffic.run,
+    "planning": planning.run,
 }
 
 __all__ = ["COMMANDS", "ValidateConfig"]
