@@ -1,0 +1,80 @@
+"""The drive tells the stack what lights and changing limits say, and the truck obeys."""
+
+from pathlib import Path
+
+import pytest
+
+from iits_mj.messages import EgoFootprint, EgoState, LightState, RoadSignals, SpeedZone
+from iits_mj.road import Route
+from iits_mj.simulation import DriveConfig, Simulation
+from iits_mj.simulation.signals import read_signals
+from traffic_bridge import InterSim, PureSim, Recorder, TrafficConfig
+
+MAP = (
+    Path(__file__).resolve().parents[2]
+    / "../shared/data/xodr/esmini_fabriksgatan_traffic_lights.xodr"
+)
+STOP_LINE = 114.25
+ROUTE = Route.straight(length=2000.0)
+
+
+def test_an_empty_road_says_nothing():
+    assert read_signals(None, EgoState(), ROUTE, EgoFootprint()) == RoadSignals()
+
+
+def test_limits_that_were_set_near_the_truck_are_told_in_their_order():
+    with Recorder(PureSim(ROUTE, TrafficConfig(density="empty"))) as traffic:
+        traffic.reset()
+        signals = traffic.traffic.signals
+        signals.set_speed_limit(12.0, 300.0, 600.0)
+        number = signals.set_speed_limit(8.0, 400.0, 500.0, lane=1)
+        signals.set_speed_limit(5.0, 1500.0, 1600.0)
+        ego = EgoState(station=250.0, offset=float(ROUTE.lane_offset(0, 250.0)))
+        told = read_signals(traffic, ego, ROUTE, EgoFootprint()).zones
+        assert told == (SpeedZone(300.0, 600.0, 12.0), SpeedZone(400.0, 500.0, 8.0, 1))
+        signals.lift_speed_limit(number)
+        assert len(read_signals(traffic, ego, ROUTE, EgoFootprint()).zones) == 1
+
+
+@pytest.fixture(scope="module")
+def at_the_light():
+    """Frames of a drive to a light that is red for 20 s, then green."""
+    if not MAP.is_file():
+        pytest.skip(f"{MAP.name} is not here")
+    config = DriveConfig(
+        map=MAP,
+        density="empty",
+        duration=32.0,
+        start_station=40.0,
+        start_speed=8.0,
+        speed=10.0,
+        speed_planner="cruise",
+    )
+
+    def inter(route, footprint):
+        traffic = TrafficConfig(density="empty", footprint=footprint)
+        return InterSim(route, traffic)
+
+    frames = []
+    with Simulation(config, traffic=inter, visuals=False) as simulation:
+        signals = simulation.traffic.signals
+        (light,) = signals.lights()
+        signals.set_state(light, "r")
+        while not simulation.ended:
+            frames.append(simulation.cycle())
+            if abs(simulation.time - 20.0) < 0.05:
+                signals.set_state(light, "G")
+    return frames
+
+
+def test_the_truck_stops_at_a_red_light_within_1_m_before_its_line(at_the_light):
+    stood = [f for f in at_the_light if f.ego.speed < 0.05 and f.time < 20.0]
+    assert stood
+    assert stood[-1].scene.signals.light.state is LightState.RED
+    assert 0.0 < STOP_LINE - (stood[-1].ego.station + 1.4) < 1.0
+
+
+def test_the_truck_goes_on_when_it_is_green(at_the_light):
+    passed = next(f.time for f in at_the_light if f.ego.station + 1.4 > STOP_LINE + 0.5)
+    assert 20.0 < passed < 26.0
+    assert at_the_light[-1].ego.speed > 2.0
