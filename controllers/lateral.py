@@ -72,6 +72,7 @@ class LateralController:
         self.error = 0.0
         self._demand: float | None = None
         self._integral = 0.0
+        self._lasting = np.zeros(3)
         self._wheel = 0.0
         self._view: PathView | None = None
         self._play.reset()
@@ -113,7 +114,9 @@ class LateralController:
         rate -= float(gains.disturbance @ push)
         self._move(rate, error, speed)
         near = float(ahead[: self._near].sum()) / self._near
-        steady = speed**2 * near / gains.response + float(gains.balance @ push)
+        share = 1.0 - math.exp(-config.step / config.steady_time)
+        self._lasting += share * (push - self._lasting)
+        steady = speed**2 * near / gains.response + float(gains.balance @ self._lasting)
         self._wheel = self._play.turn(
             math.asin(self._quieted(steady, gains)), gains.response, config.step
         )

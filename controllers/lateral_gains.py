@@ -36,6 +36,7 @@ class LateralConfig:
       lag: steering and tire relaxation [s].
       speed_grid: [m/s], rising.
       disturbance_time: over which a disturbance is believed [s].
+      steady_time: over which a disturbance is taken to be lasting [s].
       disturbance_speed: from the first of these speeds on it counts, fully from the second [m/s].
       idle_acceleration: lateral acceleration of a correction that is not worth while [m/s2].
       idle_angle: the same as road wheel angle, at low speed [rad].
@@ -58,6 +59,7 @@ class LateralConfig:
     lag: float = 0.12
     speed_grid: tuple[float, ...] = (1.0, 2.0, 4.0, 7.0, 10.0, 13.0, 16.0, 19.0, 22.0, 25.0, 28.0)
     disturbance_time: float = 0.25
+    steady_time: float = 1.0
     disturbance_speed: tuple[float, float] = (3.0, 6.0)
     idle_acceleration: float = 0.06
     idle_angle: float = 2e-3

@@ -25,7 +25,7 @@ class PlayConfig:
       crossing_rate: of the steering wheel [rad/s].
     """
 
-    missing_acceleration: float = 0.015
+    missing_acceleration: float = 0.03
     missing_angle: float = 1e-3
     crossing_rate: float = 0.35
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from controllers.decision.base import DecisionContext
 from iits_mj.messages import Decision, EgoState, VehicleCommand, XbrMode
+from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.design import Design
 from iits_mj.road.design_build import build
@@ -21,6 +22,18 @@ from iits_mj.validation.side_wind import SideWind
 FloatArray = NDArray[np.float64]
 # More than any surface gives, so that ABS works [m/s2].
 FULL_BRAKING = -8.0
+# Deviation of what the controller is told, white at 50 Hz, as after the sensors' own filters: 6 mm,
+# 0.015 deg, 1 cm/s, 0.03 deg/s, 0.03 deg at the hitch and 0.006 deg at the road wheels.
+NOISE = {
+    "x": 0.006,
+    "y": 0.006,
+    "yaw": 2.6e-4,
+    "lateral_speed": 0.01,
+    "yaw_rate": 5.2e-4,
+    "trailer_yaw_rate": 5.2e-4,
+    "articulation": 5.2e-4,
+    "road_wheel_angle": 1.0e-4,
+}
 _STRAIGHT_BEFORE, _STRAIGHT_AFTER = 60.0, 500.0
 
 
@@ -229,15 +242,23 @@ def settling_time(run: PathRun, since: float, share: float) -> float:
     return float((beyond[-1] + 1) * PERIOD)
 
 
+def measured(ego: EgoState, noise: float, generator: np.random.Generator) -> EgoState:
+    """A state as sensors of this noise would give it, white at 50 Hz."""
+    errors = noise * generator.normal(size=len(NOISE)) * np.array(list(NOISE.values()))
+    pairs = zip(NOISE, errors.tolist(), strict=True)
+    return replace(ego, **{name: getattr(ego, name) + error for name, error in pairs})
+
+
 def unlike_the_model(
     timestep: float,
-    wind: SideWind,
+    wind: SideWind | None,
     *,
     stiffness: float = 1.0,
     mass: float = 1.0,
     dead_band: float = 1.0,
+    noise: float = 0.0,
 ) -> PathRun:
-    """Laden, 30 s of the highway in wind: the truck is not what its controller believes.
+    """Laden, 30 s of the highway: the truck is not what its controller believes.
 
     Args:
       timestep: [s].
@@ -245,9 +266,10 @@ def unlike_the_model(
       stiffness: cornering stiffness of all tires over that believed.
       mass: reported over that of the truck.
       dead_band: of the steering over that believed.
+      noise: of what is measured, over `NOISE`.
     """
     route = RoadMap.builtin().route()
-    plain = Truck.load(route=Route.straight(), visuals=False).parameters
+    plain, generator = TruckParameters.load(), np.random.default_rng(0)
     overlay = {
         "tires": {
             name: {"cornering_coefficient": stiffness * tire.cornering_coefficient}
@@ -263,6 +285,6 @@ def unlike_the_model(
         station=5200.0,
         speed=80.0 * KMH,
         wind=wind,
-        reported=lambda ego: replace(ego, mass=mass * ego.mass),
+        reported=lambda ego: measured(replace(ego, mass=mass * ego.mass), noise, generator),
     )
     return run.after(4.0)

@@ -80,6 +80,10 @@ class PathRun:
         """Root mean square of the steering wheel's rate [rad/s]."""
         return float(np.sqrt(np.mean((np.diff(self.wheel) / PERIOD) ** 2)))
 
+    def wheel_rate_max(self) -> float:
+        """Greatest rate of the steering wheel [rad/s]."""
+        return float(np.max(np.abs(np.diff(self.wheel)))) / PERIOD
+
 
 COLUMNS = tuple(PathRun.__dataclass_fields__)[:-2]
 

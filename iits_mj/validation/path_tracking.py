@@ -10,6 +10,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from iits_mj.parameters import TruckParameters
 from iits_mj.results import Check, Line, Panel, Results
 from iits_mj.truck import Truck
 from iits_mj.units import KMH
@@ -79,9 +80,13 @@ def _highway(results: Results, payload: float, wind: SideWind, config: ValidateC
                 None,
                 ">= 0",
             ),
-            Check(f"{label}: steering wheel reversals", run.reversals(), "1/km"),
+            _reversals(label, run),
+            Check(f"{label}: steering wheel rate, rms", _degrees(run.wheel_rate()), "deg/s"),
             Check(
-                f"{label}: steering wheel rate, rms", float(np.rad2deg(run.wheel_rate())), "deg/s"
+                f"{label}: steering wheel rate, greatest",
+                _degrees(run.wheel_rate_max()),
+                "deg/s",
+                _degrees(TruckParameters.load().steering.rate_max),
             ),
             Check(
                 f"{label}: one call of the tracker, median", run.cost * 1e3, "ms", None, "<= 0.5"
@@ -172,7 +177,7 @@ def _push(results: Results, payload: float, step: float) -> None:
 
 
 def _robustness(results: Results, wind: SideWind, step: float) -> None:
-    wrong = {
+    wrong: dict[str, dict[str, float]] = {
         "as believed": {},
         "tires 20 % softer": {"stiffness": 0.8},
         "tires 20 % stiffer": {"stiffness": 1.2},
@@ -184,6 +189,18 @@ def _robustness(results: Results, wind: SideWind, step: float) -> None:
     for name, factors in wrong.items():
         run = cases.unlike_the_model(step, wind, **factors)
         results.checks += bounds(f"highway in wind, 36 t, {name}", run)
+    for name, noise in (("none", 0.0), ("white", 1.0)):
+        run = cases.unlike_the_model(step, None, noise=noise)
+        label = f"highway in calm, 36 t, noise of the sensors: {name}"
+        results.checks += [*bounds(label, run), _reversals(label, run)]
+
+
+def _reversals(label: str, run: PathRun) -> Check:
+    return Check(f"{label}: steering wheel reversals", run.reversals(), "1/km")
+
+
+def _degrees(angle: float) -> float:
+    return float(np.rad2deg(angle))
 
 
 def _panels(label: str, run: PathRun) -> list[Panel]:
