@@ -11,7 +11,7 @@ that, and the grid's may only be above it by what the grid rounds off.
 import numpy as np
 
 
-def least_cost(vehicle, road, b_low, b_high, price, states=800, reach=(-180.0, 60.0)):
+def least_cost(vehicle, road, b_low, b_high, price, states=800, reach=(-180.0, 60.0), rate=None):
     """Least fuel + price * time [kg] from the first to the last speed, and the node speeds.
 
     Args:
@@ -20,6 +20,7 @@ def least_cost(vehicle, road, b_low, b_high, price, states=800, reach=(-180.0, 6
       price: of a second [kg/s].
       states: grid points between the least and the greatest bound.
       reach: how far b may fall and rise in an interval [m2/s2].
+      rate: fuel [kg/s] over wheel force [N] and speed [m/s], default the vehicle's convex model.
     """
     n, ds = road.intervals, road.step
     home = b_high[0]
@@ -46,8 +47,11 @@ def least_cost(vehicle, road, b_low, b_high, price, states=800, reach=(-180.0, 6
         force = level + slope[k]
         power = force * v / eta
         burning = np.maximum(power, -dragging)
-        rate = fuel.f0 + burning * (fuel.f1 + fuel.f2 * burning)
-        cost = (rate + price) * ds / v
+        if rate is None:
+            burnt = fuel.f0 + burning * (fuel.f1 + fuel.f2 * burning)
+        else:
+            burnt = rate(force, v)
+        cost = (burnt + price) * ds / v
         allowed = on_grid & (power <= vehicle.power_max)
         allowed &= -(force + dragging * eta / v) <= vehicle.brake_max
         inside = (b >= b_low[k + 1] - 1e-9) & (b <= b_high[k + 1] + 1e-9)
