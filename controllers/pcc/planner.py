@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from controllers.pcc.fuel import FuelMap, Willans
 from controllers.pcc.profile import RoadProfile
+from controllers.pcc.refine import on_finer_road
 from controllers.pcc.solver import Solver, Task
 from controllers.pcc.vehicle import PointMass, brakeable, cruise, durations, full_power_speed
 from iits_mj.errors import InputError, PlanningError
@@ -132,6 +133,7 @@ def plan(
     mass: float = 55_000.0,
     config: PccConfig | None = None,
     method: str = "interior_point",
+    fine: RoadProfile | None = None,
 ) -> PccSolution:
     """Plans the whole road and compares it with the constant-speed cruise.
 
@@ -143,6 +145,7 @@ def plan(
       mass: of the combination [kg].
       config: what the plan may do.
       method: of the solver, "interior_point" or "ipopt".
+      fine: the same road with closer nodes, at which the speed profile is wanted; see `refine.py`.
 
     Raises:
       InputError: mass is no truck's, or the method is not known.
@@ -163,9 +166,14 @@ def plan(
     b_low[[0, -1]] = b_high[[0, -1]] = base[[0, -1]] ** 2
     task = Task(road, b_low, b_high, total, np.zeros(base.size), k_a=1e-3 * config.k_a)
     answer = solver.solve(task, base)
+    profile = SpeedProfile(road.station, answer.speed)
+    if fine is not None:
+        profile = SpeedProfile(
+            fine.station, on_finer_road(vehicle, road, answer.speed, fine, config.v_max)
+        )
     return PccSolution(
         road,
-        SpeedProfile(road.station, answer.speed),
+        profile,
         evaluate(vehicle, fuel_map, road, answer.speed),
         evaluate(vehicle, fuel_map, road, base),
         v_set,

@@ -167,6 +167,31 @@ def test_the_50_m_grid_is_within_a_thousandth_of_a_fine_one(hilly):
     assert driven + solution.time_price * late == pytest.approx(solution.fuel, rel=1e-3)
 
 
+def test_plan_followed_with_constant_forces_burns_what_was_planned_on_a_rough_road():
+    rng = np.random.default_rng(1)
+    rough = 0.02 * np.sin(np.arange(600) / 60.0) + rng.normal(0.0, 0.01, 600)
+    fine = road_of(rough, step=10.0)
+    road = RoadProfile(fine.station[::5], fine.height[::5], fine.v_limit[::5], "coarse")
+    config = PccConfig(k_a=0.0)
+    coarse, best = (plan(r, PARAMETERS, MASS, config, fine=fine) for r in (road, fine))
+    vehicle = make_vehicle(PARAMETERS, FuelMap(PARAMETERS), MASS, config)
+
+    def excess(speed):
+        late = durations(speed, fine).sum() - best.plan.time
+        burnt = vehicle.fuel_of(speed, fine).sum() + best.time_price * late
+        return burnt / best.fuel - 1.0
+
+    straight = np.interp(fine.station, road.station, coarse.plan.speed)
+    assert abs(excess(coarse.speed_profile.speed)) < 1e-3
+    assert excess(straight) > 4e-3
+    assert coarse.speed_profile.speed.max() <= config.v_max + 1e-9
+
+
+def test_a_fine_road_that_leaves_the_plan_is_refused():
+    with pytest.raises(InputError, match="leaves the plan"):
+        plan(hills(), PARAMETERS, MASS, fine=hills(intervals=140))
+
+
 def test_clock_of_the_plan_begins_at_zero_and_ends_with_the_cruises(hilly):
     assert hilly.plan.clock[0] == 0.0
     assert (np.diff(hilly.plan.clock) > 0.0).all()
