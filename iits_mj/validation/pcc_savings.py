@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,33 +95,31 @@ def run_savings(config: ValidateConfig) -> Results:
     warm_up(BAND)
     table = Table()
     path = find_road(config, PAPER_ROAD)
-    load: Callable[[float], RoadProfile]
     if path is None:
-        load = highway_without_limits
         table.notes.append(f"the paper's road {PAPER_ROAD} was not named: give --roads DIR")
-    else:
-        load = lambda step: RoadProfile.from_csv(path, step, PAPER_LENGTH)  # noqa: E731
-    name = "highway without limits" if path is None else "paper's road"
-    must = "" if path is None else f">= {PAPER_SAVING_PERCENT}"
-    road = load(STEP)
-    case = None
+    name, must = "highway without limits", ""
+    road, fine = (_main_road(path, step) for step in (STEP, FINE_STEP))
+    if path is not None:
+        name, must = "paper's road", f">= {PAPER_SAVING_PERCENT}"
+    solved = {}
     for speed, mean in (("72 km/h mean", True), ("72 km/h set", False)):
         chosen = replace(BAND, mean_speed=mean)
-        solved = table.add(f"{name}, 55 t, {speed}, 45 to 90 km/h", road, chosen, must=must)
-        case = case or solved
+        label = f"{name}, 55 t, {speed}, 45 to 90 km/h"
+        solved[speed] = table.add(label, road, chosen, must=must)
     if not config.quick:
         _other_roads(config, table)
     checks = list(table.checks)
+    case = solved["72 km/h mean"]
     if case is not None:
-        checks += bound_checks(case)
-        checks += energy_checks(case)
-        checks += convergence_checks(case, load(FINE_STEP))
-        checks += cost_checks(case, LONG_QUICK if config.quick else LONG)
+        judged = bound_checks(case) + energy_checks(case) + convergence_checks(case, fine)
         if not config.quick:
             elements = finite_elements(case)
-            checks += element_checks(case, elements, must="-0.5 .. 0.5")
+            judged += element_checks(case, elements, must="-0.5 .. 0.5")
             table.notes += [elements.reason] if elements.reason else []
             results.figures[name] = panels(case, elements)
+        prefix = f"{name}, 72 km/h mean: "
+        checks += [replace(check, name=prefix + check.name) for check in judged]
+        checks += cost_checks(case, LONG_QUICK if config.quick else LONG)
     if not config.quick:
         ahead = len(table.checks)
         results.figures["sensitivity"] = sensitivities(table, road, name)
@@ -148,6 +147,13 @@ def run_savings(config: ValidateConfig) -> Results:
         *table.notes,
     ]
     return results
+
+
+def _main_road(path: Path | None, step: float) -> RoadProfile:
+    """The paper's road where there is its file, else the highway, on a grid [m]."""
+    if path is None:
+        return highway_without_limits(step)
+    return RoadProfile.from_csv(path, step, PAPER_LENGTH)
 
 
 def highway_without_limits(step: float) -> RoadProfile:
@@ -180,8 +186,9 @@ def _other_roads(config: ValidateConfig, table: Table) -> None:
                 table.add(f"{label}, {mass / 1e3:.1f} t, {words}", cycle.road, band, mass)
     road = RoadProfile.from_route(RoadMap.builtin().route(), step=STEP)
     table.add("highway with its limits, 55 t, 72 km/h set, 45 to 90 km/h", road, BAND)
-    free = highway_without_limits(STEP)
-    table.add("highway without limits, 55 t, 72 km/h set, 45 to 90 km/h", free, BAND)
+    if find_road(config, PAPER_ROAD) is not None:
+        free = highway_without_limits(STEP)
+        table.add("highway without limits, 55 t, 72 km/h set, 45 to 90 km/h", free, BAND)
 
 
 def sensitivities(table: Table, road: RoadProfile, name: str) -> list[Panel]:
@@ -192,14 +199,18 @@ def sensitivities(table: Table, road: RoadProfile, name: str) -> list[Panel]:
     def sweep(
         title: str, values: tuple[float, ...], solve_one: Callable[[str, float], Case | None]
     ) -> None:
-        kept = [(value, solve_one(f"{title} {value:g}", value)) for value in values]
+        quantity, unit = title.rstrip("]").split(" [")
+        words = "" if unit == "1" else f" {unit}"
+        kept = [
+            (value, solve_one(f"{name}, {quantity} {value:g}{words}", value)) for value in values
+        ]
         pairs = [(value, case.solution) for value, case in kept if case is not None]
         x = np.array([value for value, _ in pairs], dtype=float)
         lines = (
             Line("engine map", x, np.array([s.map_saving_percent for _, s in pairs]), "simulation"),
             Line("optimizer's model", x, np.array([s.saving_percent for _, s in pairs])),
         )
-        panels.append(Panel(f"{name}: {title.split(' [')[0]}", title, "saving [%]", lines))
+        panels.append(Panel(f"{name}: {quantity}", title, "saving [%]", lines))
 
     sweep(
         "greatest speed [km/h]",
