@@ -129,6 +129,12 @@ def fast_bends(payload: float, timestep: float, wind: SideWind) -> PathRun:
     )
 
 
+def pull_away(payload: float, timestep: float, wind: SideWind) -> PathRun:
+    """From standstill towards 90 km/h on a straight road in wind, for a minute."""
+    truck = Truck.load(payload, route=Route.straight(5000.0), timestep=timestep, visuals=False)
+    return drive_path(truck, cruise=90.0 * KMH, duration=60.0, station=50.0, speed=0.0, wind=wind)
+
+
 def junction(payload: float, timestep: float, radius: float, speed: float) -> PathRun:
     """From standstill through a right angle of a small radius."""
     route = turn_road(radius, 0.5 * np.pi, 8.0, lane_width=6.0)

@@ -115,6 +115,10 @@ def side_load(payload: float, speed: float, wind: float) -> tuple[float, float]:
 
 def _manoeuvres(results: Results, payload: float, wind: SideWind, step: float) -> None:
     load = f"{payload / 1e3:g} t"
+    away = cases.pull_away(payload, step, wind)
+    label = f"from standstill towards 90 km/h in wind, {load}"
+    results.checks += bounds(label, away)
+    results.checks.append(Check(f"{label}: speed after a minute", float(away.speed[-1]), "m/s"))
     bend = cases.fast_bends(payload, step, wind)
     results.checks += bounds(f"bend of 500 m at 90 km/h in wind, {load}", bend)
     for radius, speed in ((12.0, 1.4), (-15.0, 3.0)):

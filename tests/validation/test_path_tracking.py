@@ -95,7 +95,9 @@ def test_articulation_dies_out_after_a_push_on_the_trailer(payload):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("factors", [{"stiffness": 0.8}, {"mass": 1.2}, {"dead_band": 2.0}])
+@pytest.mark.parametrize(
+    "factors", [{"stiffness": 0.8}, {"mass": 1.2}, {"dead_band": 2.0}, {"noise": 1.0}]
+)
 def test_a_truck_unlike_its_model_keeps_its_path_in_wind(factors):
     wind = SideWind.gusty(np.random.default_rng(7), 16_000.0)
     run = cases.unlike_the_model(0.002, wind, **factors)
