@@ -119,7 +119,7 @@ def fence_of(
     pace = leader.pace
     way = road.station - road.station[0]
     floor = min(max(pace - config.slower, 0.5 * pace), speed)
-    braked = _braked(road, speed, floor, config)
+    braked = easing_speeds(road, speed, floor, config.deceleration)
     # On a climb it may be slower still: as slow as full power makes who arrives there so slowly.
     slowest = 0.99 * full_power_speed(vehicle, road, speed, braked)
     slowest[0] = speed
@@ -146,12 +146,13 @@ def approach_speeds(
     end = max(leader.pace, config.jam)
     way = np.maximum(config.clear(leader) - road.station, 0.0)
     wanted = np.sqrt(end**2 + 2.0 * config.deceleration * way)
-    return np.asarray(np.maximum(wanted, _braked(road, speed, min(end, speed), config)))
+    return np.asarray(np.maximum(wanted, easing_speeds(road, speed, end, config.deceleration)))
 
 
-def _braked(road: RoadProfile, speed: float, floor: float, config: FenceConfig) -> FloatArray:
+def easing_speeds(road: RoadProfile, speed: float, end: float, deceleration: float) -> FloatArray:
+    """Node speeds (n + 1,) that come down to an end speed [m/s] at a deceleration [m/s2]."""
     way = road.station - road.station[0]
-    return np.asarray(np.sqrt(np.maximum(speed**2 - 2.0 * config.deceleration * way, floor**2)))
+    return np.asarray(np.sqrt(np.maximum(speed**2 - 2.0 * deceleration * way, end**2)))
 
 
 def braking_speeds(vehicle: PointMass, road: RoadProfile, speed: float) -> FloatArray:

@@ -36,6 +36,7 @@ from iits_mj.messages import SpeedProfile
 from iits_mj.parameters import TruckParameters
 
 FloatArray = NDArray[np.float64]
+_FULL = 0.98  # share of the greatest planned power that is all of it
 _KEEP = 500.0  # [m] that a kept plan must still cover
 _KEEP_SPEED = 1.0  # [m/s] by which a kept plan may miss the truck's speed
 _SOON = 1.0  # [s] by which a kept plan may pass the fence too early
@@ -112,7 +113,12 @@ class RecedingPlanner:
         return self.trip.schedule
 
     def plan(
-        self, station: float, speed: float, time: float, leader: Leader | None = None
+        self,
+        station: float,
+        speed: float,
+        time: float,
+        leader: Leader | None = None,
+        flow: float = math.inf,
     ) -> HorizonPlan:
         """Speed over the horizon from a station [m] at a speed [m/s] and time [s].
 
@@ -121,6 +127,7 @@ class RecedingPlanner:
           speed: now.
           time: now, for the lag behind the schedule.
           leader: vehicle ahead in the lane, if any.
+          flow: greatest speed that the traffic allows on the whole [m/s], see `Flow`.
 
         Raises:
           InputError: a number is not finite.
@@ -128,6 +135,9 @@ class RecedingPlanner:
         for name, value in (("station", station), ("speed", speed), ("time", time)):
             if not math.isfinite(value):
                 raise InputError(f"speed planner: {name} is {value!r}: must be finite")
+        if math.isnan(flow):
+            raise InputError(f"speed planner: flow is {flow!r}: must be a number or inf")
+        self.trip.flow = flow
         arriving = self._arriving(station)
         if arriving is not None:
             return arriving
@@ -138,7 +148,7 @@ class RecedingPlanner:
         sight = self.receding.horizon
         if leader is not None:
             begin, sight = Begin(station, speed, time), min(sight, self.receding.fence.horizon)
-        road = self.trip.horizon(begin.station, sight)
+        road = self.trip.horizon(begin.station, begin.speed, sight)
         price, lag = self.trip.price(begin)
         status, reason, solve_time = "optimal", "", 0.0
         try:
@@ -146,13 +156,25 @@ class RecedingPlanner:
         except PlanningError as error:
             nodes, status = self._fall_back(road, begin.speed, leader)
             reason = str(error)
-        profile = SpeedProfile(road.station, nodes)
+        asked = self._asked(road, nodes) if status == "optimal" else nodes
+        stations = road.station
         if begin.station > station:
-            profile = SpeedProfile(
-                np.concatenate([[station], road.station]), np.concatenate([[speed], nodes])
-            )
-        self._last = profile
-        return HorizonPlan(profile, status, reason, solve_time, price, lag)
+            stations = np.concatenate([[station], stations])
+            more = asked[0] - nodes[0]
+            nodes, asked = np.concatenate([[speed], nodes]), np.concatenate([[speed + more], asked])
+        self._last = SpeedProfile(stations, nodes)
+        return HorizonPlan(SpeedProfile(stations, asked), status, reason, solve_time, price, lag)
+
+    def _asked(self, road: RoadProfile, nodes: FloatArray) -> FloatArray:
+        """What the truck is asked for: a little more where the plan takes all power it counts on.
+
+        There the truck shall give what it has; what it wins makes a second cheaper later.
+        """
+        full = self.vehicle.power(nodes, road) > _FULL * self.vehicle.power_max
+        asked = nodes.copy()
+        near = np.concatenate([full[:1], full[1:] | full[:-1], full[-1:]])
+        asked += np.where(near, self.receding.surplus, 0.0)
+        return np.asarray(np.minimum(asked, np.maximum(road.v_limit, nodes)))
 
     def _arriving(self, station: float) -> HorizonPlan | None:
         """The last plan once more, where the trip ends so soon that there is nothing to plan."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from controllers.pcc.fence import Leader
+from controllers.pcc.flow import Flow
 from controllers.pcc.planner import PccConfig
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.receding import HorizonPlan, RecedingPlanner
@@ -83,12 +84,15 @@ class PccReference:
         self._parameters = parameters or TruckParameters.load()
         self.road = RoadProfile.from_route(route, step=self.receding.step)
         self.planner: RecedingPlanner | None = None
+        self._flow = Flow()
         self.reset()
 
     def reset(self) -> None:
         """Ready for a new drive."""
         if self.planner is not None:
             self.planner.reset()
+        self._flow.reset()
+        self._top = math.inf
         self.last: HorizonPlan | None = None
         self._planned_at = -math.inf
         self._plans: Counter[str] = Counter()
@@ -111,12 +115,13 @@ class PccReference:
         return self.config.v_ref if self.last is None else self.last.profile.at(station)
 
     def free(self, station: float) -> float:
-        """What the schedule has within the next 500 m, at most [m/s]."""
+        """The most that the schedule has within the next 500 m; in traffic the set speed [m/s]."""
         schedule = None if self.planner is None else self.planner.schedule
         if schedule is None or not schedule.covers(station):
             return self.config.v_ref
         ahead = station + np.linspace(0.0, _GAIN_AHEAD, 11)
-        return float(schedule.speed_at(ahead).max())
+        fastest = float(schedule.speed_at(ahead).max())
+        return fastest if math.isinf(self._top) else max(fastest, self.config.v_ref)
 
     def report(self) -> PccReport:
         """What was done since the reset."""
@@ -129,7 +134,10 @@ class PccReference:
         ego = scene.ego
         planner = self._planner_for(ego)
         leader = None if neighbor is None else _leader_of(ego, neighbor)
-        found = planner.plan(ego.station, ego.speed, scene.time, leader)
+        flow = self._flow.update(scene.time, ego.station, scene.vehicles)
+        # Among others the set speed is driven where it can be, by passing them, and no more.
+        self._top = max(flow, self.config.v_ref)
+        found = planner.plan(ego.station, ego.speed, scene.time, leader, self._top)
         self._plans[found.status] += 1
         if found.status == "optimal":
             self._times.append(found.solve_time)

@@ -8,12 +8,12 @@ schedule from here.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.pcc.fence import FenceConfig
+from controllers.pcc.fence import FenceConfig, easing_speeds
 from controllers.pcc.planner import PccConfig
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.schedule import Schedule, level_price, make_schedule
@@ -23,6 +23,7 @@ from iits_mj.messages import SpeedProfile
 
 FloatArray = NDArray[np.float64]
 LEAST_INTERVALS = 4
+_EASE = 0.3  # [m/s2] at which a truck comes down to the traffic's speed
 LEAST_SPEED = 1.0  # [m/s] that plans begin with when the truck stands
 
 
@@ -38,9 +39,11 @@ class RecedingConfig:
       power_share: of the engine's full power that plans count on. Gear changes and the steps of the
         gears take the rest: on a long 5 % climb the MuJoCo truck of 55 t brings 0.76 to 0.88 of it
         to the wheels. Plans that counted on more would be late at the top of every climb.
+      surplus: asked for beyond the plan where that takes all the power it counts on [m/s].
       resync: a plan goes on from the last one's speed, at most so far from the truck's [m/s].
       slack: of the cruise's trip time, where no arrival is asked for [1].
       replan_lag: a new schedule is made when the truck is so late or early [s].
+      replan_flow: or when the traffic's speed has changed by so much [m/s].
       replan_period: but not sooner after the last one than this [s].
       replan_length: and only for trips of at most this length, for its cost [m].
     """
@@ -50,15 +53,25 @@ class RecedingConfig:
     time_limit: float = 0.5
     fence: FenceConfig = field(default_factory=FenceConfig)
     power_share: float = 0.8
+    surplus: float = 1.0
     resync: float = 0.5
     slack: float = 0.0
     replan_lag: float = 3.0
+    replan_flow: float = 1.0
     replan_period: float = 10.0
     replan_length: float = 50_000.0
 
     def __post_init__(self) -> None:
         """Refuses numbers that are not finite or not above 0."""
-        for name in ("horizon", "step", "resync", "replan_lag", "replan_period", "replan_length"):
+        for name in (
+            "horizon",
+            "step",
+            "resync",
+            "replan_lag",
+            "replan_flow",
+            "replan_period",
+            "replan_length",
+        ):
             value = getattr(self, name)
             if not math.isfinite(value) or value <= 0.0:
                 raise InputError(f"{name} = {value!r} is not allowed: use a number above 0")
@@ -66,6 +79,8 @@ class RecedingConfig:
             raise InputError(f"time_limit = {self.time_limit!r} is not allowed: use more than 0 s")
         if not 0.1 <= self.power_share <= 1.0:
             raise InputError(f"power_share = {self.power_share!r} is not allowed: use 0.1 to 1")
+        if not 0.0 <= self.surplus <= 5.0:
+            raise InputError(f"surplus = {self.surplus!r} m/s is not allowed: use 0 to 5")
         if not 0.0 <= self.slack <= 1.0:
             raise InputError(f"slack = {self.slack!r} is not allowed: use 0 to 1")
 
@@ -108,6 +123,7 @@ class Trip:
       vehicle: the point mass that is planned for; road: the whole road, of any grid.
       appointment: where the trip ends.
       schedule: of the trip, None when there is none; schedule_error: why; schedules: made so far.
+      flow: greatest speed that the traffic allows on the whole [m/s].
     """
 
     def __init__(
@@ -127,6 +143,7 @@ class Trip:
         self.schedule: Schedule | None = None
         self.schedule_error, self.schedules = "", 0
         self._scheduled_at = -math.inf
+        self.flow = self._scheduled_flow = math.inf
 
     @property
     def end(self) -> float:
@@ -157,13 +174,16 @@ class Trip:
             near = schedule.covers(begin.station) and (
                 abs(schedule.lag(begin.station, begin.time)) < receding.replan_lag
             )
-            if near or left > receding.replan_length:
+            same = self.flow == self._scheduled_flow or (
+                abs(self.flow - self._scheduled_flow) < receding.replan_flow
+            )
+            if (near and same) or left > receding.replan_length:
                 return
-        self._scheduled_at = begin.time
+        self._scheduled_at, self._scheduled_flow = begin.time, self.flow
         try:
             self.schedule = make_schedule(
                 self.vehicle,
-                self.grid(begin.station, round(left / receding.step)),
+                self.in_flow(self.grid(begin.station, round(left / receding.step)), begin.speed),
                 self.config,
                 begin.speed,
                 begin.time,
@@ -202,9 +222,17 @@ class Trip:
         limit = np.minimum(road.v_limit[below], road.v_limit[above])
         return RoadProfile(grid, np.interp(grid, road.station, road.height), limit, road.name)
 
-    def horizon(self, station: float, sight: float) -> RoadProfile:
-        """The road of a plan from a station over `sight` [m], at most to the end of the trip."""
+    def in_flow(self, road: RoadProfile, speed: float) -> RoadProfile:
+        """The road with the traffic's speed as a limit, which a faster truck comes down to."""
+        if math.isinf(self.flow):
+            return road
+        cap = easing_speeds(road, speed, max(self.flow, LEAST_SPEED), _EASE)
+        return replace(road, v_limit=np.minimum(road.v_limit, cap))
+
+    def horizon(self, station: float, speed: float, sight: float) -> RoadProfile:
+        """The road of a plan over `sight` [m], at most to the end of the trip."""
         schedule = self.ahead_of(station)
         if schedule is not None:
             sight = min(sight, schedule.end - station)
-        return self.grid(station, math.floor(sight / self.receding.step + 1e-6))
+        road = self.grid(station, math.floor(sight / self.receding.step + 1e-6))
+        return self.in_flow(road, speed)

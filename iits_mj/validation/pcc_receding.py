@@ -139,7 +139,12 @@ def _compare(results: Results, road: RoadProfile, quick: bool) -> None:
     first, last = float(road.station[0]), float(road.station[-1])
     trip = Appointment(last, solution.plan.time, float(solution.plan.speed[-1]))
     planner = RecedingPlanner(
-        road, parameters, MASS, settings, RecedingConfig(time_limit=math.inf, power_share=1.0), trip
+        road,
+        parameters,
+        MASS,
+        settings,
+        RecedingConfig(time_limit=math.inf, power_share=1.0, surplus=0.0),
+        trip,
     )
     driven = drive(planner, first, last, float(solution.plan.speed[0]))
     vehicle = planner.vehicle

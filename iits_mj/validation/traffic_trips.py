@@ -13,8 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from controllers.pcc import Appointment, PccReference, RecedingConfig
+from controllers.pcc import Appointment, PccConfig, PccReference, RecedingConfig
 from controllers.pcc.fuel import FuelMap
+from controllers.pcc.planner import make_vehicle
+from controllers.pcc.schedule import level_worth
 from iits_mj.errors import InputError
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
@@ -170,10 +172,11 @@ def drive_pair(density: str, seed: int, length: float = LENGTH) -> tuple[TripRow
     return cruise, drive_trip(density, seed, "pcc", known, length)
 
 
-def worth_of_energy(parameters: TruckParameters) -> float:
-    """Fuel that a joule of kinetic energy saves later [kg/J]: the engine's marginal consumption."""
-    fuel_map = FuelMap(parameters)
-    return fuel_map.fit(0.75 * SPEED, 25.0).f1 / fuel_map.efficiency
+def worth_of_energy(parameters: TruckParameters, mass: float = 55_000.0) -> float:
+    """Fuel that a joule of kinetic energy saves later [kg/J], on the level at the set speed."""
+    config = PccConfig(v_ref=SPEED, v_min=0.75 * SPEED, v_max=25.0)
+    vehicle = make_vehicle(parameters, FuelMap(parameters), mass, config)
+    return level_worth(vehicle, SPEED) / (0.5 * vehicle.inertial_mass)
 
 
 def read_rows(path: Path) -> list[TripRow]:

@@ -23,7 +23,10 @@ from iits_mj.simulation.recorded_options import check_options
 from iits_mj.simulation.redrive import RedriveError, redrive
 from traffic_bridge import PureSim, Recorder, Recording, RepSim, TrafficConfig
 
-CONFIG = DriveConfig(duration=4.0, density="dense", start_station=2500.0, seed=3)
+# A cruise: at once on the accelerator, as the tests want it.
+CONFIG = DriveConfig(
+    duration=4.0, density="dense", start_station=2500.0, seed=3, speed_planner="cruise"
+)
 
 
 @pytest.fixture(scope="module")
