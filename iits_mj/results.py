@@ -68,7 +68,11 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A curve of a panel: x and y of shape (n,). Role is "reference", "simulation" or ""."""
+    """A curve of a panel: x and y of shape (n,).
+
+    Role is "reference", "simulation" or ""; seen from above also "edge" and "mark" of a road, and
+    the outlines of a "tractor", a "trailer" or another "vehicle".
+    """
 
     label: str
     x: NDArray[np.float64]

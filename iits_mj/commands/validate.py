@@ -1,6 +1,7 @@
 """Hold the truck against closed-form solutions, standards and the paper's figures.
 
-The traffic is held against the theory of its model and, with --data, against recorded traffic.
+The traffic is held against the theory of its model and, with --data, against recorded traffic; the
+planning against its limits, bounds and the truck itself, with --roads on roads of others as well.
 Exit code 0 when every check holds, 1 when one falls short; the table says which.
 """
 

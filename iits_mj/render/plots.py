@@ -23,7 +23,11 @@ INK, GRID = "#22303c", "#d9dee3"
 _ROLE_STYLE: dict[str, dict[str, Any]] = {
     "reference": {"color": "#8a949e", "linestyle": "--", "linewidth": 1.4, "zorder": 2},
     "simulation": {"color": PALETTE[0], "linestyle": "-", "linewidth": 1.8, "zorder": 3},
+    "edge": {"color": "#5b6770", "linestyle": "-", "linewidth": 1.6, "zorder": 1},
+    "mark": {"color": "#9aa5ae", "linestyle": (0, (8, 6)), "linewidth": 1.2, "zorder": 1},
 }
+# Closed outlines seen from above, drawn as filled bodies.
+_BODY_COLOR = {"tractor": PALETTE[0], "trailer": PALETTE[5], "vehicle": PALETTE[3]}
 
 
 def draw(panels: Sequence[Panel], *, width: float = 9.5, panel_height: float = 2.3) -> Figure:
@@ -69,11 +73,15 @@ def write_whole(path: Path, content: bytes) -> None:
 def _draw_panel(ax: Axes, panel: Panel) -> None:
     for i, line in enumerate(panel.lines):
         _check(line, panel)
+        if line.role in _BODY_COLOR:
+            color = _BODY_COLOR[line.role]
+            ax.fill(line.x, line.y, label=line.label, facecolor=color + "66", edgecolor=color)
+            continue
         style = _ROLE_STYLE.get(
             line.role, {"color": PALETTE[i % len(PALETTE)], "linewidth": 1.6, "zorder": 3}
         )
         x = np.asarray(line.x, dtype=float)
-        marker = "o" if x.size <= 2 else ""
+        marker = "o" if x.size <= 2 and line.role not in ("edge", "mark") else ""
         ax.plot(x, np.asarray(line.y, dtype=float), label=line.label, **style, marker=marker, ms=4)
     _open_flat_range(ax)
     if (panel.x_label, panel.y_label) == _MAP:
@@ -90,7 +98,9 @@ def _draw_panel(ax: Axes, panel: Panel) -> None:
         spine.set_visible(name in ("left", "bottom"))
         spine.set_color(GRID)
     if len([line for line in panel.lines if line.label]) > 1:
-        ax.legend(loc="best", fontsize=8, frameon=False, ncols=min(3, len(panel.lines)))
+        bodies = any(line.role in _BODY_COLOR for line in panel.lines)
+        place = "upper left" if bodies else "best"
+        ax.legend(loc=place, fontsize=8, frameon=False, ncols=min(3, len(panel.lines)))
 
 
 def _open_flat_range(ax: Axes) -> None:

@@ -39,14 +39,17 @@ def seen_from_above(
     times = np.array([state.time for state in drive.states])
     for number, moment in enumerate(moments):
         row = int(np.argmin(np.abs(times - moment)))
-        for corners in (swept.tractor_corners[row], swept.trailer_corners[row]):
-            label = f"truck at {', '.join(f'{m:g}' for m in moments)} s" if number == 0 else ""
-            lines.append(_closed(corners, label if corners is swept.tractor_corners[row] else ""))
         for vehicle in drive.scenes[row].vehicles:
             half, side = 0.5 * vehicle.length, 0.5 * vehicle.width
             center = np.array([vehicle.station, vehicle.offset])
             box = center + np.array([[half, side], [half, -side], [-half, -side], [-half, side]])
-            lines.append(_closed(box, vehicle.id if number == 0 else ""))
+            lines.append(_closed(box, "", "vehicle"))
+        last = number == len(moments) - 1
+        trailer, tractor = swept.trailer_corners[row], swept.tractor_corners[row]
+        lines.append(_closed(trailer, "trailer" if last else "", "trailer"))
+        lines.append(_closed(tractor, "tractor" if last else "", "tractor"))
+    when = ", ".join(f"{moment:g}" for moment in moments)
+    title = f"{title}; at {when} s" if len(moments) > 1 else title
     inside = tuple(line for line in lines if _within(line, reach))
     return Panel(title, "station [m]", "offset [m]", inside)
 
@@ -55,13 +58,17 @@ def _lanes(route: Route, reach: tuple[float, float]) -> list[Line]:
     """Boundaries of the lanes."""
     station = np.linspace(*reach, 2)
     middle = 0.5 * (reach[0] + reach[1])
-    boundaries = route.lane_boundaries_at(middle)
-    return [Line("", station, np.full(2, offset)) for offset in boundaries]
+    boundaries = sorted(route.lane_boundaries_at(middle))
+    outer = (boundaries[0], boundaries[-1])
+    return [
+        Line("", station, np.full(2, offset), "edge" if offset in outer else "mark")
+        for offset in boundaries
+    ]
 
 
-def _closed(corners: FloatArray, label: str) -> Line:
+def _closed(corners: FloatArray, label: str, role: str) -> Line:
     ring = np.vstack([corners, corners[:1]])
-    return Line(label, ring[:, 0], ring[:, 1], "simulation" if label.startswith("truck") else "")
+    return Line(label, ring[:, 0], ring[:, 1], role)
 
 
 def _within(line: Line, reach: tuple[float, float]) -> bool:

@@ -243,8 +243,10 @@ def _ramp() -> Results:
         must = ">= 0.2" if shifted else ""
         label = f"R = {_RADIUS:g} m, lane of {_RAMP_LANE:g} m, {name}: trailer's room"
         results.checks.append(Check(label, float(room.min()), "m", None, must))
-        lines.append(Line(f"trailer, steer axle {name}", at, beside, "simulation"))
-        lines.append(Line("steer axle", along, lane.driven_at(along) - lane.offset_at(along)))
+        role = "simulation" if shifted else "reference"
+        lines.append(Line(f"trailer, steer axle {name}", at, beside, role))
+        if shifted:
+            lines.append(Line("steer axle", along, lane.driven_at(along) - lane.offset_at(along)))
     results.figures["trailer in a bend"] = [
         Panel("off-tracking, 100 m to the left", "station [m]", "from the middle [m]", tuple(lines))
     ]
