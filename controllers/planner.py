@@ -33,6 +33,7 @@ from controllers.speed_zones import with_zones
 from controllers.stop_line import LightDemand, LightStop
 from controllers.surroundings import Neighbor, Surroundings
 from controllers.trajectory import lead_of, lead_while_passing, on_road
+from iits_mj.errors import InputError
 from iits_mj.messages import Decision, EgoState, PlanMode, Scene, SpeedProfile, Trajectory
 from iits_mj.parameters import TruckParameters
 
@@ -40,6 +41,8 @@ if TYPE_CHECKING:
     from iits_mj.road import Route
 
 FloatArray = NDArray[np.float64]
+
+_USED = ("time", "station", "offset", "speed", "mass")
 
 __all__ = ["Planner", "PlannerConfig"]
 
@@ -131,6 +134,7 @@ class Planner:
         Raises:
           InputError: a value of the scene that matters is not finite.
         """
+        _check(scene)
         ego = scene.ego
         surroundings = Surroundings(scene, preview=self.preview)
         margin = self._margins.at(ego.mass)
@@ -187,6 +191,8 @@ class Planner:
         """Highest speed along a path, of limits, profile, comfort and roll-over margin [m/s]."""
         speed = self.config.speed
         cap = speed_cap(path, self.preview, speed, profile)
+        if np.isnan(cap).any():
+            raise InputError("the reference speed ahead is not a number")
         acceleration = self.config.curve_share * margin.threshold
         if self._roll_cap[0] != acceleration:
             bearable = curve_speed_by_roll(
@@ -304,6 +310,16 @@ class Planner:
             config.step,
             urgency,
         )
+
+
+def _check(scene: Scene) -> None:
+    """Refuses a truck whose state cannot be planned from."""
+    for name in _USED:
+        value = getattr(scene.ego, name)
+        if not math.isfinite(value):
+            raise InputError(f"state of the truck: {name} is {value}: not finite")
+    if not scene.ego.mass > 0.0:
+        raise InputError(f"state of the truck: mass is {scene.ego.mass} kg: must be positive")
 
 
 def _braking_at(speed: SpeedConfig, deceleration: float) -> SpeedConfig:

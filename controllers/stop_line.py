@@ -22,6 +22,7 @@ class LightConfig:
     """How lights are obeyed.
 
     Attributes:
+      sight: how far away a light is looked at [m].
       stop_before: from the front bumper to the line [m].
       deceleration: towards a line that is seen in time, positive [m/s2].
       yellow_deceleration: more than this is not braked for a yellow light, positive [m/s2].
@@ -31,6 +32,7 @@ class LightConfig:
       slow_speed: below it, stopping is better than arriving slowly [m/s].
     """
 
+    sight: float = 300.0
     stop_before: float = 0.5
     deceleration: float = 0.8
     yellow_deceleration: float = 2.0
@@ -81,10 +83,11 @@ class LightStop:
         Raises:
           InputError: the light's station or time is not finite, or its state is none.
         """
-        if light is None or light.station < front - _SAME:
+        if light is not None:
+            _check(light)
+        if light is None or not -_SAME < light.station - front < self.config.sight:
             self.reset()
             return LightDemand()
-        _check(light)
         if abs(light.station - self._line) > _SAME:
             self.reset()
         self._line = light.station

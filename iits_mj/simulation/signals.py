@@ -15,6 +15,8 @@ from traffic_bridge import LightAhead, PureSim, Recorder, Traffic
 
 # A changed limit further ahead than this is not seen yet [m].
 SIGHT = 500.0
+# Stop lines of the lanes of one crossing lie within this [m].
+SAME_LINE = 15.0
 
 
 def read_signals(
@@ -22,7 +24,8 @@ def read_signals(
 ) -> RoadSignals:
     """The next light, and the limits that were set on the route about the truck.
 
-    Only traffic that SUMO runs has any; InterSim and MixedSim are PureSim, and a recorder has its own inside.
+    Only traffic that SUMO runs has any: a PureSim, which InterSim and MixedSim are, also inside a
+    recorder.
 
     Args:
       traffic: that runs, None for an empty road.
@@ -35,8 +38,13 @@ def read_signals(
     if not isinstance(traffic, PureSim):
         return RoadSignals()
     signals = traffic.signals
+    front = ego.station + footprint.front_overhang
+    light = signals.light_ahead(front)
     lane = int(route.lane_at(ego.station, ego.offset))
-    light = signals.light_ahead(ego.station + footprint.front_overhang, lane if lane >= 0 else None)
+    own = signals.light_ahead(front, lane) if light is not None and lane >= 0 else None
+    # Lanes may be numbered otherwise at the line: a line is never driven over for that.
+    if own is not None and light is not None and own.station < light.station + SAME_LINE:
+        light = own
     zones = tuple(
         SpeedZone(rule.start, rule.end, rule.limit, rule.lane)
         for rule in signals.limits.rules

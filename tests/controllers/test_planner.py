@@ -163,7 +163,7 @@ def test_the_truck_stops_before_a_lane_end_that_it_cannot_leave():
     def wall(time):
         return tuple(car(road, f"c{i}", 200.0 + 12.0 * i, 1, 0.0) for i in range(50))
 
-    drive = Ideal(road, 500.0, 0, 14.0).run(60.0, wall)
+    drive = Ideal(road, 500.0, 0, 14.0).run(42.0, wall)
     room = drive.planner.config.merge.room
     assert drive.ego.speed < 0.05
     assert drive.ego.station + 1.4 == pytest.approx(800.0 - room, abs=3.0)
@@ -256,6 +256,19 @@ def test_a_vehicle_without_a_finite_station_is_named():
     broken = dataclasses.replace(car(ROUTE, "ghost", 520.0, 0, 10.0), station=float("nan"))
     with pytest.raises(InputError, match="ghost"):
         Planner(ROUTE).plan(Scene(0.0, EgoState(station=500.0, speed=10.0), (broken,)))
+
+
+@pytest.mark.parametrize("name", ["time", "station", "offset", "speed", "mass"])
+def test_a_state_that_is_not_finite_is_named(name):
+    ego = dataclasses.replace(EgoState(station=500.0, speed=10.0), **{name: float("nan")})
+    with pytest.raises(InputError, match=name):
+        Planner(ROUTE).plan(Scene(0.0, ego))
+
+
+def test_a_reference_speed_that_is_no_number_is_refused():
+    profile = SpeedProfile(np.array([0.0, 5000.0]), np.array([10.0, float("nan")]))
+    with pytest.raises(InputError, match="reference speed"):
+        Planner(ROUTE).plan(Scene(0.0, EgoState(station=500.0, speed=10.0)), profile=profile)
 
 
 def test_positions_lie_on_the_road(highway):

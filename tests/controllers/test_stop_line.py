@@ -114,6 +114,11 @@ def test_a_green_that_will_be_over_on_arrival_is_a_stop_without_hard_braking():
     assert min(s.acceleration for s in states) > -1.3
 
 
+def test_a_light_far_away_does_not_slow_the_truck():
+    states = drive(4.0, cycle((RED, 200.0), (GREEN, math.inf)), station=300.0)
+    assert min(s.speed for s in states) > 16.6
+
+
 def test_a_known_red_is_approached_slowly_and_passed_rolling():
     states = drive(40.0, cycle((RED, 32.0), (GREEN, math.inf)))
     assert 32.0 < passed(states) < 38.0
