@@ -64,7 +64,7 @@ def checks(replay: Replay, *, must: bool, equal: bool = True) -> list[Check]:
     """
     cruise_, plan, name = replay.cruise, replay.plan, title(replay.case)
     road = plan.record
-    reference = reference_profile(replay.case, replay.schedule)
+    reference = reference_profile(replay.case, replay.vehicle, replay.schedule)
     wanted = np.interp(road["station"], reference.station, reference.speed)
     follows = actuation.within_power(road)
     distortion = _rms((road["planned"] - wanted)[follows])
@@ -172,7 +172,7 @@ def note(replay: Replay) -> str:
 def panels(replay: Replay) -> list[Panel]:
     """Speed planned and driven, gear, power and fuel over station."""
     case = replay.case
-    reference = reference_profile(case, replay.schedule)
+    reference = reference_profile(case, replay.vehicle, replay.schedule)
     cruise_, plan = replay.cruise.record, replay.plan.record
 
     def lines(kind: str) -> tuple[Line, ...]:

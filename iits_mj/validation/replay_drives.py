@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from controllers.pcc.fuel import FuelMap
 from controllers.pcc.planner import Drive, PccConfig, evaluate, make_vehicle
 from controllers.pcc.profile import RoadProfile
+from controllers.pcc.refine import on_finer_road
 from controllers.pcc.schedule import Schedule, level_worth, make_schedule
 from controllers.pcc.vehicle import PointMass
 from iits_mj.errors import InputError
@@ -166,7 +167,8 @@ def run(case: Case, folder: Path | None = None, drives: int = DRIVES) -> Replay:
             arrival=budget,
             end_speed=cruise.end_speed,
         )
-        plan = Trip.of(_driven(case, schedule, folder), case)
+        profile = reference_profile(case, vehicle, schedule)
+        plan = Trip.of(_driven(case, profile, folder), case)
         if best is None or abs(plan.time - cruise.time) < abs(best[1].time - cruise.time):
             best = schedule, plan
         if abs(plan.time / cruise.time - 1.0) <= TIME_TOLERANCE:
@@ -197,15 +199,38 @@ def climbing_power(record: Record, otherwise: float) -> float:
     return float(np.median((record["engine_torque"] * record["engine_speed"])[floored]))
 
 
-def reference_profile(case: Case, schedule: Schedule) -> SpeedProfile:
-    """The plan over the route's stations; beyond its ends the speed there is kept."""
-    count = round((case.last - case.first) / _GRID)
-    station = np.linspace(schedule.station[0], schedule.station[-1], count + 1)
-    return SpeedProfile(case.origin + station, schedule.speed_at(station))
+def reference_profile(case: Case, vehicle: PointMass, schedule: Schedule) -> SpeedProfile:
+    """The plan over the route's stations every 10 m; beyond its ends the speed there is kept.
+
+    Between the plan's nodes its forces are held, on the heights that the truck drives.
+    """
+    road = case.road
+    count = round(road.length / _GRID)
+    station = np.linspace(road.station[0], road.station[-1], count + 1)
+
+    def height(at: FloatArray) -> FloatArray:
+        return np.asarray(case.route.evaluate(case.origin + at).z)
+
+    # What the route is higher than straight lines between the nodes; its datum is its own.
+    above = height(station) - np.interp(station, road.station, height(road.station))
+    fine = RoadProfile(
+        station,
+        np.interp(station, road.station, road.height) + above,
+        _lower_limits(road, station),
+        road.name,
+    )
+    speed = on_finer_road(vehicle, road, schedule.speed, fine, case.config.v_max)
+    return SpeedProfile(case.origin + station, speed)
 
 
-def _driven(case: Case, schedule: Schedule | None, folder: Path | None) -> Record:
-    profile = None if schedule is None else reference_profile(case, schedule)
+def _lower_limits(road: RoadProfile, station: FloatArray) -> FloatArray:
+    """The lower limit of the two nodes around each station [m/s]."""
+    after = np.clip(np.searchsorted(road.station, station - 1e-6), 0, road.intervals)
+    before = np.clip(np.searchsorted(road.station, station + 1e-6) - 1, 0, road.intervals)
+    return np.asarray(np.minimum(road.v_limit[before], road.v_limit[after]))
+
+
+def _driven(case: Case, profile: SpeedProfile | None, folder: Path | None) -> Record:
     path = None if folder is None else folder / _file_name(case, profile)
     if path is not None and path.is_file():
         return Record.load(path)

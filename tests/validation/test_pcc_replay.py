@@ -82,13 +82,34 @@ def test_climbing_power_is_what_the_engine_gives_with_the_pedal_on_the_floor():
 
 def test_the_profile_lies_on_the_plan_over_the_stations_of_the_route():
     replay = replay_of(record(20.0), record(20.0))
-    profile = reference_profile(CASE, replay.schedule)
+    profile = reference_profile(CASE, replay.vehicle, replay.schedule)
     assert profile.station[0] == pytest.approx(CASE.first)
     assert profile.station[-1] == pytest.approx(CASE.last)
     nodes = CASE.origin + replay.schedule.station
     assert np.interp(nodes, profile.station, profile.speed) == pytest.approx(
         replay.schedule.speed, abs=1e-6
     )
+
+
+def test_over_a_bump_between_two_nodes_the_reference_slows_down_by_the_energy_it_takes():
+    replay = replay_of(record(20.0), record(20.0))
+    bumpy = CASE.route.evaluate
+    top = CASE.origin + 475.0
+
+    class Bumpy:
+        """CASE's route, 0.2 m higher about a place between two nodes."""
+
+        def evaluate(self, station):
+            point = bumpy(station)
+            return point._replace(z=point.z + 0.2 * (np.abs(np.asarray(station) - top) < 8.0))
+
+    case = dataclasses.replace(CASE, route=Bumpy())
+    smooth = reference_profile(CASE, replay.vehicle, replay.schedule)
+    rough = reference_profile(case, replay.vehicle, replay.schedule)
+    lost = (smooth.speed**2 - rough.speed**2) * 0.5 * replay.vehicle.inertial_mass
+    on_top = np.abs(smooth.station - top) < 8.0
+    assert lost[on_top] == pytest.approx(19_000.0 * 9.81 * 0.2, rel=0.01)
+    assert np.abs(lost[~on_top]).max() < 1e-6
 
 
 def test_planner_and_truck_see_the_same_heights():
