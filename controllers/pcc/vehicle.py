@@ -120,6 +120,12 @@ def full_power_speed(
       PlanningError: full power does not carry the truck over a climb, or a cap can not be met.
     """
     b_cap = brakeable(vehicle, road, np.minimum(cap, 1e3) ** 2, vehicle.brake_max)
+    if b_cap.min() <= 0.0:
+        k = int(np.flatnonzero(b_cap > 0.0)[0]) - 1 if b_cap[0] <= 0.0 else int(b_cap.argmin())
+        raise PlanningError(
+            f"the brakes ({vehicle.brake_max / 1e3:.0f} kN) do not hold {vehicle.mass:.0f} kg on "
+            f"the {-100 * road.grade[k]:.1f} % descent at station {road.station[k]:.0f} m"
+        )
     if v_start**2 > b_cap[0] + 1e-6:
         raise PlanningError(
             f"start speed {v_start:.2f} m/s is above the {math.sqrt(max(b_cap[0], 0.0)):.2f} m/s "

@@ -232,14 +232,21 @@ def test_a_climb_beyond_the_engine_is_named():
         plan(road_of(np.full(100, 0.24)), PARAMETERS, MASS)
 
 
+def test_a_descent_beyond_the_brakes_is_named():
+    road = road_of(np.append(np.zeros(50), np.full(50, -0.2)))
+    with pytest.raises(PlanningError, match=r"do not hold 55000 kg on the 20.0 % descent"):
+        plan(road, PARAMETERS, MASS)
+
+
 def test_a_limit_that_cannot_be_met_is_named():
-    road = hills()
+    road = road_of(np.zeros(40))
     limit = np.full(road.station.size, 25.0)
-    limit[-1] = 10.0
+    limit[20] = 10.0
     vehicle = make_vehicle(PARAMETERS, FuelMap(PARAMETERS), MASS, PccConfig())
-    weak = replace(vehicle, brake_max=0.0)
-    with pytest.raises(PlanningError, match="start speed"):
-        cruise(weak, replace(road, v_limit=limit), 20.0, 24.0)
+    assert cruise(vehicle, replace(road, v_limit=limit), 24.0, 24.0)[20] == pytest.approx(10.0)
+    weak = replace(vehicle, brake_max=5_000.0)
+    with pytest.raises(PlanningError, match=r"start speed 24.00 m/s is above the \d+"):
+        cruise(weak, replace(road, v_limit=limit), 24.0, 24.0)
 
 
 @pytest.mark.parametrize(
