@@ -51,14 +51,14 @@ class LateralConfig:
     course_weight: float = 0.2
     articulation_weight: float = 5.0
     integral_weight: float = 0.003
-    rate_weight: float = 100.0
+    rate_weight: float = 50.0
     rate_speed: float = 12.0
     rate_weight_min: float = 0.1
     preview_time: float = 2.0
     step: float = 0.02
     lag: float = 0.12
     speed_grid: tuple[float, ...] = (1.0, 2.0, 4.0, 7.0, 10.0, 13.0, 16.0, 19.0, 22.0, 25.0, 28.0)
-    disturbance_time: float = 0.25
+    disturbance_time: float = 0.18
     steady_time: float = 1.0
     disturbance_speed: tuple[float, float] = (3.0, 6.0)
     idle_acceleration: float = 0.06
