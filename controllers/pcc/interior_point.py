@@ -287,10 +287,9 @@ class _System:
 
 def _to_boundary(value: FloatArray, step: FloatArray, keep: float) -> float:
     """Greatest share of a step, at most 1, that leaves 1 - `keep` of every value."""
-    falling = step < 0.0
-    if not falling.any():
-        return 1.0
-    return min(1.0, keep * float((-value[falling] / step[falling]).min()))
+    # Where an inequality is not there both are 0, and the quotient is no number: left out.
+    fall = float(np.fmin.reduce(step / value))
+    return 1.0 if fall >= 0.0 else min(1.0, -keep / fall)
 
 
 def _dot(a: FloatArray, b: FloatArray) -> float:

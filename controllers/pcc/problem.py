@@ -86,6 +86,7 @@ class Point:
         self.pull = self.force / self.duration  # power over full power
         self.time = np.cumsum(self.duration)  # at nodes 1..n
         self.change = np.diff(b)
+        self._cost_slope: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     def cost(self) -> float:
         """Of the whole drive."""
@@ -96,11 +97,15 @@ class Point:
 
     def cost_slope(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Derivatives of an interval's cost by force, duration and change of b, each (n,)."""
-        p = self.problem
-        c0, c1, c2 = p.fuel
-        by_force = c1 + 2.0 * c2 * self.pull
-        by_duration = c0 - c2 * self.pull**2 + p.calm * self.change**2
-        return by_force, by_duration, 2.0 * p.calm * self.change * self.duration
+        if self._cost_slope is None:
+            p = self.problem
+            c0, c1, c2 = p.fuel
+            self._cost_slope = (
+                c1 + 2.0 * c2 * self.pull,
+                c0 - c2 * self.pull**2 + p.calm * self.change**2,
+                2.0 * p.calm * self.change * self.duration,
+            )
+        return self._cost_slope
 
     def to_nodes(
         self, by_force: FloatArray, by_duration: FloatArray, by_change: FloatArray

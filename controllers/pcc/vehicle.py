@@ -170,14 +170,16 @@ def fastest_below(vehicle: PointMass, road: RoadProfile, cap: FloatArray) -> Flo
         > vehicle.efficiency * vehicle.power_max
     )
     speed, caps, slope = wanted.copy(), wanted.tolist(), vehicle.slope_force(road.grade).tolist()
-    twice = 2.0 * road.step / vehicle.inertial_mass
+    half = 0.5 * vehicle.drag
+    push = vehicle.inertial_mass / (2.0 * road.step)
+    work = 2.0 * vehicle.efficiency * vehicle.power_max
     done = 0
     for first in short.tolist():
         if first < done:
             continue
         k, v = first, float(speed[first])
         while k < road.intervals:
-            v = _advance(vehicle, v, slope[k], twice)
+            v = _end_speed(v, push + half, (half - push) * v * v + slope[k], work)
             k += 1
             if v >= caps[k]:
                 break
@@ -189,24 +191,23 @@ def fastest_below(vehicle: PointMass, road: RoadProfile, cap: FloatArray) -> Flo
     return speed
 
 
-def _advance(vehicle: PointMass, v: float, slope: float, twice: float) -> float:
-    """Speed at the end of an interval at full power, 0 if it stalls.
+def _end_speed(v: float, a: float, c: float, work: float) -> float:
+    """Speed w at the end of an interval at full power from speed v, 0 if it stalls.
 
-    The power limit holds at the mean of both speeds: with a the inertia and half the drag,
-    `h(w) = a w^2 + c - 2 eta P / (v + w) = 0` for the end speed w; h rises, Newton's steps find it.
+    The power limit holds at the mean of both speeds: `a w^2 + c = work / (v + w)`, with a the
+    inertia and half the drag, c what v and the slope take. The left side less the right one rises
+    with w: Newton's steps find it.
     """
-    half = 0.5 * vehicle.drag
-    a, c = 1.0 / twice + half, (half - 1.0 / twice) * v * v + slope
-    work = 2.0 * vehicle.efficiency * vehicle.power_max
     if c * (v + 1e-3) >= work:
         return 0.0
     w = v
     for _ in range(30):
-        share = work / (v + w)
-        step = (a * w * w + c - share) / (2.0 * a * w + share / (v + w))
-        # Far below, the steps of a rising h may fall short of zero speed.
-        w = max(w - step, 0.1 * w)
-        if abs(step) < 1e-10:
+        total = v + w
+        share = work / total
+        step = (a * w * w + c - share) / (2.0 * a * w + share / total)
+        # Far below, the steps may go beyond zero speed.
+        w = w - step if step < 0.9 * w else 0.1 * w
+        if -1e-9 < step < 1e-9:
             break
     return w
 
