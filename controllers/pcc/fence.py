@@ -48,6 +48,9 @@ class Leader:
 class FenceConfig:
     """What is kept to the vehicle ahead.
 
+    The gaps are a little less than those of the trajectory planner's car following, which rules
+    when the truck is near: who plans to stay farther behind never comes near enough to pass.
+
     Attributes:
       time_gap: [s]; standstill_gap: further distance to it [m].
       regain: time in which a gap that is too short is won back to a third [s].
@@ -58,12 +61,12 @@ class FenceConfig:
       jam: behind vehicles slower than this nothing is optimized [m/s].
     """
 
-    time_gap: float = 1.8
-    standstill_gap: float = 10.0
+    time_gap: float = 1.2
+    standstill_gap: float = 4.0
     regain: float = 30.0
     deceleration: float = 0.5
     slower: float = 1.5
-    hold: float = 30.0
+    hold: float = 12.0
     horizon: float = 2_000.0
     jam: float = 4.0
 
@@ -101,10 +104,10 @@ def fence_of(
 ) -> Fence:
     """The fence of a vehicle that goes on at its speed for a while.
 
-    Not for ever: who plans to stay behind a slow vehicle two kilometers on slows down now, and
-    never comes near enough to pass it. A gap that is too short now, as after a cut-in, is won back
-    over some time, and no more is asked for than comfortable braking can do: no fence makes a
-    problem infeasible, and what braking it takes beyond that is the trajectory planner's.
+    Not for long: who plans to stay behind a slow vehicle two kilometers on slows down now, and
+    hangs back to be fast when it should be gone. A gap that is too short now, as after a cut-in,
+    is won back over some time, and no more is asked for than comfortable braking can do: no fence
+    makes a problem infeasible, and what braking it takes beyond that is the trajectory planner's.
 
     Args:
       vehicle: the truck.

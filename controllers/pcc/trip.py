@@ -42,6 +42,7 @@ class RecedingConfig:
       surplus: asked for beyond the plan where that takes all the power it counts on [m/s].
       resync: a plan goes on from the last one's speed, at most so far from the truck's [m/s].
       slack: of the cruise's trip time, where no arrival is asked for [1].
+      reserve: of the time left until the arrival that is asked for, kept for what traffic takes [1].
       replan_lag: a new schedule is made when the truck is so late or early [s].
       replan_flow: or when the traffic's speed has changed by so much [m/s].
       replan_period: but not sooner after the last one than this [s].
@@ -56,6 +57,7 @@ class RecedingConfig:
     surplus: float = 1.0
     resync: float = 0.5
     slack: float = 0.0
+    reserve: float = 0.005
     replan_lag: float = 3.0
     replan_flow: float = 1.0
     replan_period: float = 10.0
@@ -81,8 +83,9 @@ class RecedingConfig:
             raise InputError(f"power_share = {self.power_share!r} is not allowed: use 0.1 to 1")
         if not 0.0 <= self.surplus <= 5.0:
             raise InputError(f"surplus = {self.surplus!r} m/s is not allowed: use 0 to 5")
-        if not 0.0 <= self.slack <= 1.0:
-            raise InputError(f"slack = {self.slack!r} is not allowed: use 0 to 1")
+        for name in ("slack", "reserve"):
+            if not 0.0 <= getattr(self, name) <= 0.5:
+                raise InputError(f"{name} = {getattr(self, name)!r} is not allowed: use 0 to 0.5")
 
 
 @dataclass(frozen=True)
@@ -180,6 +183,9 @@ class Trip:
             if (near and same) or left > receding.replan_length:
                 return
         self._scheduled_at, self._scheduled_flow = begin.time, self.flow
+        arrival = self.appointment.time
+        if arrival is not None:
+            arrival -= receding.reserve * max(arrival - begin.time, 0.0)
         try:
             self.schedule = make_schedule(
                 self.vehicle,
@@ -187,7 +193,7 @@ class Trip:
                 self.config,
                 begin.speed,
                 begin.time,
-                self.appointment.time,
+                arrival,
                 receding.slack,
                 self.appointment.speed,
             )

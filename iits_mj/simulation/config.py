@@ -110,7 +110,7 @@ class DriveConfig(TruckStart):
         metavar="MPS",
     )
     speed_planner: str = option(
-        "cruise",
+        "pcc",
         help="how the reference speed becomes a speed; pcc: predictive cruise control, which saves "
         "fuel on hills in the time of a cruise; cruise: one speed everywhere",
         choices=SPEED_PLANNERS,

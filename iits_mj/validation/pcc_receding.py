@@ -143,7 +143,7 @@ def _compare(results: Results, road: RoadProfile, quick: bool) -> None:
         parameters,
         MASS,
         settings,
-        RecedingConfig(time_limit=math.inf, power_share=1.0, surplus=0.0),
+        RecedingConfig(time_limit=math.inf, power_share=1.0, surplus=0.0, reserve=0.0),
         trip,
     )
     driven = drive(planner, first, last, float(solution.plan.speed[0]))

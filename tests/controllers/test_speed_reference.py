@@ -125,9 +125,9 @@ def test_a_slow_vehicle_ahead_slows_the_reference_but_not_what_a_change_can_gain
     watcher = Watcher()
     reference = PccReference(route, PCC, PARAMETERS, RECEDING)
     stack = stack_of(route, watcher, reference=reference)
-    stack.plan(Scene(0.0, ego(route), [vehicle(route, 560.0, 12.0)]))
+    stack.plan(Scene(0.0, ego(route), [vehicle(route, 525.0, 11.0)]))
     assert reference.last.status == "optimal"
-    assert stack.reference_speed(700.0) < 12.6
+    assert stack.reference_speed(600.0) < 15.0
     assert watcher.speeds == [pytest.approx(16.0, abs=0.2)]
 
 
