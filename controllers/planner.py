@@ -14,27 +14,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.following import Lead, braking_profile
-from controllers.lateral_limits import RollMargin, RollMargins, curve_speed_by_roll
+from controllers.following import Lead
+from controllers.lateral_limits import RollMargins
 from controllers.maneuver import Maneuver, Step
 from controllers.merging import GapChoice, choose_gap
 from controllers.placement import lane_shift
 from controllers.planner_config import PlannerConfig
 from controllers.road_preview import LanePath, RoadPreview
-from controllers.speed_plan import (
-    SpeedConfig,
-    SpeedState,
-    most_urgent,
-    power_acceleration,
-    roll_out,
-    speed_cap,
-)
+from controllers.speed_caps import SpeedCaps
+from controllers.speed_plan import SpeedConfig, SpeedState, most_urgent, roll_out
 from controllers.speed_zones import with_zones
 from controllers.stop_line import LightDemand, LightStop
 from controllers.surroundings import Neighbor, Surroundings
 from controllers.trajectory import lead_of, lead_while_passing, on_road
 from iits_mj.errors import InputError
-from iits_mj.messages import Decision, EgoState, PlanMode, Scene, SpeedProfile, Trajectory
+from iits_mj.messages import Decision, PlanMode, Scene, SpeedProfile, Trajectory
 from iits_mj.parameters import TruckParameters
 
 if TYPE_CHECKING:
@@ -76,8 +70,8 @@ class Planner:
             self.preview, parameters, laden, self.config.speed.curve_acceleration
         )
         self.maneuver = Maneuver(self.preview, self.config)
+        self._caps = SpeedCaps(self.preview, self.config)
         self._light = LightStop(self.config.light)
-        self._roll_cap: tuple[float, FloatArray] = (math.nan, np.empty(0))
         self.reset()
 
     def reset(self) -> None:
@@ -138,12 +132,14 @@ class Planner:
         ego = scene.ego
         surroundings = Surroundings(scene, preview=self.preview)
         margin = self._margins.at(ego.mass)
-        step = self.maneuver.step(scene, surroundings, decision, self._top(ego, profile), margin)
+        step = self.maneuver.step(
+            scene, surroundings, decision, self._caps.top(ego, profile), margin
+        )
         path = with_zones(step.path, scene.signals.zones)
         leads, follows = self._leads(scene, surroundings, path)
         front = ego.station + scene.footprint.front_overhang
         light = self._light.demand(scene.signals.light, front, ego.speed)
-        cap = self._cap(path, profile, margin)
+        cap = self._caps.cap(path, profile, margin)
         self._gap = self._seek(step, surroundings, cap, path)
         if self._gap is not None:
             bound = self._gap.cap(path, ego.station, ego.speed)
@@ -169,41 +165,6 @@ class Planner:
             reason = f"following {follows.vehicle.id}" if follows else "free road"
         return f"emergency braking: {reason}" if self._emergency else reason
 
-    # Speed bounds ------------------------------------------------------------------------------
-
-    def _top(self, ego: EgoState, profile: SpeedProfile | None) -> float:
-        """Greatest speed that may be reached during a change [m/s]."""
-        wanted = self.config.speed.cruise_speed
-        if profile is not None:
-            # Over the way of the longest change: a rising profile is followed during it.
-            reach = max(ego.speed, 10.0) * self.config.change.duration_max
-            near = ego.station + np.linspace(0.0, reach, 10)
-            wanted = float(np.interp(near, profile.station, profile.speed).max())
-        gain = min(self._power_left(ego), self.config.speed.following.acceleration_max)
-        reached = ego.speed + gain * self.config.change.duration_max
-        return max(ego.speed, min(reached, wanted))
-
-    def _power_left(self, ego: EgoState) -> float:
-        grade = float(np.interp(ego.station, self.preview.station, self.preview.grade))
-        return power_acceleration(ego.speed, ego.mass, grade, self.config.speed)
-
-    def _cap(self, path: LanePath, profile: SpeedProfile | None, margin: RollMargin) -> FloatArray:
-        """Highest speed along a path, of limits, profile, comfort and roll-over margin [m/s]."""
-        speed = self.config.speed
-        cap = speed_cap(path, self.preview, speed, profile)
-        if np.isnan(cap).any():
-            raise InputError("the reference speed ahead is not a number")
-        acceleration = self.config.curve_share * margin.threshold
-        if self._roll_cap[0] != acceleration:
-            bearable = curve_speed_by_roll(
-                self.preview.curvature, self.preview.superelevation, acceleration
-            )
-            braking = speed.following.preview_deceleration
-            bearable = braking_profile(self.preview.station, bearable, braking)
-            self._roll_cap = (acceleration, bearable)
-        first = self.preview.index(float(path.station[0]))
-        return np.minimum(cap, self._roll_cap[1][first : first + len(cap)])
-
     def _seek(
         self, step: Step, surroundings: Surroundings, cap: FloatArray, path: LanePath
     ) -> GapChoice | None:
@@ -216,7 +177,7 @@ class Planner:
             surroundings,
             step.wanted,
             path.end - merge.room,
-            self._power_left(ego),
+            self._caps.power_left(ego),
             here,
             self.config.safety,
             merge,

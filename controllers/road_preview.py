@@ -104,12 +104,13 @@ class RoadPreview:
 
     def index(self, station: float) -> int:
         """Nearest row of the tables."""
-        return int(np.clip(round(station / self.step), 0, len(self.station) - 1))
+        return min(max(round(station / self.step), 0), len(self.station) - 1)
 
     def nearest_lane(self, station: float, offset: float) -> int:
         """Index of the lane whose middle is nearest to an offset; -1 where there is none."""
         column = np.abs(self.offset[:, self.index(station)] - offset)
-        return -1 if np.all(np.isnan(column)) else int(np.nanargmin(column))
+        missing = np.isnan(column)
+        return -1 if missing.all() else int(np.where(missing, np.inf, column).argmin())
 
     def lane_exists(self, lane: int, station: float) -> bool:
         """True when the route has this lane here, wide enough for the truck."""

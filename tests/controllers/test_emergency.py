@@ -10,6 +10,7 @@ from controllers.planner import PlannerConfig
 from controllers.speed_plan import SpeedConfig
 from iits_mj.messages import PlanMode
 from iits_mj.road import Route
+from iits_mj.validation.ordinary_traffic import ordinary_drive
 from iits_mj.validation.wall_stop import wall_stop
 
 ROUTE = Route.straight(length=5000.0)
@@ -94,3 +95,13 @@ def test_the_mujoco_truck_stands_before_a_wall_seen_70_m_ahead_at_90_km_h(payloa
 def test_a_vehicle_that_only_drifts_is_followed_without_alarm():
     drifting = dataclasses.replace(at_gap(30.0, 15.0, lane=1), lateral_speed=-0.3)
     assert drive(16.67, 5.0, (drifting,)).planner.emergencies == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("density", ["dense", "medium"])
+@pytest.mark.parametrize("seed", [3, 4])
+def test_ordinary_traffic_gives_no_alarm_and_nobody_comes_near(density, seed):
+    ordinary = ordinary_drive(density, 200.0, seed)
+    assert ordinary.emergencies == 0
+    assert ordinary.gap > 3.0
+    assert ordinary.braking < 2.8

@@ -1,0 +1,78 @@
+"""How fast the truck may go along a path, and how fast it can be by the end of a lane change."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.following import braking_profile
+from controllers.lateral_limits import RollMargin, curve_speed_by_roll
+from controllers.road_preview import LanePath, RoadPreview
+from controllers.speed_plan import power_acceleration, speed_cap
+from iits_mj.errors import InputError
+from iits_mj.messages import EgoState, SpeedProfile
+
+if TYPE_CHECKING:
+    from controllers.planner_config import PlannerConfig
+
+FloatArray = NDArray[np.float64]
+
+
+class SpeedCaps:
+    """Limits, reference, comfort and roll-over margin as one bound over station.
+
+    Args:
+      preview: of the road.
+      config: of the planner.
+    """
+
+    def __init__(self, preview: RoadPreview, config: PlannerConfig) -> None:
+        self.preview = preview
+        self.config = config
+        self._acceleration = math.nan
+        self._bearable: FloatArray = np.empty(0)
+
+    def cap(self, path: LanePath, profile: SpeedProfile | None, margin: RollMargin) -> FloatArray:
+        """Highest speed along a path, shape of path.station [m/s].
+
+        Args:
+          path: of the lane, with the limits in force.
+          profile: reference speed over station; None: the cruise speed.
+          margin: of the truck with its load.
+
+        Raises:
+          InputError: the reference speed is not a number.
+        """
+        cap = speed_cap(path, self.preview, self.config.speed, profile)
+        if np.isnan(cap).any():
+            raise InputError("the reference speed ahead is not a number")
+        first = self.preview.index(float(path.station[0]))
+        return np.minimum(cap, self._by_roll(margin)[first : first + len(cap)])
+
+    def top(self, ego: EgoState, profile: SpeedProfile | None) -> float:
+        """Greatest speed that may be reached during a change [m/s]."""
+        wanted, longest = self.config.speed.cruise_speed, self.config.change.duration_max
+        if profile is not None:
+            # Over the way of the longest change: a rising profile is followed during it.
+            near = ego.station + np.linspace(0.0, max(ego.speed, 10.0) * longest, 10)
+            wanted = float(np.interp(near, profile.station, profile.speed).max())
+        gain = min(self.power_left(ego), self.config.speed.following.acceleration_max)
+        return max(ego.speed, min(ego.speed + gain * longest, wanted))
+
+    def power_left(self, ego: EgoState) -> float:
+        """Acceleration that the engine has left now [m/s2]."""
+        grade = float(np.interp(ego.station, self.preview.station, self.preview.grade))
+        return power_acceleration(ego.speed, ego.mass, grade, self.config.speed)
+
+    def _by_roll(self, margin: RollMargin) -> FloatArray:
+        """Speed that the bends and their cross-slope allow, over the whole road [m/s]."""
+        acceleration = self.config.curve_share * margin.threshold
+        if self._acceleration != acceleration:
+            preview, braking = self.preview, self.config.speed.following.preview_deceleration
+            bends = curve_speed_by_roll(preview.curvature, preview.superelevation, acceleration)
+            self._bearable = braking_profile(preview.station, bends, braking)
+            self._acceleration = acceleration
+        return self._bearable
