@@ -7,8 +7,9 @@ the disturbance that was seen, taken to last. All three come out of one Riccati 
 
 from __future__ import annotations
 
+import math
 from bisect import bisect
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from scipy.linalg import solve_discrete_are
 
 from controllers.lateral_model import STATES, LateralModel
 from controllers.steering_play import PlayConfig
+from iits_mj.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
@@ -45,6 +47,9 @@ class LateralConfig:
       integral_max: [m s].
       speed_min: below it the wheel is held [m/s].
       play: see `PlayConfig`.
+
+    Raises:
+      InputError: a number is not positive and finite, or the speeds do not rise.
     """
 
     offset_weight: float = 1.0
@@ -68,6 +73,18 @@ class LateralConfig:
     integral_max: float = 3.0
     speed_min: float = 0.3
     play: PlayConfig = field(default_factory=PlayConfig)
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if isinstance(value, float) and not (math.isfinite(value) and value > 0.0):
+                raise InputError(f"steering: {entry.name} = {value}: must be positive and finite")
+        grid = np.array(self.speed_grid)
+        if not (len(grid) > 1 and grid[0] > 0.0 and np.all(np.diff(grid) > 0.0)):
+            raise InputError(
+                f"steering: speed_grid = {self.speed_grid}: must hold two speeds or more, positive "
+                "and rising"
+            )
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from controllers.lateral_gains import LateralConfig, LateralGains
 from controllers.lateral_model import LateralModel
 from controllers.path_view import PathView
 from controllers.steering_play import PlayConfig, SteeringPlay
+from iits_mj.errors import InputError
 from iits_mj.messages import EgoState, Trajectory
 from iits_mj.parameters import TruckParameters
 
@@ -247,3 +248,18 @@ def test_the_wheel_is_held_at_standstill_and_asked_angles_are_finite():
                 asked = controller.steer(ego, arc())
                 assert np.isfinite(asked)
                 assert abs(asked) <= STEERING.angle_max
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"rate_weight": 0.0},
+        {"step": float("nan")},
+        {"speed_grid": (5.0, 4.0)},
+        {"speed_grid": (5.0,)},
+        {"speed_grid": (0.0, 4.0)},
+    ],
+)
+def test_settings_that_cannot_be_are_refused_by_name(wrong):
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        LateralConfig(**wrong)
