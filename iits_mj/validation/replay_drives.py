@@ -25,7 +25,7 @@ from iits_mj.errors import InputError
 from iits_mj.messages import SpeedProfile
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from iits_mj.validation.closed_loop import Record, Task, drive
+from iits_mj.validation.closed_loop import CONTROL_PERIOD, Record, Task, drive
 
 FloatArray = NDArray[np.float64]
 
@@ -35,6 +35,8 @@ _START = 100.0
 # Trip times agree when they differ by less [1]; so many drives at most.
 TIME_TOLERANCE, DRIVES = 9e-4, 3
 _FLOORED = 0.99
+# Time in which the engine's torque builds up, and climbing that is needed to judge [s].
+_BUILD_UP, _CLIMBING = 6.0, 30.0
 _GRID = 10.0
 
 
@@ -188,15 +190,19 @@ def run(case: Case, folder: Path | None = None, drives: int = DRIVES) -> Replay:
 
 
 def climbing_power(record: Record, otherwise: float) -> float:
-    """Median engine power while the accelerator is floored [W]; `otherwise` without climbs.
+    """Mean engine power on climbs: accelerator floored, torque built up [W]; `otherwise` without.
 
     The gearbox shifts down at some 1200 rpm, not at the engine's greatest power, so that a climb is
-    driven with less than that. The median leaves the gear changes themselves out.
+    driven with less than that.
     """
-    floored = record["pedal"] >= _FLOORED
-    if np.count_nonzero(floored) < 0.05 * floored.size:
+    pulling = (record["pedal"] >= _FLOORED) & (record["shift"] == 0.0)
+    # The last sample at which it did not pull: so long ago the torque has built up.
+    rows = np.arange(pulling.size)
+    since = rows - np.maximum.accumulate(np.where(pulling, 0, rows))
+    built_up = since * CONTROL_PERIOD > _BUILD_UP
+    if np.count_nonzero(built_up) * CONTROL_PERIOD < _CLIMBING:
         return otherwise
-    return float(np.median((record["engine_torque"] * record["engine_speed"])[floored]))
+    return float(np.mean((record["engine_torque"] * record["engine_speed"])[built_up]))
 
 
 def reference_profile(case: Case, vehicle: PointMass, schedule: Schedule) -> SpeedProfile:

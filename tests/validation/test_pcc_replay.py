@@ -75,7 +75,13 @@ def test_a_faster_end_is_worth_fuel_and_a_faster_start_costs_the_same():
 
 
 def test_climbing_power_is_what_the_engine_gives_with_the_pedal_on_the_floor():
-    assert climbing_power(record(20.0, pedal=1.0), 4e5) == pytest.approx(1_500.0 * 130.0)
+    climb = record(20.0, pedal=1.0)
+    assert climbing_power(climb, 4e5) == pytest.approx(1_500.0 * 130.0)
+    # A gear change and the seconds after it, in which the torque comes back, do not count.
+    changing = (climb["time"] > 20.0) & (climb["time"] < 25.0)
+    climb.table[changing, COLUMNS.index("engine_torque")] = 0.0
+    climb.table[(climb["time"] > 20.0) & (climb["time"] < 21.0), COLUMNS.index("shift")] = 1.0
+    assert climbing_power(climb, 4e5) == pytest.approx(1_500.0 * 130.0)
     # No climb at full pedal: nothing is known, the engine's figure holds.
     assert climbing_power(record(20.0), 4e5) == 4e5
 
