@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from iits_mj.errors import PlanningError
 from iits_mj.parameters import TruckParameters
@@ -110,6 +109,8 @@ class FuelMap:
         rate, _ = self.rate(power * self.efficiency / speed, speed)
         unit = 1e5
         basis = np.column_stack([np.ones(power.size), power / unit, (power / unit) ** 2])
+        from scipy.optimize import nnls
+
         coefficients, _ = nnls(basis, rate)
         error = float(np.sqrt(np.mean((basis @ coefficients - rate) ** 2)) / rate.mean())
         f0, f1, f2 = (float(c) for c in coefficients)
