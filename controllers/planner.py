@@ -139,7 +139,7 @@ class Planner:
         leads, follows = self._leads(scene, surroundings, path)
         front = ego.station + scene.footprint.front_overhang
         light = self._light.demand(scene.signals.light, front, ego.speed)
-        cap = self._caps.cap(path, profile, margin)
+        cap = self._caps.cap(path, profile, margin, ego)
         self._gap = self._seek(step, surroundings, cap, path)
         if self._gap is not None:
             bound = self._gap.cap(path, ego.station, ego.speed)

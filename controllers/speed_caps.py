@@ -21,6 +21,28 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 
+# Below this speed the truck launches as it can, up to what the reference has ahead [m/s].
+LAUNCH_SPEED = 8.0
+LAUNCH_ACCELERATION = 0.7
+_LAUNCH_AHEAD = 200.0
+
+
+def _reference(path: LanePath, profile: SpeedProfile, ego: EgoState) -> SpeedProfile:
+    """The reference at the path's stations, between its nodes at constant acceleration.
+
+    A profile that begins at the truck's own low speed would let it start only as fast as it says:
+    a speed over station has no standing start. There the launch is the planner's.
+    """
+    square = np.interp(path.station, profile.station, profile.speed**2)
+    if ego.speed < LAUNCH_SPEED:
+        ahead, step = path.station - ego.station, float(path.station[1] - path.station[0])
+        near = (ahead >= 0.0) & (ahead < _LAUNCH_AHEAD)
+        most = float(square[near].max()) if near.any() else 0.0
+        launch = ego.speed**2 + 2.0 * LAUNCH_ACCELERATION * np.maximum(ahead, step)
+        square = np.maximum(square, np.minimum(launch, most))
+    return SpeedProfile(path.station, np.asarray(np.sqrt(square)))
+
+
 class SpeedCaps:
     """Limits, reference, comfort and roll-over margin as one bound over station.
 
@@ -35,17 +57,22 @@ class SpeedCaps:
         self._acceleration = math.nan
         self._bearable: FloatArray = np.empty(0)
 
-    def cap(self, path: LanePath, profile: SpeedProfile | None, margin: RollMargin) -> FloatArray:
+    def cap(
+        self, path: LanePath, profile: SpeedProfile | None, margin: RollMargin, ego: EgoState
+    ) -> FloatArray:
         """Highest speed along a path, shape of path.station [m/s].
 
         Args:
           path: of the lane, with the limits in force.
           profile: reference speed over station; None: the cruise speed.
           margin: of the truck with its load.
+          ego: the truck.
 
         Raises:
           InputError: the reference speed is not a number.
         """
+        if profile is not None:
+            profile = _reference(path, profile, ego)
         cap = speed_cap(path, self.preview, self.config.speed, profile)
         if np.isnan(cap).any():
             raise InputError("the reference speed ahead is not a number")

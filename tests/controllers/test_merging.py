@@ -38,9 +38,7 @@ def clearance(drive, vehicles):
     return least
 
 
-@pytest.mark.parametrize(
-    ("speed", "hole"), [(12.0, -60.0), (15.0, -60.0), (15.0, 20.0)]
-)
+@pytest.mark.parametrize(("speed", "hole"), [(12.0, -60.0), (15.0, -60.0), (15.0, 20.0)])
 def test_a_hole_in_the_stream_is_taken_without_a_stop(road, speed, hole):
     vehicles = following(stream(road, speed, 32.0, first=400.0 + hole - 25 * 32.0, hole=25))
     drive = Ideal(road, 400.0, 0, 15.0).run(38.0, vehicles)

@@ -99,6 +99,32 @@ def test_a_change_is_refused_only_where_the_bend_takes_what_a_high_load_bears():
     ]
 
 
+@pytest.mark.parametrize("speed", [0.0, 1.0, 4.0])
+def test_a_reference_that_begins_at_the_truck_s_own_low_speed_does_not_keep_it_there(speed):
+    # As a receding plan does: from the speed now to the set speed at the next node.
+    planner = Planner(STRAIGHT)
+    ego = EgoState(station=480.0, offset=float(STRAIGHT.lane_offset(0, 0.0)), speed=speed)
+    for _ in range(150):
+        places = np.array([ego.station, ego.station + 50.0, ego.station + 2000.0])
+        profile = SpeedProfile(places, np.array([max(ego.speed, 0.5), 14.0, 14.0]))
+        plan = planner.plan(Scene(ego.time, ego), Decision.KEEP, profile)
+        ego = dataclasses.replace(
+            ego,
+            time=round(ego.time + 0.1, 6),
+            station=float(plan.station[1]),
+            speed=float(plan.speed[1]),
+        )
+    assert ego.speed > speed + 6.0
+    assert ego.speed < 14.1
+
+
+def test_a_slow_reference_is_kept_by_a_slow_truck():
+    profile = SpeedProfile(np.array([0.0, 6000.0]), np.array([5.0, 5.0]))
+    ego = EgoState(station=480.0, offset=float(STRAIGHT.lane_offset(0, 0.0)), speed=4.0)
+    plan = Planner(STRAIGHT).plan(Scene(0.0, ego), Decision.KEEP, profile)
+    assert plan.speed.max() <= 5.05
+
+
 def test_the_reference_speed_is_driven_during_a_change_when_nobody_is_ahead():
     drive = Ideal(STRAIGHT, 500.0, 0, 16.67)
     drive.run(8.0, (car(STRAIGHT, "far", 900.0, 1, 16.67),), lambda t: Decision(-(t < 0.05)))

@@ -48,7 +48,6 @@ def at_the_light():
         start_station=40.0,
         start_speed=8.0,
         speed=10.0,
-        speed_planner="cruise",
     )
 
     def inter(route, footprint):
