@@ -42,7 +42,7 @@ class RecedingConfig:
       surplus: asked for beyond the plan where that takes all the power it counts on [m/s].
       resync: a plan goes on from the last one's speed, at most so far from the truck's [m/s].
       slack: of the cruise's trip time, where no arrival is asked for [1].
-      reserve: of the time left until the arrival that is asked for, kept for what traffic takes [1].
+      reserve: of the time left until a wanted arrival, kept for what traffic takes [1].
       replan_lag: a new schedule is made when the truck is so late or early [s].
       replan_flow: or when the traffic's speed has changed by so much [m/s].
       replan_period: but not sooner after the last one than this [s].
@@ -223,8 +223,9 @@ class Trip:
         road, step = self.road, self.receding.step
         grid = station + step * np.arange(max(intervals, LEAST_INTERVALS) + 1, dtype=float)
         # Between two nodes of the road the lower limit holds.
-        below = np.clip(np.searchsorted(road.station, grid) - 1, 0, road.station.size - 1)
-        above = np.clip(below + 1, 0, road.station.size - 1)
+        last = road.station.size - 1
+        below = np.clip(np.searchsorted(road.station, grid + 1e-6, "right") - 1, 0, last)
+        above = np.clip(np.searchsorted(road.station, grid - 1e-6), 0, last)
         limit = np.minimum(road.v_limit[below], road.v_limit[above])
         return RoadProfile(grid, np.interp(grid, road.station, road.height), limit, road.name)
 

@@ -360,6 +360,15 @@ def test_a_limit_that_is_already_broken_is_met_by_braking():
     assert found.profile.at(1500.0) <= 14.0 + 1e-6
 
 
+def test_on_the_roads_own_grid_its_limits_are_taken_as_they_stand(planner):
+    limit = np.full(241, 25.0)
+    limit[40:60] = 14.0
+    slow = RecedingPlanner(replace(ROAD, v_limit=limit), PARAMETERS, receding=PATIENT)
+    assert np.array_equal(slow.trip.grid(500.0, 100).v_limit, limit[10:111])
+    between = slow.trip.grid(510.0, 100).v_limit
+    assert np.array_equal(between, np.minimum(limit[10:111], limit[11:112]))
+
+
 def test_a_standing_truck_gets_a_plan_to_start_with(planner):
     found = planner.plan(0.0, 0.0, 0.0)
     assert found.status == "optimal"
