@@ -8,6 +8,7 @@ whose speed and full-load torque allow it.
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -109,12 +110,26 @@ class FuelMap:
         rate, _ = self.rate(power * self.efficiency / speed, speed)
         unit = 1e5
         basis = np.column_stack([np.ones(power.size), power / unit, (power / unit) ** 2])
-        from scipy.optimize import nnls
-
-        coefficients, _ = nnls(basis, rate)
+        coefficients = _nonnegative_fit(basis, rate)
         error = float(np.sqrt(np.mean((basis @ coefficients - rate) ** 2)) / rate.mean())
         f0, f1, f2 = (float(c) for c in coefficients)
         return Willans(f0, f1 / unit, f2 / unit**2, error)
+
+
+def _nonnegative_fit(basis: FloatArray, value: FloatArray) -> FloatArray:
+    """Least-squares coefficients, none below zero, of a few columns: the best of all subsets."""
+    count = basis.shape[1]
+    normal, right = basis.T @ basis, basis.T @ value
+    best, least = np.zeros(count), 0.0
+    for size in range(1, count + 1):
+        for chosen in itertools.combinations(range(count), size):
+            part = np.linalg.solve(normal[np.ix_(chosen, chosen)], right[list(chosen)])
+            # Of a least-squares part, the sum of squares less that of the values.
+            gain = -float(part @ right[list(chosen)])
+            if (part >= 0.0).all() and gain < least:
+                best, least = np.zeros(count), gain
+                best[list(chosen)] = part
+    return best
 
 
 def _rate_table(engine: Engine) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 _INSIDE = 0.05  # least first slack
 _MU = 0.1  # first s z
 _DIVERGED = 1e9
-_POLISH = 2  # further steps once the tolerances are met
+_EXACT = 1e-9  # gradient of the Lagrangian that no further step betters
 _ACCEPTED = 100.0  # times the tolerances, with which an optimum is taken when iterations are up
 _WINDOW = 30  # iterations of the quick run, each so many the errors are to fall to a tenth
 _NO_STEP = "the curvature is not positive"
@@ -40,12 +40,14 @@ class Settings:
     Attributes:
       tolerance: of the mean s z and of the inequalities' residuals.
       dual_tolerance: of the Lagrangian's gradient.
+      polish: further steps at most once the tolerances are met.
       iterations: of one run, at most; time_limit: for both [s].
       guarded: True leaves the quick run out; fallback: False leaves the guarded one out.
     """
 
     tolerance: float = 1e-8
     dual_tolerance: float = 1e-6
+    polish: int = 2
     iterations: int = 100
     time_limit: float = 20.0
     guarded: bool = False
@@ -139,7 +141,7 @@ class _Run:
             if max(primal, gap) < settings.tolerance and dual < settings.dual_tolerance:
                 # Newton's last steps make the multipliers exact; rounding may forbid it.
                 polished += 1
-                if polished > _POLISH or dual < 1e-3 * settings.dual_tolerance:
+                if polished > settings.polish or dual < _EXACT:
                     return ""
             if self.late:
                 return f"the time limit of {settings.time_limit:g} s was reached"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import numbers
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -242,10 +243,26 @@ def _cruise(vehicle: PointMass, road: RoadProfile, config: PccConfig) -> tuple[f
         )
     if late(config.v_ref) <= 0.0:
         return config.v_ref, speed
-    from scipy.optimize import brentq
-
-    v_set = float(brentq(late, config.v_ref, high, xtol=1e-9, rtol=1e-12))
+    v_set = _root(late, config.v_ref, high)
     return v_set, drive(v_set)
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    """Zero of a falling function between two arguments, not below the zero (Illinois method)."""
+    above, below = function(low), function(high)
+    for _ in range(100):
+        if high - low < 1e-10:
+            break
+        middle = low + (high - low) * above / (above - below)
+        middle = min(max(middle, low + 1e-3 * (high - low)), high - 1e-3 * (high - low))
+        value = function(middle)
+        if value > 0.0:
+            low, above, below = middle, value, 0.5 * below
+        else:
+            high, below, above = middle, value, 0.5 * above
+        if -1e-9 < value <= 0.0:
+            break
+    return high
 
 
 def _start_speed(vehicle: PointMass, road: RoadProfile) -> float:

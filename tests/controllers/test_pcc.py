@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from dynamic_program import least_cost
+from scipy.optimize import nnls
 
 from controllers.pcc import PccConfig, RoadProfile, plan
-from controllers.pcc.fuel import FuelMap
+from controllers.pcc.fuel import FuelMap, _nonnegative_fit
 from controllers.pcc.planner import lower_speeds, make_vehicle
 from controllers.pcc.refine import on_finer_road
 from controllers.pcc.vehicle import cruise, durations, full_power_speed
@@ -41,6 +42,14 @@ def test_fuel_fit_is_convex_and_within_3_percent_of_the_map():
     assert min(fit.f0, fit.f1, fit.f2) >= 0.0
     assert fit.error < 0.03
     assert fit.rate(np.array([-fit.overrun_power]))[0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_fuel_fit_is_the_nonnegative_least_squares_fit():
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        basis = rng.normal(size=(30, 3))
+        value = basis @ rng.normal(size=3) + rng.normal(0.0, 0.1, 30)
+        assert _nonnegative_fit(basis, value) == pytest.approx(nnls(basis, value)[0], abs=1e-9)
 
 
 def test_engine_rate_gives_the_tables_own_values():

@@ -105,6 +105,19 @@ def test_long_roads_take_no_more_iterations_than_short_ones():
     assert answer.iterations < 40
 
 
+def test_a_loose_tolerance_gives_nearly_the_same_speeds_in_fewer_iterations():
+    task, guess = task_of(random_road(np.random.default_rng(10)))
+    exact = Solver(VEHICLE, N, STEP).solve(task, guess)
+    loose = Solver(VEHICLE, N, STEP, tolerance=1e-6).solve(task, guess)
+    assert loose.iterations < exact.iterations
+    assert loose.speed == pytest.approx(exact.speed, abs=0.01)
+
+
+def test_a_tolerance_that_is_none_is_refused():
+    with pytest.raises(InputError, match="tolerance"):
+        Solver(VEHICLE, N, STEP, tolerance=math.nan)
+
+
 def test_time_price_is_what_a_second_more_saves():
     task, guess = task_of(random_road(np.random.default_rng(4)))
     solver = Solver(VEHICLE, N, STEP)
