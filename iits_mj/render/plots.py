@@ -99,8 +99,8 @@ def _draw_panel(ax: Axes, panel: Panel) -> None:
         spine.set_color(GRID)
     if len([line for line in panel.lines if line.label]) > 1:
         bodies = any(line.role in _BODY_COLOR for line in panel.lines)
-        place = "upper left" if bodies else "best"
-        ax.legend(loc=place, fontsize=8, frameon=False, ncols=min(3, len(panel.lines)))
+        columns = min(3, len(panel.lines))
+        ax.legend(loc="upper left" if bodies else "best", fontsize=8, frameon=False, ncols=columns)
 
 
 def _open_flat_range(ax: Axes) -> None:
