@@ -40,6 +40,7 @@ from iits_mj.validation.traffic_trips import (
 )
 
 SEEDS = 10
+FIRST_SEED = 100  # lower ones were looked at while the planner was made
 FEWEST = 3  # seeds a density that say anything
 # In a checkout; an installed package has no docs and drives the trips.
 TABLE = Path(__file__).resolve().parents[2] / "docs" / "validation" / "planning_traffic.csv"
@@ -55,7 +56,7 @@ def run_traffic(config: ValidateConfig) -> Results:
     rows = read_rows(TABLE)
     results = Results("validate planning traffic")
     if not config.quick:
-        wanted = [(d, seed) for seed in range(SEEDS) for d in DENSITIES]
+        wanted = [(d, seed) for seed in _seeds(SEEDS) for d in DENSITIES]
         known = {row.key for row in rows}
         for density, seed in wanted:
             if any((density, seed, name, LENGTH) not in known for name in PLANNERS):
@@ -119,7 +120,9 @@ def summarize(results: Results, rows: list[TripRow]) -> None:
                 f"±{half_width(saved):.2f}",
                 "> 0",
             ),
-            Check(name + "trip time, mean over the cruise's", float(late.mean()), "%", 0.0, "<= 1"),
+            Check(
+                name + "trip time, mean over the cruise's", float(late.mean()), "%", 0.0, "-1 .. 1"
+            ),
             Check(name + "trip time, greatest difference", float(np.abs(late).max()), "%"),
             Check(name + "lane changes, pcc less cruise", float(changes), "1"),
             Check(name + "collisions and trips not ended", float(failed), "1", None, "<= 0"),
@@ -147,8 +150,7 @@ def summarize(results: Results, rows: list[TripRow]) -> None:
         f"km/h, band {0.75 * SPEED / KMH:g} to 90 km/h within the road's limits, traffic at "
         f"{TRAFFIC_SPEED / KMH:g} km/h that reacts to the truck, MOBIL; the cruise is driven first "
         "and PCC is asked to arrive when it did, as fast as it was; fuel corrected for kinetic "
-        "energy at the end; ± is the 95 % interval of the paired mean; who arrives sooner does so "
-        "for the least fuel: rolling down a hill faster costs none"
+        "energy at the end; ± is the 95 % interval of the paired mean"
     )
 
 
@@ -166,7 +168,7 @@ def main(arguments: list[str] | None = None) -> int:
         known = {row.key for row in rows}
         missing = [
             (density, seed)
-            for seed in range(asked.seeds)
+            for seed in _seeds(asked.seeds)
             for density in DENSITIES
             if any((density, seed, name, LENGTH) not in known for name in PLANNERS)
         ]
@@ -189,6 +191,10 @@ def main(arguments: list[str] | None = None) -> int:
     summarize(results, rows)
     print(results.to_table())
     return 0
+
+
+def _seeds(count: int) -> range:
+    return range(FIRST_SEED, FIRST_SEED + count)
 
 
 def _sentence(cruise: TripRow, pcc: TripRow) -> str:
