@@ -213,7 +213,7 @@ class _Problem:
         height = np.pad(road.height, 1, mode="edge") + _at_ends(before, after, road.height.size)
         slope = _curve(make_interp_spline(self.padded, height, 5).derivative())
         grade = slope.map(self.count)(station.T).T
-        resistance = (grade + vehicle.rolling) / ca.sqrt(1.0 + grade**2) * vehicle.mass * GRAVITY
+        resistance = (grade + vehicle.rolling) * vehicle.mass * GRAVITY
         force = vehicle.inertial_mass * acceleration + resistance + vehicle.drag * speed**2
         return force * speed
 

@@ -20,6 +20,8 @@ from iits_mj.messages import SpeedProfile
 from iits_mj.parameters import TruckParameters
 
 FloatArray = NDArray[np.float64]
+_SLOWER = 0.9  # of the fastest possible speed, where v_min is out of reach
+_JUST = 0.999
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class PccConfig:
 
     Attributes:
       v_ref: set speed of the constant-speed cruise [m/s]; 20 m/s is the paper's 72 km/h.
-      v_min, v_max: band of the plan [m/s]; on a climb beyond full power it may be slower. 25 m/s is
+      v_min, v_max: band of the plan [m/s]; slower only where full power does not reach v_min. 25 m/s is
         where the speed limiter of a heavy truck holds (directive 92/6/EEC); the road's own limits
         are kept below it.
       mean_speed: True lets the cruise's set speed be found for which its *mean* is v_ref.
@@ -200,8 +202,13 @@ def make_vehicle(
 
 
 def lower_speeds(fastest: FloatArray, v_min: float) -> FloatArray:
-    """Least speeds: v_min, or a little less than the fastest possible where that is below it."""
-    return np.minimum(v_min, 0.9 * fastest)
+    """Least speeds: v_min where it can be reached, else little less than the fastest possible.
+
+    Where it is only just reached a thousandth is left, as only one drive would remain.
+    """
+    return np.asarray(
+        np.where(fastest >= v_min, np.minimum(v_min, _JUST * fastest), _SLOWER * fastest)
+    )
 
 
 def evaluate(vehicle: PointMass, fuel_map: FuelMap, road: RoadProfile, speed: FloatArray) -> Drive:

@@ -25,7 +25,7 @@ class PointMass:
     Attributes:
       mass: gross; inertial_mass: with what turns; rolling: resistance coefficient.
       drag: 0.5 rho Cd A [kg/m]; efficiency: engine to wheels.
-      power_max: of the engine, which some gear gives at every speed of the band [W].
+      power_max: of the engine, which some gear gives at every speed, see `FuelMap.full_power` [W].
       power_drag: of the overrunning engine, where the convex model's fuel is zero [W].
       brake_max: greatest braking force of a planned drive [N].
       fuel: the convex fuel model.
@@ -75,16 +75,20 @@ class PointMass:
             rolling=parameters.tire_common.rolling_resistance,
             drag=0.5 * air.density * air.drag_area,
             efficiency=fuel_map.efficiency,
-            power_max=float(powers.min()),
+            power_max=fuel_map.full_power(),
             power_drag=fuel.overrun_power,
             brake_max=mass * deceleration_max,
             fuel=fuel,
         )
 
     def slope_force(self, grade: FloatArray) -> FloatArray:
-        """Force of grade and rolling resistance [N]."""
-        angle = np.arctan(grade)
-        return np.asarray(self.mass * GRAVITY * (np.sin(angle) + self.rolling * np.cos(angle)))
+        """Work of grade and tires for each metre of station [N].
+
+        Stations are horizontal, as OpenDRIVE has them, and `grade` is dz/ds: the weight does
+        exactly m g dz, and the tires, with m g cos on ds / cos of road, exactly m g c ds. That
+        inertia and air act along the road, too, is left out: 0.1 % of them on a grade of 5 %.
+        """
+        return np.asarray(self.mass * GRAVITY * (grade + self.rolling))
 
     def force_max(self, speed: float) -> float:
         """Greatest drive force at the wheels [N]."""
@@ -133,7 +137,8 @@ def full_power_speed(
         )
     b_cap[0] = v_start**2
     speed = fastest_below(vehicle, road, b_cap)
-    slow = np.flatnonzero(speed[1:] < _CRAWL)
+    # Who is let through only at a crawl is not short of power.
+    slow = np.flatnonzero(speed[1:] < np.minimum(_CRAWL, 0.99 * np.sqrt(b_cap[1:])))
     if slow.size:
         k = int(slow[0])
         raise PlanningError(

@@ -170,10 +170,9 @@ def balance(vehicle: PointMass, road: RoadProfile, speed: FloatArray) -> Balance
     exact_time = float(((1.0 / np.sqrt(inside)) @ weight).sum())
     grid_time = float(durations(speed, road).sum())
     weight_force = vehicle.mass * GRAVITY
-    cosine = np.cos(np.arctan(road.grade))
     return Balance(
         engine=float(engine.sum()) * road.step,
-        rolling=float(cosine.sum()) * road.step * weight_force * vehicle.rolling,
+        rolling=road.length * weight_force * vehicle.rolling,
         air=vehicle.drag * float((inside @ weight).sum()),
         climb=weight_force * float(road.height[-1] - road.height[0]),
         kinetic=0.5 * vehicle.inertial_mass * float(speed[-1] ** 2 - speed[0] ** 2),

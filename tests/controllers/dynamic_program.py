@@ -37,8 +37,7 @@ def least_cost(vehicle, road, b_low, b_high, price, states=800, reach=(-180.0, 6
     v = 0.5 * (np.sqrt(b)[:, None] + np.sqrt(np.maximum(end, 1e-9)))
     level = vehicle.inertial_mass * (end - b[:, None]) / (2.0 * ds)
     level += vehicle.drag * 0.5 * (b[:, None] + end)
-    angle = np.arctan(np.diff(road.height) / ds)
-    slope = vehicle.mass * 9.81 * (np.sin(angle) + vehicle.rolling * np.cos(angle))
+    slope = vehicle.mass * 9.81 * (np.diff(road.height) / ds + vehicle.rolling)
     fuel, eta = vehicle.fuel, vehicle.efficiency
     dragging = vehicle.power_drag
     value = np.where(np.abs(b - home) < 0.5 * width, 0.0, np.inf)

@@ -323,3 +323,39 @@ def test_csv_profile_has_the_heights_of_the_file(tmp_path):
     road = RoadProfile.from_csv(path, step=100.0)
     assert road.intervals == 10
     assert road.grade == pytest.approx(np.full(10, 0.01))
+
+
+def test_hills_give_back_what_they_took_to_the_last_joule():
+    # Steep on purpose: the sine of the angle would lose 0.5 % of the height on each ramp.
+    road = road_of(np.tile(np.repeat([0.1, -0.1], 10), 5))
+    vehicle = make_vehicle(PARAMETERS, FuelMap(PARAMETERS), MASS, PccConfig())
+    work = vehicle.slope_force(road.grade).sum() * road.step
+    assert work == pytest.approx(MASS * 9.81 * vehicle.rolling * road.length, rel=1e-9)
+    climb = vehicle.slope_force(road.grade[:10]).sum() * road.step
+    climb -= MASS * 9.81 * vehicle.rolling * 500.0
+    assert climb == pytest.approx(MASS * 9.81 * road.height[10], rel=1e-9)
+
+
+def test_the_engine_is_the_trucks_whatever_the_band():
+    fuel_map = FuelMap(PARAMETERS)
+    powers = [
+        make_vehicle(PARAMETERS, fuel_map, MASS, PccConfig(v_min=low, v_max=high)).power_max
+        for low, high in ((1.1, 25.0), (12.5, 25.0), (18.0, 38.0))
+    ]
+    assert powers[0] == powers[1] == powers[2]
+    given = fuel_map.power_max(np.linspace(2.5, 40.0, 1000))
+    assert given.min() == pytest.approx(powers[0], rel=1e-4)
+    assert powers[0] > 0.85 * given.max()
+
+
+def test_plan_leaves_its_band_only_where_full_power_cannot_reach_it():
+    # The climb takes the speed below the band for some 500 m.
+    road = road_of(np.concatenate([np.zeros(40), np.full(24, 0.05), np.full(60, -0.005)]))
+    config = PccConfig(v_min=15.5)
+    solution = plan(road, PARAMETERS, MASS, config)
+    vehicle = make_vehicle(PARAMETERS, FuelMap(PARAMETERS), MASS, config)
+    fastest = full_power_speed(vehicle, road, 20.0, np.full(road.station.size, config.v_max))
+    reached = fastest >= config.v_min
+    assert 5 < np.count_nonzero(~reached) < 40
+    assert solution.plan.speed[reached].min() >= 0.999 * config.v_min - 1e-6
+    assert (solution.plan.speed >= 0.9 * fastest - 1e-6)[~reached].all()

@@ -106,8 +106,7 @@ def test_fuel_is_that_of_the_motion_it_describes(hilly):
     s, v, a = motion(answer)
     wave = 2.0 * np.pi / 2000.0
     grade = 0.03 * np.sin(wave * s)
-    angle = np.arctan(grade)
-    resistance = vehicle.mass * GRAVITY * (np.sin(angle) + vehicle.rolling * np.cos(angle))
+    resistance = vehicle.mass * GRAVITY * (grade + vehicle.rolling)
     power = (vehicle.inertial_mass * a + resistance + vehicle.drag * v**2) * v / vehicle.efficiency
     assert power.max() < 1.03 * vehicle.power_max
     rate = vehicle.fuel.rate(np.maximum(power, -vehicle.power_drag))
