@@ -24,10 +24,10 @@ from controllers.road_preview import LanePath, RoadPreview
 from controllers.speed_caps import SpeedCaps
 from controllers.speed_plan import SpeedConfig, SpeedState, most_urgent, roll_out
 from controllers.speed_zones import with_zones
+from controllers.state_check import StateCheck, named_decision
 from controllers.stop_line import LightDemand, LightStop
 from controllers.surroundings import Neighbor, Surroundings
 from controllers.trajectory import lead_of, lead_while_passing, on_road
-from iits_mj.errors import InputError
 from iits_mj.messages import Decision, PlanMode, Scene, SpeedProfile, Trajectory
 from iits_mj.parameters import TruckParameters
 
@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     from iits_mj.road import Route
 
 FloatArray = NDArray[np.float64]
-
-_USED = ("time", "station", "offset", "speed", "mass")
 
 __all__ = ["Planner", "PlannerConfig"]
 
@@ -64,6 +62,7 @@ class Planner:
         self.config = config or PlannerConfig()
         self.preview = RoadPreview(route)
         parameters = parameters or TruckParameters.load()
+        self._state = StateCheck(parameters, route.length)
         self._margins = RollMargins(parameters, 1.0 / self.config.change.duration_min)
         laden = parameters.gross_mass(parameters.payload.mass_max)
         self.preview.shift = lane_shift(
@@ -112,6 +111,10 @@ class Planner:
         """Index of the lane being kept or changed to."""
         return self.maneuver.lane(scene.ego)
 
+    def bearable_speed(self, station: float, mass: float) -> float:
+        """Speed at a station from which every bend ahead is met without tipping over [m/s]."""
+        return self._caps.bearable(station, self._margins.at(mass))
+
     def plan(
         self,
         scene: Scene,
@@ -126,9 +129,10 @@ class Planner:
           profile: reference speed over station; default: the cruise speed.
 
         Raises:
-          InputError: a value of the scene that matters is not finite.
+          InputError: a value of the scene that matters cannot be, or the decision is none.
         """
-        _check(scene)
+        self._state.check(scene)
+        decision = named_decision(decision)
         ego = scene.ego
         surroundings = Surroundings(scene, preview=self.preview)
         margin = self._margins.at(ego.mass)
@@ -271,16 +275,6 @@ class Planner:
             config.step,
             urgency,
         )
-
-
-def _check(scene: Scene) -> None:
-    """Refuses a truck whose state cannot be planned from."""
-    for name in _USED:
-        value = getattr(scene.ego, name)
-        if not math.isfinite(value):
-            raise InputError(f"state of the truck: {name} is {value}: not finite")
-    if not scene.ego.mass > 0.0:
-        raise InputError(f"state of the truck: mass is {scene.ego.mass} kg: must be positive")
 
 
 def _braking_at(speed: SpeedConfig, deceleration: float) -> SpeedConfig:

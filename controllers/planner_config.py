@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from controllers.checks import require_positive
 from controllers.lane_change import LaneChangeConfig
 from controllers.merging import MergeConfig
 from controllers.safety import SafetyConfig
 from controllers.speed_plan import SpeedConfig
 from controllers.stop_line import LightConfig
+from iits_mj.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,9 @@ class PlannerConfig:
       curve_share: of the roll-over threshold, bounds the speed in bends with their cross-slope.
       speed: see `SpeedConfig`; change: see `LaneChangeConfig`; safety: see `SafetyConfig`;
       merge: see `MergeConfig`; light: see `LightConfig`.
+
+    Raises:
+      InputError: a setting cannot be; the message names it.
     """
 
     lanes: tuple[int, ...] = (0, 1)
@@ -38,3 +43,19 @@ class PlannerConfig:
     safety: SafetyConfig = field(default_factory=SafetyConfig)
     merge: MergeConfig = field(default_factory=MergeConfig)
     light: LightConfig = field(default_factory=LightConfig)
+
+    def __post_init__(self) -> None:
+        require_positive(
+            self,
+            "horizon",
+            "step",
+            "resync_speed",
+            "recover_offset",
+            "settled_offset",
+            "curve_share",
+        )
+        if self.horizon < self.step:
+            raise InputError(
+                f"PlannerConfig: horizon is {self.horizon:g} s: at least one step of "
+                f"{self.step:g} s is needed"
+            )

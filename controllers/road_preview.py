@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.road_curvature import road_curvature, sharpest
 from iits_mj.units import GRAVITY
 
 if TYPE_CHECKING:
@@ -95,9 +96,7 @@ class RoadPreview:
             [[route.speed_limit(float(s), lane) for s in self.station] for lane in range(lanes)]
         )
         point = route.evaluate(self.station, 0.0)
-        # Averaged over 25 m: seams of real maps carry spikes that no truck drives.
-        raw = np.asarray(point.curvature, dtype=float)
-        self.curvature = np.convolve(np.pad(raw, 2, mode="edge"), np.full(5, 0.2), mode="valid")
+        self.curvature = road_curvature(route, self.station)
         self.height = np.asarray(point.z, dtype=float)
         self.superelevation = np.asarray(point.superelevation, dtype=float)
         self.grade = np.asarray(route.smoothed_grade(self.station), dtype=float)
@@ -157,6 +156,10 @@ class RoadPreview:
         curvature = np.interp(station, self.station, self.curvature)
         bank = np.interp(station, self.station, self.superelevation)
         return np.asarray(speed**2 * curvature + GRAVITY * np.tan(bank))
+
+    def sharpest(self, path: LanePath) -> FloatArray:
+        """Curvature of a path for bounds on its speed, a magnitude, shape of path.station [1/m]."""
+        return sharpest(np.interp(path.station, self.station, self.curvature), path.offset)
 
     def height_at(self, station: FloatArray, offset: FloatArray) -> FloatArray:
         """Height of the surface [m] within some centimetres, shape as station and offset."""

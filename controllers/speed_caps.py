@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from controllers.following import braking_profile
 from controllers.lateral_limits import RollMargin, curve_speed_by_roll
+from controllers.road_curvature import sharpest
 from controllers.road_preview import LanePath, RoadPreview
 from controllers.speed_plan import power_acceleration, speed_cap
 from iits_mj.errors import InputError
@@ -94,12 +95,17 @@ class SpeedCaps:
         grade = float(np.interp(ego.station, self.preview.station, self.preview.grade))
         return power_acceleration(ego.speed, ego.mass, grade, self.config.speed)
 
+    def bearable(self, station: float, margin: RollMargin) -> float:
+        """Greatest speed from which every bend ahead is met without tipping over [m/s]."""
+        return float(np.interp(station, self.preview.station, self._by_roll(margin)))
+
     def _by_roll(self, margin: RollMargin) -> FloatArray:
         """Speed that the bends and their cross-slope allow, over the whole road [m/s]."""
         acceleration = self.config.curve_share * margin.threshold
         if self._acceleration != acceleration:
             preview, braking = self.preview, self.config.speed.following.preview_deceleration
-            bends = curve_speed_by_roll(preview.curvature, preview.superelevation, acceleration)
+            tight = sharpest(preview.curvature, 0.0) * np.sign(preview.curvature)
+            bends = curve_speed_by_roll(tight, preview.superelevation, acceleration)
             self._bearable = braking_profile(preview.station, bends, braking)
             self._acceleration = acceleration
         return self._bearable

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.checks import require_positive
 from controllers.following import (
     FollowingConfig,
     Lead,
@@ -71,6 +72,9 @@ class SpeedConfig:
       emergency_margin: gap wanted after an emergency stop [m].
       reaction_time: of the brakes, for the required deceleration [s].
       following: see `FollowingConfig`.
+
+    Raises:
+      InputError: a setting cannot be; the message names it.
     """
 
     cruise_speed: float = 16.67
@@ -87,6 +91,12 @@ class SpeedConfig:
     reaction_time: float = 0.5
     following: FollowingConfig = field(default_factory=FollowingConfig)
 
+    def __post_init__(self) -> None:
+        names = "cruise_speed", "curve_acceleration", "preview", "emergency_onset"
+        require_positive(self, *names, "emergency_release", "emergency_deceleration")
+        names = "stop_gap", "emergency_margin", "reaction_time"
+        require_positive(self, *names, zero=True)
+
 
 def speed_cap(
     path: LanePath,
@@ -100,14 +110,13 @@ def speed_cap(
     preview deceleration.
     """
     station = path.station
-    curvature = np.interp(station, preview.station, preview.curvature)
     wanted = (
         np.full(len(station), config.cruise_speed)
         if profile is None
         else np.interp(station, profile.station, profile.speed)
     )
     cap = np.minimum(wanted, path.speed_limit)
-    cap = np.minimum(cap, curve_speed(curvature, config.curve_acceleration))
+    cap = np.minimum(cap, curve_speed(preview.sharpest(path), config.curve_acceleration))
     return braking_profile(station, cap, config.following.preview_deceleration)
 
 

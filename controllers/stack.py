@@ -11,6 +11,7 @@ from controllers.decision.base import DecisionContext, DecisionMaker, Keep
 from controllers.decision.observation import ObservationHistory, observe_frame
 from controllers.planner import Planner, PlannerConfig
 from controllers.speed_reference import CruiseReference, ProfileReference, SpeedReference
+from controllers.state_check import named_decision
 from controllers.surroundings import Neighbor, Surroundings
 from controllers.tracking import Tracker, TrackingConfig
 from iits_mj.errors import InputError
@@ -155,6 +156,6 @@ class Stack:
             reference_speed=reference,
             observation=self.history.observation(),
         )
-        self.last_decision = Decision(self.decision_maker.decide(context))
+        self.last_decision = named_decision(self.decision_maker.decide(context))
         self.decisions += 1
         return self.last_decision

@@ -19,7 +19,7 @@ OTHER_LEVEL = 3.0
 WEAVING = 0.3
 
 
-_USED = ("station", "offset", "speed", "lateral_speed", "length", "width")
+_USED = ("station", "offset", "speed", "lateral_speed", "length", "width", "acceleration")
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +47,8 @@ class Surroundings:
         out. A vehicle with x, y and z all zero has no pose, and counts by station and offset alone.
 
     Raises:
-      InputError: a vehicle's station, offset, speed, size or height is not finite; the message
-        names it.
+      InputError: a vehicle's station, offset, speed, acceleration, size or place is not finite;
+        the message names it.
     """
 
     def __init__(
@@ -58,10 +58,7 @@ class Surroundings:
         self.front = scene.ego.station + scene.footprint.front_overhang
         self.rear = self.front - scene.footprint.length
         names = (*_USED, "x", "y", "z")
-        rows = [
-            (v.station, v.offset, v.speed, v.lateral_speed, v.length, v.width, v.x, v.y, v.z)
-            for v in scene.vehicles
-        ]
+        rows = [tuple(getattr(v, name) for name in names) for v in scene.vehicles]
         table = np.array(rows, dtype=float).reshape(-1, len(names))
         bad = np.argwhere(~np.isfinite(table))
         if bad.size:
@@ -76,8 +73,8 @@ class Surroundings:
         self._predicted = self.offset + anticipation * table[:, 3]
         self._here = np.ones(len(table), dtype=bool)
         if preview is not None and len(table):
-            height = table[:, 8] - preview.height_at(self.station, self.offset)
-            posed = (table[:, 6:9] != 0.0).any(axis=1)
+            height = table[:, names.index("z")] - preview.height_at(self.station, self.offset)
+            posed = (table[:, len(_USED) :] != 0.0).any(axis=1)
             self._here = ~posed | (np.abs(height) < OTHER_LEVEL)
 
     def within(self, path: LanePath, entering: float = 0.0) -> NDArray[np.bool_]:

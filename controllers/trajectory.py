@@ -12,6 +12,8 @@ from controllers.surroundings import Neighbor
 from iits_mj.messages import Scene, Trajectory
 
 FloatArray = NDArray[np.float64]
+# Shorter pieces of the plan have no direction of their own [m].
+_MOVES = 0.02
 
 
 def on_road(
@@ -49,20 +51,36 @@ def on_road(
     curvature = np.interp(station, preview.station, preview.curvature)
     stretch = 1.0 - curvature * offset
     point = preview.route.evaluate(station, offset)
+    x, y = np.asarray(point.x), np.asarray(point.y)
+    yaw = np.asarray(point.heading) + np.arctan2(slope, stretch)
+    # Of an offset curve, for small angles to the road; where the truck moves, of its points.
+    bent = _turn_by_way(x, y, yaw, curvature / stretch + bend / stretch**2)
     return Trajectory(
         time=np.asarray(time + step * np.arange(len(station)), dtype=np.float64),
         station=station,
         offset=offset,
-        x=np.asarray(point.x),
-        y=np.asarray(point.y),
+        x=x,
+        y=y,
         z=np.asarray(point.z),
-        yaw=np.asarray(point.heading) + np.arctan2(slope, stretch),
-        # Curvature of an offset curve, for small angles to the road.
-        curvature=curvature / stretch + bend / stretch**2,
+        yaw=yaw,
+        curvature=bent,
         speed=speed,
         acceleration=acceleration,
         extra={"urgency": urgency},
     )
+
+
+def _turn_by_way(x: FloatArray, y: FloatArray, yaw: FloatArray, still: FloatArray) -> FloatArray:
+    """Curvature of a path of points with headings [1/m]; `still` where it does not move on."""
+    ways = np.hypot(np.diff(x), np.diff(y))
+    turns = np.diff(yaw)
+    turns = np.remainder(turns + np.pi, 2.0 * np.pi) - np.pi
+    moves = ways > _MOVES
+    each = np.where(moves, turns / np.maximum(ways, _MOVES), 0.0)
+    # At a point: of the pieces before and behind that have a length.
+    count = np.append(moves, 0).astype(int) + np.insert(moves, 0, 0).astype(int)
+    total = np.append(each, 0.0) + np.insert(each, 0, 0.0)
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), still))
 
 
 def lead_of(neighbor: Neighbor) -> Lead:

@@ -52,7 +52,8 @@ class TruckStart:
     start_lane: int = option(0, help="lane to start in, 0 being the right one", low=0, high=10)
     start_speed: float = option(
         15.0,
-        help="speed to start with, at most the reference and the limit there",
+        help="speed to start with, at most the reference, the limit there and what bends ahead "
+        "allow",
         unit="m/s",
         low=0.0,
         high=30.0,

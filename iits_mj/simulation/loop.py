@@ -10,6 +10,7 @@ from pathlib import Path
 
 import mujoco
 
+from controllers.planner import Planner
 from controllers.stack import Stack
 from iits_mj.closing import Closing
 from iits_mj.errors import Error, InputError
@@ -92,6 +93,13 @@ class Simulation(Closing):
             self.driver: Driver = make_stack(config, self.route, self.truck.parameters)
         else:
             self.driver = driver(self.route, self.truck)
+        planner = (
+            self.driver.planner
+            if isinstance(self.driver, Stack)
+            else Planner(self.route, parameters=self.truck.parameters)
+        )
+        mass = self.truck.parameters.gross_mass(config.payload)
+        self._bearable = planner.bearable_speed(config.start_station, mass)
         self.path = CommandPath(
             over_bytes=config.commands == "j1939",
             steering_angle_max=self.truck.parameters.steering.angle_max,
@@ -120,7 +128,7 @@ class Simulation(Closing):
         ego = self.truck.reset(
             station=station,
             offset=offset,
-            speed=min(config.start_speed, config.speed, limit),
+            speed=min(config.start_speed, config.speed, limit, self._bearable),
         )
         self.mirror.bind(self.truck.model)
         self.driver.reset()
