@@ -120,6 +120,7 @@ class Planner:
         scene: Scene,
         decision: Decision = Decision.KEEP,
         profile: SpeedProfile | None = None,
+        surroundings: Surroundings | None = None,
     ) -> Trajectory:
         """The trajectory of the coming seconds.
 
@@ -127,6 +128,7 @@ class Planner:
           scene: the truck, the traffic and the signs.
           decision: of the decision maker; ignored while a change is under way.
           profile: reference speed over station; default: the cruise speed.
+          surroundings: the scene's, with this planner's preview; default: made here.
 
         Raises:
           InputError: a value of the scene that matters cannot be, or the decision is none.
@@ -134,7 +136,7 @@ class Planner:
         self._state.check(scene)
         decision = named_decision(decision)
         ego = scene.ego
-        surroundings = Surroundings(scene, preview=self.preview)
+        surroundings = surroundings or Surroundings(scene, preview=self.preview)
         margin = self._margins.at(ego.mass)
         step = self.maneuver.step(
             scene, surroundings, decision, self._caps.top(ego, profile), margin

@@ -116,7 +116,8 @@ class Stack:
         Raises:
           InputError: a value of the scene that matters is not finite.
         """
-        profile = self.reference.update(scene, lambda: self._leader(scene))
+        surroundings = Surroundings(scene, preview=self.planner.preview)
+        profile = self.reference.update(scene, lambda: self._leader(surroundings))
         # A plan that slows down behind a slow vehicle must not hide what passing it would gain.
         reference = self.reference.free(scene.ego.station)
         self.history.add(scene.time, observe_frame(scene, self.route, reference))
@@ -128,7 +129,7 @@ class Stack:
         if due and not self.planner.changing:
             self._decided_at = scene.time
             decision = self._decide(scene, reference)
-        self.last_trajectory = self.planner.plan(scene, decision, profile)
+        self.last_trajectory = self.planner.plan(scene, decision, profile, surroundings)
         return self.last_trajectory
 
     def control(self, ego: EgoState) -> VehicleCommand:
@@ -141,11 +142,12 @@ class Stack:
             raise InputError("control asked for before the first plan: call Stack.plan first")
         return self.tracker.command(ego, self.last_trajectory)
 
-    def _leader(self, scene: Scene) -> Neighbor | None:
+    def _leader(self, surroundings: Surroundings) -> Neighbor | None:
         """The vehicle ahead in the lane that is being kept or changed to."""
+        scene = surroundings.scene
         lane, sight = self.planner.lane(scene), self.planner.config.speed.preview
         path = self.planner.preview.follow(lane, scene.ego.station, sight)
-        return Surroundings(scene).leader(path)
+        return surroundings.leader(path)
 
     def _decide(self, scene: Scene, reference: float) -> Decision:
         context = DecisionContext(

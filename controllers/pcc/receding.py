@@ -17,12 +17,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.pcc.fence import Leader, approach_speeds, braking_speeds, fence_of
+from controllers.pcc.fence import Leader, braking_speeds, fence_of
 from controllers.pcc.fuel import FuelMap
 from controllers.pcc.planner import PccConfig, make_vehicle
 from controllers.pcc.profile import RoadProfile
-from controllers.pcc.schedule import Bounds, Schedule, bounds_of, cruise_from, level_worth
+from controllers.pcc.schedule import Bounds, Schedule, bounds_of, level_worth
 from controllers.pcc.solver import Answer, Solver, Task
+from controllers.pcc.substitute import substitute
 from controllers.pcc.trip import (
     LEAST_INTERVALS,
     LEAST_SPEED,
@@ -37,9 +38,9 @@ from iits_mj.parameters import TruckParameters
 
 FloatArray = NDArray[np.float64]
 _FULL = 0.98  # share of the greatest planned power that is all of it
-_KEEP = 500.0  # [m] that a kept plan must still cover
-_KEEP_SPEED = 1.0  # [m/s] by which a kept plan may miss the truck's speed
-_SOON = 1.0  # [s] by which a kept plan may pass the fence too early
+_BESIDE = 100.0  # [m] that the truck may be off the road's ends: grids end before the road does
+_FASTEST = 60.0  # [m/s] of any truck, backward as well
+_MASSES = (0.5, 1.4)  # of the empty and of the fully laden truck's: an estimate may be wrong
 
 
 @dataclass(frozen=True)
@@ -89,10 +90,17 @@ class RecedingPlanner:
             cruise at v_ref.
 
         Raises:
-          InputError: the mass is no truck's.
+          InputError: the mass is not this truck's, empty or laden.
         """
         self.config, self.receding = config or PccConfig(), receding or RecedingConfig()
         parameters = parameters or TruckParameters.load()
+        least = _MASSES[0] * parameters.gross_mass(0.0)
+        most = _MASSES[1] * parameters.gross_mass(parameters.payload.mass_max)
+        if not least <= mass <= most:
+            raise InputError(
+                f"speed planner: mass {mass!r} kg is not this truck's: {least:.0f} to {most:.0f} "
+                "is allowed"
+            )
         vehicle = make_vehicle(parameters, FuelMap(parameters), mass, self.config)
         power = self.receding.power_share * vehicle.power_max
         self.vehicle = replace(vehicle, power_max=power)
@@ -130,13 +138,10 @@ class RecedingPlanner:
           flow: greatest speed that the traffic allows on the whole [m/s], see `Flow`.
 
         Raises:
-          InputError: a number is not finite.
+          InputError: a number is not finite, the truck is not on the road or faster than any, or
+            the vehicle ahead is not ahead.
         """
-        for name, value in (("station", station), ("speed", speed), ("time", time)):
-            if not math.isfinite(value):
-                raise InputError(f"speed planner: {name} is {value!r}: must be finite")
-        if math.isnan(flow):
-            raise InputError(f"speed planner: flow is {flow!r}: must be a number or inf")
+        self._check(station, speed, time, leader, flow)
         self.trip.flow = flow
         arriving = self._arriving(station)
         if arriving is not None:
@@ -154,7 +159,7 @@ class RecedingPlanner:
         try:
             nodes, solve_time = self._optimize(road, begin.speed, price, leader)
         except PlanningError as error:
-            nodes, status = self._fall_back(road, begin.speed, leader)
+            nodes, status = substitute(self.trip, road, begin.speed, leader, self._last)
             reason = str(error)
         asked = self._asked(road, nodes) if status == "optimal" else nodes
         stations = road.station
@@ -164,6 +169,31 @@ class RecedingPlanner:
             nodes, asked = np.concatenate([[speed], nodes]), np.concatenate([[speed + more], asked])
         self._last = SpeedProfile(stations, nodes)
         return HorizonPlan(SpeedProfile(stations, asked), status, reason, solve_time, price, lag)
+
+    def _check(
+        self, station: float, speed: float, time: float, leader: Leader | None, flow: float
+    ) -> None:
+        """Refuses states that cannot be, by name."""
+        for name, value in (("station", station), ("speed", speed), ("time", time)):
+            if not math.isfinite(value):
+                raise InputError(f"speed planner: {name} is {value!r}: must be finite")
+        first, last = float(self.trip.road.station[0]), float(self.trip.road.station[-1])
+        if not first - _BESIDE <= station <= last + _BESIDE:
+            raise InputError(
+                f"speed planner: station {station:g} m is off the road, which goes from {first:g} "
+                f"to {last:g} m"
+            )
+        if abs(speed) > _FASTEST:
+            raise InputError(
+                f"speed planner: speed {speed:g} m/s is no truck's: at most {_FASTEST:g} is allowed"
+            )
+        if math.isnan(flow) or flow < 0.0:
+            raise InputError(f"speed planner: flow is {flow!r}: must be 0 or more, or inf")
+        if leader is not None and leader.rear < station:
+            raise InputError(
+                f"speed planner: gap {leader.rear - station:g} m to the vehicle ahead: must be 0 "
+                "or more"
+            )
 
     def _asked(self, road: RoadProfile, nodes: FloatArray) -> FloatArray:
         """What the truck is asked for: a little more where the plan takes all power it counts on.
@@ -195,8 +225,6 @@ class RecedingPlanner:
         return float(
             np.clip(self._last.at(station), max(speed - reach, LEAST_SPEED), speed + reach)
         )
-
-    # The trip -----------------------------------------------------------------------------------
 
     # The horizon --------------------------------------------------------------------------------
 
@@ -264,43 +292,3 @@ class RecedingPlanner:
                 self.vehicle, intervals, self.receding.step, fenced, self._time_limit
             )
         return self._solvers[key]
-
-    # When that fails ----------------------------------------------------------------------------
-
-    def _fall_back(
-        self, road: RoadProfile, speed: float, leader: Leader | None
-    ) -> tuple[FloatArray, str]:
-        """Node speeds of the first of last plan, schedule and cruise that holds, and its name."""
-        settings = self.receding.fence
-        last, schedule = self._last, self.trip.ahead_of(float(road.station[0]))
-        if last is not None and last.station[-1] - road.station[0] > _KEEP:
-            held = np.interp(road.station, last.station, last.speed)
-            if self._holds(road, held, speed, leader):
-                return held, "kept"
-        if schedule is not None:
-            held = np.asarray(schedule.speed_at(road.station))
-            if self._holds(road, held, speed, leader):
-                return held, "schedule"
-        slowest = braking_speeds(self.vehicle, road, speed)
-        try:
-            held = cruise_from(self.vehicle, road, self.config.v_ref, speed, slowest)
-        except PlanningError:
-            # Not even that can be driven: ask for the limits and let the truck do its best.
-            held = np.minimum(road.v_limit, self.config.v_ref)
-        if leader is not None:
-            held = np.minimum(held, approach_speeds(road, speed, leader, settings))
-        return held, "cruise"
-
-    def _holds(
-        self, road: RoadProfile, held: FloatArray, speed: float, leader: Leader | None
-    ) -> bool:
-        """Whether speeds begin at the truck's, keep the limits and stay behind the leader."""
-        near = abs(held[0] - speed) < _KEEP_SPEED
-        lawful = bool((held[1:] <= road.v_limit[1:] + 1e-6).all())
-        if not (near and lawful) or leader is None:
-            return near and lawful
-        try:
-            fence = fence_of(self.vehicle, road, speed, leader, self.receding.fence)
-        except PlanningError:
-            return False
-        return fence.kept(road, held, _SOON)

@@ -15,7 +15,9 @@ from controllers.pcc.flow import Flow
 from controllers.pcc.planner import PccConfig
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.receding import HorizonPlan, RecedingPlanner
+from controllers.pcc.road_limits import RoadLimits
 from controllers.pcc.trip import Appointment, RecedingConfig
+from controllers.planner_config import PlannerConfig
 from controllers.surroundings import Neighbor
 from iits_mj.errors import InputError
 from iits_mj.messages import EgoState, Scene, SpeedProfile
@@ -63,6 +65,7 @@ class PccReference:
         receding: RecedingConfig | None = None,
         appointment: Appointment | None = None,
         period: float = 1.0,
+        planner: PlannerConfig | None = None,
     ) -> None:
         """Looks the road up.
 
@@ -73,6 +76,7 @@ class PccReference:
           receding: settings.
           appointment: where the trip ends, and when; default: the road's end.
           period: between two plans [s].
+          planner: settings of the trajectory planner, which say how fast bends are driven.
 
         Raises:
           InputError: the period is not above 0.
@@ -83,6 +87,9 @@ class PccReference:
         self.appointment, self.period = appointment, period
         self._parameters = parameters or TruckParameters.load()
         self.road = RoadProfile.from_route(route, step=self.receding.step)
+        self._limits = RoadLimits(
+            route, self.receding.step, planner or PlannerConfig(), self._parameters
+        )
         self.planner: RecedingPlanner | None = None
         self._flow = Flow()
         self.reset()
@@ -133,6 +140,8 @@ class PccReference:
     def _plan(self, scene: Scene, neighbor: Neighbor | None) -> HorizonPlan:
         ego = scene.ego
         planner = self._planner_for(ego)
+        if self._limits.update(scene) or planner.trip.limits is None:
+            planner.trip.limit_by(self._limits.at)
         leader = None if neighbor is None else _leader_of(ego, neighbor)
         flow = self._flow.update(scene.time, ego.station, scene.vehicles)
         # Among others the set speed is driven where it can be, by passing them, and no more.
@@ -164,5 +173,17 @@ class PccReference:
 
 
 def _leader_of(ego: EgoState, neighbor: Neighbor) -> Leader:
+    """Whose rear is ahead; who drives in beside the truck counts as at its bumper.
+
+    Raises:
+      InputError: the gap is more negative than the vehicle is long: it is not ahead.
+    """
     vehicle = neighbor.vehicle
-    return Leader(ego.station + neighbor.gap, max(vehicle.speed, 0.0), vehicle.acceleration)
+    if not neighbor.gap >= -vehicle.length:
+        raise InputError(
+            f"vehicle {vehicle.id!r}: gap {neighbor.gap:g} m is not that of a vehicle ahead: use "
+            f"{-vehicle.length:g} m, its length, or more"
+        )
+    return Leader(
+        ego.station + max(neighbor.gap, 0.0), max(vehicle.speed, 0.0), vehicle.acceleration
+    )

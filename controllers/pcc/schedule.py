@@ -8,7 +8,9 @@ order in the speed at the horizon's end). A lag behind the clock raises the pric
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +18,18 @@ from numpy.typing import NDArray
 from controllers.pcc.fence import braking_speeds
 from controllers.pcc.planner import PccConfig, lower_speeds
 from controllers.pcc.profile import RoadProfile
-from controllers.pcc.solver import Solver, Task
+from controllers.pcc.solver import Answer, Solver, Task
 from controllers.pcc.vehicle import PointMass, durations, full_power_speed
 from iits_mj.errors import PlanningError
 
 FloatArray = NDArray[np.float64]
 # The least trip time is nobody's plan: every drop of fuel for a second. So much is left [1].
 _TIGHT = 1.01
+# A trip that is to end at a time is not to end earlier by more than this share of it [1].
+_EARLY = 1e-3
+# Least price of a second over the idle fuel rate: at -1 standing would cost nothing [1].
+_LEAST_PRICE = -0.9
+_HALVINGS = 12
 # Mean speeds that a lag may ask for, over the schedule's [1].
 _FASTER = (0.75, 1.35)
 
@@ -34,8 +41,9 @@ class Schedule:
     Attributes:
       station: [m]; speed: [m/s]; clock: absolute time of passing [s].
       worth: what v^2 is worth [kg/(m2/s2)].
-      price: of a second [kg/s].
+      price: of a second [kg/s]; negative where the truck is held back to its appointment.
       late: s by which the wanted arrival is out of reach, 0 when it is not.
+      top: greatest speed for a truck that would be early otherwise [m/s].
     """
 
     station: FloatArray
@@ -44,6 +52,7 @@ class Schedule:
     worth: FloatArray
     price: float
     late: float = 0.0
+    top: float = math.inf
 
     @property
     def end(self) -> float:
@@ -86,7 +95,12 @@ class Schedule:
         mean = (self.end - station) / planned
         faster = mean * float(np.clip(planned / left, *_FASTER))
         change = level_price(vehicle, faster) - level_price(vehicle, mean)
-        return max(self.price + change, 0.0)
+        return max(self.price + change, least_price(vehicle))
+
+
+def least_price(vehicle: PointMass) -> float:
+    """Least price of a second, with which the problem stays convex [kg/s]."""
+    return _LEAST_PRICE * vehicle.fuel.f0
 
 
 def level_price(vehicle: PointMass, speed: float) -> float:
@@ -157,7 +171,8 @@ def make_schedule(
       config: set speed and band.
       speed: now [m/s].
       time: now [s].
-      arrival: when the road's end is to be reached [s]; default: when a cruise at v_ref would.
+      arrival: when the road's end is to be reached, neither later nor earlier as far as the band
+        allows [s]; default: when a cruise at v_ref would, or earlier where that saves fuel.
       slack: of the cruise's time, without `arrival` [1].
       end_speed: wanted at the end [m/s]; default: free, v^2 being worth what it is on the level.
       time_limit: for the solver [s].
@@ -166,38 +181,74 @@ def make_schedule(
       PlanningError: full power does not carry the truck, or the optimization fails.
     """
     slowest = braking_speeds(vehicle, road, speed)
-    bounds = bounds_of(vehicle, road, speed, slowest, config)
     held = cruise_from(vehicle, road, config.v_ref, speed, slowest)
     wanted = float(durations(held, road).sum()) * (1.0 + slack)
     if arrival is not None:
         wanted = arrival - time
-    least = float(durations(bounds.fastest, road).sum()) * _TIGHT
-    b_low, b_high = bounds.low, bounds.high
-    if end_speed is not None:
-        b_low[-1] = b_high[-1] = min(end_speed**2, float(bounds.fastest[-1]) ** 2)
-    worth = level_worth(vehicle, config.v_ref)
-    task = Task(
-        road,
-        b_low,
-        b_high,
-        max(wanted, least),
-        np.zeros(road.station.size),
-        k_a=1e-3 * config.k_a,
-        price_energy=0.0 if end_speed is not None else worth,
-    )
     solver = Solver(vehicle, road.intervals, road.step, time_limit=time_limit)
-    answer = solver.solve(task, np.clip(held, np.sqrt(b_low), np.sqrt(b_high)))
-    if not np.isfinite(answer.speed).all():
-        raise PlanningError("the schedule's optimization gave speeds that are not finite")
+    late = 0.0
+
+    def solve(price: float | None, top: float) -> tuple[Answer, float]:
+        """The plan at a price of time, or within the wanted time, below a top speed; its time."""
+        nonlocal late
+        lower = replace(road, v_limit=np.minimum(road.v_limit, top))
+        bounds = bounds_of(vehicle, lower, speed, slowest, config)
+        b_low, b_high = bounds.low, bounds.high
+        if end_speed is not None:
+            b_low[-1] = b_high[-1] = min(end_speed**2, float(bounds.fastest[-1]) ** 2)
+        limit = math.inf
+        if price is None:
+            least = float(durations(bounds.fastest, road).sum()) * _TIGHT
+            limit, late = max(wanted, least), max(least - wanted, 0.0)
+        worth = level_worth(vehicle, config.v_ref)
+        task = Task(
+            road,
+            b_low,
+            b_high,
+            limit,
+            np.zeros(road.station.size),
+            k_a=1e-3 * config.k_a,
+            price_time=price or 0.0,
+            price_energy=0.0 if end_speed is not None else worth,
+        )
+        answer = solver.solve(task, np.clip(held, np.sqrt(b_low), np.sqrt(b_high)))
+        if not np.isfinite(answer.speed).all():
+            raise PlanningError("the schedule's optimization gave speeds that are not finite")
+        return answer, float(durations(answer.speed, road).sum())
+
+    answer, took = solve(None, math.inf)
+    price, top = answer.time_price, math.inf
+    if arrival is not None and took < wanted * (1.0 - _EARLY):
+        answer, price, top = _held_back(solve, wanted, least_price(vehicle), config)
     clock = time + np.concatenate([[0.0], np.cumsum(durations(answer.speed, road))])
-    return Schedule(
-        road.station,
-        answer.speed,
-        clock,
-        answer.costate,
-        answer.time_price,
-        late=max(least - wanted, 0.0),
-    )
+    return Schedule(road.station, answer.speed, clock, answer.costate, price, late, top)
+
+
+def _held_back(
+    solve: Callable[[float, float], tuple[Answer, float]],
+    wanted: float,
+    least: float,
+    config: PccConfig,
+) -> tuple[Answer, float, float]:
+    """The plan that takes the wanted time [s] where the cheapest is faster, its price and top.
+
+    A negative price of a second slows the truck down. The cost of a metre is `(f0 + price) / v` and
+    what the engine's work costs: convex while `f0 + price` is positive. Where the least price does
+    not do, as the truck rolls fast downhill, a top speed does.
+    """
+    answer, took = solve(least, math.inf)
+    by_top = took < wanted
+    low, high = (config.v_min, config.v_max) if by_top else (least, 0.0)
+    price, top = least, math.inf
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        price, top = (least, middle) if by_top else (middle, math.inf)
+        answer, took = solve(price, top)
+        if abs(took - wanted) <= _EARLY * wanted:
+            break
+        # More of either is faster.
+        low, high = (low, middle) if took < wanted else (middle, high)
+    return answer, price, top
 
 
 def cruise_from(

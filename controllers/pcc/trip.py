@@ -8,6 +8,7 @@ schedule from here.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -127,6 +128,7 @@ class Trip:
       appointment: where the trip ends.
       schedule: of the trip, None when there is none; schedule_error: why; schedules: made so far.
       flow: greatest speed that the traffic allows on the whole [m/s].
+      limits: greatest speeds at stations, in place of the road's; see `limit_by`.
     """
 
     def __init__(
@@ -139,14 +141,20 @@ class Trip:
     ) -> None:
         self.vehicle, self.road, self.config = vehicle, road, config
         self.receding, self.appointment = receding, appointment
+        self.limits: Callable[[FloatArray], FloatArray] | None = None
         self.reset()
 
     def reset(self) -> None:
         """Forgets the trip so far."""
         self.schedule: Schedule | None = None
         self.schedule_error, self.schedules = "", 0
-        self._scheduled_at = -math.inf
+        self._scheduled_at, self._outdated = -math.inf, False
         self.flow = self._scheduled_flow = math.inf
+
+    def limit_by(self, limits: Callable[[FloatArray], FloatArray]) -> None:
+        """From now on the road has other limits: the schedule is made anew with the next plan."""
+        self.limits = limits
+        self._outdated, self._scheduled_at = True, -math.inf
 
     @property
     def end(self) -> float:
@@ -180,9 +188,10 @@ class Trip:
             same = self.flow == self._scheduled_flow or (
                 abs(self.flow - self._scheduled_flow) < receding.replan_flow
             )
-            if (near and same) or left > receding.replan_length:
+            if (near and same and not self._outdated) or left > receding.replan_length:
                 return
         self._scheduled_at, self._scheduled_flow = begin.time, self.flow
+        self._outdated = False
         arrival = self.appointment.time
         if arrival is not None:
             arrival -= receding.reserve * max(arrival - begin.time, 0.0)
@@ -222,18 +231,24 @@ class Trip:
         """The road from a station [m] on the grid of plans; beyond its end it goes on level."""
         road, step = self.road, self.receding.step
         grid = station + step * np.arange(max(intervals, LEAST_INTERVALS) + 1, dtype=float)
+        height = np.interp(grid, road.station, road.height)
+        if self.limits is not None:
+            return RoadProfile(grid, height, self.limits(grid), road.name)
         # Between two nodes of the road the lower limit holds.
         last = road.station.size - 1
         below = np.clip(np.searchsorted(road.station, grid + 1e-6, "right") - 1, 0, last)
         above = np.clip(np.searchsorted(road.station, grid - 1e-6), 0, last)
         limit = np.minimum(road.v_limit[below], road.v_limit[above])
-        return RoadProfile(grid, np.interp(grid, road.station, road.height), limit, road.name)
+        return RoadProfile(grid, height, limit, road.name)
 
     def in_flow(self, road: RoadProfile, speed: float) -> RoadProfile:
         """The road with the traffic's speed as a limit, which a faster truck comes down to."""
-        if math.isinf(self.flow):
+        return self._below(road, speed, self.flow)
+
+    def _below(self, road: RoadProfile, speed: float, top: float) -> RoadProfile:
+        if math.isinf(top):
             return road
-        cap = easing_speeds(road, speed, max(self.flow, LEAST_SPEED), _EASE)
+        cap = easing_speeds(road, speed, max(top, LEAST_SPEED), _EASE)
         return replace(road, v_limit=np.minimum(road.v_limit, cap))
 
     def horizon(self, station: float, speed: float, sight: float) -> RoadProfile:
@@ -242,4 +257,5 @@ class Trip:
         if schedule is not None:
             sight = min(sight, schedule.end - station)
         road = self.grid(station, math.floor(sight / self.receding.step + 1e-6))
-        return self.in_flow(road, speed)
+        top = math.inf if schedule is None else schedule.top
+        return self._below(road, speed, min(self.flow, top))
