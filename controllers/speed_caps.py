@@ -22,9 +22,10 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 
-# Below this speed the truck launches as it can, up to what the reference has ahead [m/s].
+# Below this speed the truck launches as it can, up to what the reference has ahead [m/s]. The rise
+# is more than any truck's, so that its power and comfort decide as they do without a reference.
 LAUNCH_SPEED = 8.0
-LAUNCH_ACCELERATION = 0.7
+LAUNCH_ACCELERATION = 1.5
 _LAUNCH_AHEAD = 200.0
 
 

@@ -123,13 +123,19 @@ def make_reference(
     Raises:
       InputError: the profile's file is not usable or not of this road, or the band is empty.
     """
+    banded = config.speed_min is not None or config.speed_max is not None
     if config.speed_profile is not None:
+        if banded:
+            raise InputError(
+                "a speed-profile is driven as it stands: speed-min and speed-max are of "
+                "speed-planner pcc; leave them out"
+            )
         profile = read_profile(config.speed_profile)
         name = f"speed profile {str(config.speed_profile)!r}"
         check_covers(profile, config.start_station, float(route.length), name)
         return ProfileReference(profile)
     if config.speed_planner == "cruise":
-        if config.speed_min is not None or config.speed_max is not None:
+        if banded:
             raise InputError("speed-min and speed-max are of speed-planner pcc; leave them out")
         return CruiseReference(config.speed)
     # CasADi and SciPy's optimizers are loaded by those who plan with them.
@@ -140,7 +146,7 @@ def make_reference(
     try:
         return PccReference(route, pcc_config(config), parameters, receding)
     except InputError as error:
-        if config.speed_min is not None or config.speed_max is not None:
+        if banded:
             raise
         return CruiseReference(config.speed, f"no speed can be planned: {error}")
 

@@ -42,7 +42,11 @@ def speed_rows(driver: Driver) -> list[tuple[str, str]]:
 
 
 def speed_object(driver: Driver) -> dict[str, Any]:
-    """The same for JSON, {"speed_planner": {...}}; empty where no speed was planned."""
+    """The same for JSON, {"speed_planner": {...}}; empty where none was to be planned."""
+    if isinstance(driver, Stack) and isinstance(driver.reference, CruiseReference):
+        # A cruise that was asked for needs no reason; one that PCC fell back to does.
+        reason = driver.reference.reason
+        return {"speed_planner": {"fallback": "cruise", "reason": reason}} if reason else {}
     report = _report(driver)
     if report is None:
         return {}

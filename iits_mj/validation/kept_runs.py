@@ -33,6 +33,18 @@ def code_digest() -> str:
     return digest.hexdigest()
 
 
+def drive_digest(*drivers: ModuleType) -> str:
+    """Twelve hexadecimal digits of the code of drives.
+
+    Args:
+      drivers: modules of this package that set up the drives: a change of them counts, too.
+    """
+    digest = hashlib.sha256(code_digest().encode())
+    for driver in drivers:
+        digest.update(Path(str(driver.__file__)).read_bytes())
+    return digest.hexdigest()[:12]
+
+
 def runs_folder(config: ValidateConfig, part: str, *drivers: ModuleType) -> Path | None:
     """The folder for the finished drives of a part of the validation; None when none are kept.
 
@@ -46,10 +58,7 @@ def runs_folder(config: ValidateConfig, part: str, *drivers: ModuleType) -> Path
     """
     if config.runs is None:
         return None
-    digest = hashlib.sha256(code_digest().encode())
-    for driver in drivers:
-        digest.update(Path(str(driver.__file__)).read_bytes())
-    folder = config.runs / part / digest.hexdigest()[:12]
+    folder = config.runs / part / drive_digest(*drivers)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -1,12 +1,12 @@
 r"""Fuel saved in traffic by predictive cruise control, full stack, against constant-speed cruise.
 
-Sixty trips take the better part of an hour of one core, so that they are driven by a runner of
-their own, which goes on where it was stopped:
+Sixty trips take the better part of an hour of one core, so that they can be driven beforehand by a
+runner, which goes on where it was stopped:
 
-    python -m iits_mj.validation.planning_traffic --seeds 10 --jobs 2 \
-        --out docs/validation/planning_traffic.csv
+    python -m iits_mj.validation.planning_traffic --seeds 10 --jobs 2 --runs DIR --out FILE.csv
 
-`run_traffic` makes the figures from its table, and drives what is missing in it in the full form.
+`run_traffic` takes what its `--runs DIR` holds and drives the rest. A trip belongs to the code that
+drove it: those of another version are not taken, neither from the folder nor from the table.
 """
 
 from __future__ import annotations
@@ -24,8 +24,10 @@ from iits_mj.errors import Error, InputError
 from iits_mj.parameters import TruckParameters
 from iits_mj.results import Check, Line, Panel, Results
 from iits_mj.units import KMH
+from iits_mj.validation import traffic_trips
 from iits_mj.validation.config import ValidateConfig
 from iits_mj.validation.evaluate import half_width
+from iits_mj.validation.kept_runs import runs_folder
 from iits_mj.validation.traffic_trips import (
     DENSITIES,
     LENGTH,
@@ -35,6 +37,7 @@ from iits_mj.validation.traffic_trips import (
     TripRow,
     drive_pair,
     read_rows,
+    trip_code,
     worth_of_energy,
     write_rows,
 )
@@ -42,8 +45,7 @@ from iits_mj.validation.traffic_trips import (
 SEEDS = 10
 FIRST_SEED = 100  # lower ones were looked at while the planner was made
 FEWEST = 3  # seeds a density that say anything
-# In a checkout; an installed package has no docs and drives the trips.
-TABLE = Path(__file__).resolve().parents[2] / "docs" / "validation" / "planning_traffic.csv"
+_PART = "planning-traffic"
 _MASS = 55_000.0
 
 
@@ -51,22 +53,16 @@ def run_traffic(config: ValidateConfig) -> Results:
     """Savings, trip times and what else there is to know, a density each.
 
     Raises:
-      InputError: the table cannot be read.
+      InputError: a kept trip cannot be read, or none be written.
     """
-    rows = read_rows(TABLE)
     results = Results("validate planning traffic")
-    if not config.quick:
-        wanted = [(d, seed) for seed in _seeds(SEEDS) for d in DENSITIES]
-        known = {row.key for row in rows}
-        for density, seed in wanted:
-            if any((density, seed, name, LENGTH) not in known for name in PLANNERS):
-                rows += drive_pair(density, seed)
-    if not rows:
-        results.notes.append(
-            "traffic: left out of the quick form, as there is no table of trips; drive them with "
-            "python -m iits_mj.validation.planning_traffic"
-        )
+    if config.quick:
+        results.notes.append("traffic: left out of the quick form, as its trips take minutes each")
         return results
+    folder = runs_folder(config, _PART, traffic_trips)
+    rows: list[TripRow] = []
+    for density, seed in _jobs(SEEDS):
+        rows += drive_pair(density, seed, folder)
     summarize(results, rows)
     return results
 
@@ -149,41 +145,24 @@ def summarize(results: Results, rows: list[TripRow]) -> None:
         f"traffic: {LENGTH / 1e3:g} km of the built-in highway, 55 t, reference {SPEED / KMH:g} "
         f"km/h, band {0.75 * SPEED / KMH:g} to 90 km/h within the road's limits, traffic at "
         f"{TRAFFIC_SPEED / KMH:g} km/h that reacts to the truck, MOBIL; the cruise is driven first "
-        "and PCC is asked to arrive when it did, as fast as it was; fuel corrected for kinetic "
-        "energy at the end; ± is the 95 % interval of the paired mean"
+        "and PCC is asked to arrive when it did, neither later nor earlier, as fast as it was; "
+        "fuel corrected for kinetic energy at the end; ± is the 95 % interval of the paired mean"
     )
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Drives the trips that a table lacks; see the module."""
+    """Drives the trips that folder and table lack; see the module."""
     parser = argparse.ArgumentParser(description="fuel in traffic, with and without PCC")
-    parser.add_argument("--seeds", type=int, default=SEEDS)
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--out", type=Path, default=TABLE)
+    parser.add_argument("--seeds", type=int, default=SEEDS, help="a density")
+    parser.add_argument("--jobs", type=int, default=1, help="processes at a time")
+    parser.add_argument("--runs", type=Path, help="folder that keeps every finished pair")
+    parser.add_argument("--out", type=Path, help="table of the trips, which is read as well")
     asked = parser.parse_args(arguments)
     try:
         if not 1 <= asked.seeds <= 1_000 or not 1 <= asked.jobs <= 256:
             raise InputError("seeds must be 1 to 1000, jobs 1 to 256")
-        rows = read_rows(asked.out)
-        known = {row.key for row in rows}
-        missing = [
-            (density, seed)
-            for seed in _seeds(asked.seeds)
-            for density in DENSITIES
-            if any((density, seed, name, LENGTH) not in known for name in PLANNERS)
-        ]
-        redone = set(missing)
-        rows = [row for row in rows if (row.density, row.seed) not in redone]
-        write_rows(asked.out, rows)
-        # SUMO is one to a process.
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(asked.jobs, mp_context=context) as pool:
-            futures = [pool.submit(drive_pair, *job) for job in missing]
-            for count, future in enumerate(as_completed(futures), start=1):
-                pair = future.result()
-                rows += pair
-                write_rows(asked.out, rows)
-                print(f"{count}/{len(missing)}: {_sentence(*pair)}", flush=True)
+        folder = runs_folder(ValidateConfig(runs=asked.runs), _PART, traffic_trips)
+        rows = _drive(_jobs(asked.seeds), asked.jobs, folder, asked.out)
     except Error as error:
         print(f"planning_traffic: {error}", file=sys.stderr)
         return 2
@@ -193,8 +172,39 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _seeds(count: int) -> range:
-    return range(FIRST_SEED, FIRST_SEED + count)
+def _drive(
+    jobs: list[tuple[str, int]], processes: int, folder: Path | None, out: Path | None
+) -> list[TripRow]:
+    """The trips of densities and seeds; what is not in the table of this code is driven."""
+    found = [] if out is None else read_rows(out)
+    rows = [row for row in found if row.code == trip_code()]
+    if len(rows) < len(found):
+        print(f"{len(found) - len(rows)} trips of the table are of other code: left out")
+    known = {row.key for row in rows}
+    missing = [
+        (density, seed)
+        for density, seed in jobs
+        if any((density, seed, name, LENGTH) not in known for name in PLANNERS)
+    ]
+    redone = set(missing)
+    rows = [row for row in rows if (row.density, row.seed) not in redone]
+    # SUMO is one to a process.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(processes, mp_context=context) as pool:
+        futures = [pool.submit(drive_pair, *job, folder) for job in missing]
+        for count, future in enumerate(as_completed(futures), start=1):
+            pair = future.result()
+            rows += pair
+            if out is not None:
+                write_rows(out, rows)
+            print(f"{count}/{len(missing)}: {_sentence(*pair)}", flush=True)
+    return rows
+
+
+def _jobs(seeds: int) -> list[tuple[str, int]]:
+    """Density and seed of every pair."""
+    wanted = range(FIRST_SEED, FIRST_SEED + seeds)
+    return [(density, seed) for seed in wanted for density in DENSITIES]
 
 
 def _sentence(cruise: TripRow, pcc: TripRow) -> str:

@@ -1,13 +1,15 @@
 """Trips of the full stack in traffic, with predictive cruise control and with a constant speed.
 
 A pair is driven with the same seed: first the cruise, then PCC, which is asked to arrive when the
-cruise did and as fast as it was there. That is all it is told of the other run.
+cruise did, neither later nor earlier, and as fast as it was there. That is all it is told of the
+other run.
 """
 
 from __future__ import annotations
 
 import csv
 import math
+import sys
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
@@ -23,6 +25,7 @@ from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, Frame, Simulation
 from iits_mj.simulation.parts import make_stack, pcc_config
 from iits_mj.truck import Truck
+from iits_mj.validation.kept_runs import drive_digest
 
 DENSITIES = ("dense", "medium", "sparse")
 TRAFFIC_SPEED = 15.0  # [m/s], the faster of the paper's two
@@ -45,6 +48,7 @@ class TripRow:
       closest: least gap to a vehicle ahead [m]; friction: time with friction brakes on [s].
       plans: of PCC, optimal; other_plans: kept, schedule or cruise.
       solve_p50, solve_p95: wall time of a solve [s], nan without.
+      code: digest of the code that drove it.
     """
 
     density: str
@@ -62,6 +66,7 @@ class TripRow:
     other_plans: int
     solve_p50: float
     solve_p95: float
+    code: str = ""
 
     @property
     def key(self) -> tuple[str, int, str, float]:
@@ -162,14 +167,36 @@ def drive_trip(
         sum(report.plans.values()) - optimal if report else 0,
         float(np.median(solves)),
         float(np.quantile(solves, 0.95)),
+        trip_code(),
     )
 
 
-def drive_pair(density: str, seed: int, length: float = LENGTH) -> tuple[TripRow, TripRow]:
-    """The cruise, and PCC that arrives as the cruise did."""
-    cruise = drive_trip(density, seed, "cruise", length=length)
-    known = None if cruise.failed else cruise
-    return cruise, drive_trip(density, seed, "pcc", known, length)
+def trip_code() -> str:
+    """Digest of the code that drives these trips."""
+    return drive_digest(sys.modules[__name__])
+
+
+def drive_pair(density: str, seed: int, folder: Path | None = None) -> list[TripRow]:
+    """The cruise, and PCC that arrives as the cruise did.
+
+    Args:
+      density: of the traffic.
+      seed: of the traffic.
+      folder: where finished pairs of this code are kept, and taken from; None: nowhere.
+
+    Raises:
+      InputError: a kept pair cannot be read, or none be written.
+    """
+    kept = None if folder is None else folder / f"{density}-{seed}.csv"
+    if kept is not None:
+        rows = [row for row in read_rows(kept) if row.code == trip_code()]
+        if [row.key for row in rows] == [(density, seed, name, LENGTH) for name in PLANNERS]:
+            return rows
+    cruise = drive_trip(density, seed, "cruise")
+    rows = [cruise, drive_trip(density, seed, "pcc", None if cruise.failed else cruise)]
+    if kept is not None:
+        write_rows(kept, rows)
+    return rows
 
 
 def worth_of_energy(parameters: TruckParameters, mass: float = 55_000.0) -> float:
@@ -189,7 +216,7 @@ def read_rows(path: Path) -> list[TripRow]:
         return []
     names = [field.name for field in fields(TripRow)]
     kinds = {"density": str, "planner": str, "seed": int, "changes": int, "failed": int}
-    kinds |= {"plans": int, "other_plans": int}
+    kinds |= {"plans": int, "other_plans": int, "code": str}
     rows = []
     try:
         with path.open(newline="", encoding="utf-8") as stream:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,19 +13,46 @@ import pytest
 from iits_mj.errors import InputError
 from iits_mj.parameters import TruckParameters
 from iits_mj.results import Results
-from iits_mj.validation import planning_traffic
-from iits_mj.validation.planning_traffic import main, pairs_of, saving_percent, summarize
+from iits_mj.validation import planning_traffic, traffic_trips
+from iits_mj.validation.config import ValidateConfig
+from iits_mj.validation.planning_traffic import (
+    FIRST_SEED,
+    SEEDS,
+    main,
+    pairs_of,
+    run_traffic,
+    saving_percent,
+    summarize,
+)
 from iits_mj.validation.traffic_trips import (
     DENSITIES,
     LENGTH,
+    PLANNERS,
     TripRow,
+    drive_pair,
     read_rows,
+    trip_code,
     worth_of_energy,
     write_rows,
 )
 
 CRUISE = TripRow(
-    "dense", 0, "cruise", LENGTH, 340.0, 4.0, 16.0, 1, 0, 30.0, 5.0, 0, 0, math.nan, math.nan
+    "dense",
+    FIRST_SEED,
+    "cruise",
+    LENGTH,
+    340.0,
+    4.0,
+    16.0,
+    1,
+    0,
+    30.0,
+    5.0,
+    0,
+    0,
+    math.nan,
+    math.nan,
+    trip_code(),
 )
 PCC = replace(
     CRUISE, planner="pcc", time=341.7, fuel=3.6, plans=330, other_plans=10, solve_p50=0.01
@@ -32,9 +61,14 @@ PCC = replace(
 
 def rows() -> list[TripRow]:
     return [
-        replace(row, density=density, seed=seed, fuel=row.fuel * (1.0 + 0.01 * seed * (row is PCC)))
+        replace(
+            row,
+            density=density,
+            seed=FIRST_SEED + number,
+            fuel=row.fuel * (1.0 + 0.01 * number * (row is PCC)),
+        )
         for density in DENSITIES
-        for seed in range(4)
+        for number in range(4)
         for row in (CRUISE, PCC)
     ]
 
@@ -64,7 +98,9 @@ def test_figures_are_of_pairs_with_their_interval() -> None:
 
 
 def test_a_failed_trip_counts_and_its_pair_does_not_save() -> None:
-    spoiled = [replace(r, failed=int(r.seed == 1 and r.planner == "pcc")) for r in rows()]
+    spoiled = [
+        replace(r, failed=int(r.seed == FIRST_SEED + 1 and r.planner == "pcc")) for r in rows()
+    ]
     results = Results("test")
     summarize(results, spoiled)
     assert not results.ok
@@ -107,6 +143,76 @@ def test_runner_drives_nothing_that_is_there(
     monkeypatch.setattr(planning_traffic, "drive_pair", forbidden)
     assert main(["--seeds", "4", "--out", str(path)]) == 0
     assert "in traffic, sparse" in capsys.readouterr().out
+
+
+def driver(drives: list[tuple[str, int, str]]) -> Callable[..., TripRow]:
+    """Drives nothing, and notes what it should have."""
+
+    def drive(density: str, seed: int, planner: str, cruise: TripRow | None = None) -> TripRow:
+        assert (planner == "pcc") == (cruise is not None)
+        drives.append((density, seed, planner))
+        row = PCC if planner == "pcc" else CRUISE
+        return replace(row, density=density, seed=seed)
+
+    return drive
+
+
+def test_a_kept_pair_is_taken_while_the_code_is_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drives: list[tuple[str, int, str]] = []
+    monkeypatch.setattr(traffic_trips, "drive_trip", driver(drives))
+    first = drive_pair("sparse", 7, tmp_path)
+    again = drive_pair("sparse", 7, tmp_path)
+    assert len(drives) == 2
+    assert [row.key for row in again] == [row.key for row in first]
+    monkeypatch.setattr(traffic_trips, "trip_code", lambda: "other")
+    drive_pair("sparse", 7, tmp_path)
+    assert len(drives) == 4
+
+
+def test_rows_of_other_code_are_never_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "trips.csv"
+    write_rows(path, [replace(row, code="old", fuel=99.0) for row in rows()])
+    asked: list[tuple[str, int]] = []
+
+    class Pool:
+        def __init__(self, *_: object, **__: object) -> None: ...
+
+        def __enter__(self) -> Pool:
+            return self
+
+        def __exit__(self, *_: object) -> None: ...
+
+        def submit(self, _: object, density: str, seed: int, folder: object) -> Future[list]:
+            asked.append((density, seed))
+            found: Future[list] = Future()
+            found.set_result([replace(r, density=density, seed=seed) for r in (CRUISE, PCC)])
+            return found
+
+    monkeypatch.setattr(planning_traffic, "ProcessPoolExecutor", Pool)
+    assert main(["--seeds", "3", "--out", str(path)]) == 0
+    assert "24 trips of the table are of other code" in capsys.readouterr().out
+    assert len(asked) == 9
+    assert {row.fuel for row in read_rows(path)} == {CRUISE.fuel, PCC.fuel}
+
+
+def test_quick_form_says_that_traffic_is_left_out_and_the_full_one_drives_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    quick = run_traffic(ValidateConfig(quick=True, runs=tmp_path))
+    assert not quick.checks
+    assert "left out of the quick form" in quick.notes[0]
+    drives: list[tuple[str, int, str]] = []
+    monkeypatch.setattr(traffic_trips, "drive_trip", driver(drives))
+    full = run_traffic(ValidateConfig(runs=tmp_path))
+    assert len(drives) == SEEDS * len(DENSITIES) * len(PLANNERS)
+    assert min(seed for _, seed, _ in drives) == FIRST_SEED == 100
+    assert any(check.name.startswith("in traffic, medium: fuel") for check in full.checks)
+    run_traffic(ValidateConfig(runs=tmp_path))
+    assert len(drives) == SEEDS * len(DENSITIES) * len(PLANNERS)
 
 
 @pytest.mark.parametrize("words", [["--seeds", "0"], ["--jobs", "0"]])
