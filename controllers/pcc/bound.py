@@ -25,7 +25,8 @@ tangent at any point z, whose least value over the box of x is a sum over the co
     cost(x) >= L(x, y) >= L(z, y) + sum min over the box of dL/dx (x - z)
 
 (weak duality; S. Boyd, L. Vandenberghe, Convex Optimization, sections 5.1.3 and 3.1.3). A fence
-only takes plans away, so the bound, which leaves it out, holds for fenced problems too.
+only takes plans away, so the bound, which leaves it out, holds for fenced problems too. Power,
+brakes and trip time have the room here that the optimizer has.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.pcc.solver import Answer, Task
+from controllers.pcc.solver import Answer, Task, with_room
 from controllers.pcc.vehicle import PointMass
 from iits_mj.errors import PlanningError
 
@@ -115,6 +116,7 @@ def certificate(vehicle: PointMass, task: Task, answer: Answer) -> float:
     relaxation is loose the bound is only weaker; `lower_bound` then finds the best one.
     """
     relaxation = _Relaxation(vehicle, task)
+    vehicle, task = relaxation.vehicle, relaxation.task
     v, fuel, ds = answer.speed, vehicle.fuel, task.road.step
     b, sums, gain = v**2, v[1:] + v[:-1], np.diff(v**2)
     t = 2.0 * ds / sums
@@ -146,7 +148,8 @@ class _Relaxation:
     """The convex problem of one task."""
 
     def __init__(self, vehicle: PointMass, task: Task) -> None:
-        self.vehicle, self.task, self.step = vehicle, task, task.road.step
+        vehicle, task = self.vehicle, self.task = with_room(vehicle, task)
+        self.step = task.road.step
         self.slope = vehicle.slope_force(task.road.grade)
         low, high = np.maximum(task.b_low, 1e-6), np.maximum(task.b_high, task.b_low)
         t_low, t_high = self.least_time(high), self.least_time(low)

@@ -6,14 +6,13 @@ and their rises add up to heights; the road can then be driven at any other spee
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc.profile import RoadProfile
+from iits_mj.csv_table import read_columns
 from iits_mj.errors import InputError
 
 _COLUMNS = (("cycsecs", "time_s"), ("cycmps", "speed_mps"), ("cycgrade", "grade"))
@@ -46,7 +45,7 @@ def read_cycle(path: str | Path, step: float = 50.0, length: float | None = None
         road that is too short or too steep.
     """
     file = Path(path)
-    time, speed, grade = _table(file).T
+    time, speed, grade = read_columns(file, "cycle", _COLUMNS)
     if (np.diff(time) <= 0.0).any():
         raise InputError(f"cycle {str(file)!r}: time must rise from row to row")
     if speed.min() < 0.0:
@@ -61,29 +60,3 @@ def read_cycle(path: str | Path, step: float = 50.0, length: float | None = None
         raise InputError(f"cycle {str(file)!r} never moves")
     road = RoadProfile.from_heights(station, height, step, length, file.name)
     return Cycle(road, float(way.sum() / (time[-1] - time[0])), float(np.ptp(speed)))
-
-
-def _table(file: Path) -> NDArray[np.float64]:
-    """Time, speed and grade as columns, shape (rows, 3)."""
-    try:
-        # The files begin with a byte order mark.
-        with file.open(newline="", encoding="utf-8-sig") as stream:
-            rows = list(csv.reader(line for line in stream if not line.startswith("#")))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"cycle {str(file)!r} cannot be read: {error}") from error
-    header = [cell.strip().lower() for cell in rows[0]] if rows else []
-    places = [next((header.index(n) for n in names if n in header), -1) for names in _COLUMNS]
-    if min(places) < 0:
-        raise InputError(
-            f"cycle {str(file)!r}: columns cycSecs, cycMps and cycGrade are wanted, "
-            f"found {header[:12]}"
-        )
-    try:
-        table = np.array([[float(row[i]) for i in places] for row in rows[1:] if row])
-    except (ValueError, IndexError) as error:
-        raise InputError(f"cycle {str(file)!r}: not a number: {error}") from error
-    if len(table) < 2:
-        raise InputError(f"cycle {str(file)!r} has fewer than 2 rows")
-    if not np.isfinite(table).all():
-        raise InputError(f"cycle {str(file)!r} holds numbers that are not finite")
-    return table

@@ -205,7 +205,6 @@ class _Problem:
 
     def _needed_power(self, station: Any, speed: Any, acceleration: Any) -> Any:
         """Power at the wheels that the motion asks for [W]."""
-        import casadi as ca
         from scipy.interpolate import make_interp_spline
 
         vehicle, road = self.vehicle, self.task.road

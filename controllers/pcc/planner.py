@@ -30,8 +30,8 @@ class PccConfig:
 
     Attributes:
       v_ref: set speed of the constant-speed cruise [m/s]; 20 m/s is the paper's 72 km/h.
-      v_min, v_max: band of the plan [m/s]; slower only where full power does not reach v_min. 25 m/s is
-        where the speed limiter of a heavy truck holds (directive 92/6/EEC); the road's own limits
+      v_min, v_max: band of the plan [m/s]; slower only where full power does not reach v_min. At
+        25 m/s the speed limiter of a heavy truck holds (directive 92/6/EEC); the road's own limits
         are kept below it.
       mean_speed: True lets the cruise's set speed be found for which its *mean* is v_ref.
       k_a: the paper's weight of a^2, for a fuel rate in g/s: [g/s per (m/s2)^2].
@@ -163,7 +163,7 @@ def plan(
     total = float(durations(base, road).sum())
     cap = np.minimum(road.v_limit, max(config.v_max, v_set))
     fastest = full_power_speed(vehicle, road, float(base[0]), cap)
-    low = lower_speeds(fastest, config.v_min)
+    low = least_speeds(fastest, base, config.v_min)
     # Where full power cannot reach the band the plan is free to use all of it, no more.
     b_low, b_high = low**2, np.maximum(cap, low) ** 2
     b_low[[0, -1]] = b_high[[0, -1]] = base[[0, -1]] ** 2
@@ -209,6 +209,15 @@ def lower_speeds(fastest: FloatArray, v_min: float) -> FloatArray:
     return np.asarray(
         np.where(fastest >= v_min, np.minimum(v_min, _JUST * fastest), _SLOWER * fastest)
     )
+
+
+def least_speeds(fastest: FloatArray, cruise: FloatArray, v_min: float) -> FloatArray:
+    """Least speeds of a plan that ends as the cruise does, which may be below v_min there."""
+    low = lower_speeds(fastest, v_min)
+    in_band = np.flatnonzero(cruise >= v_min)
+    last = int(in_band[-1]) + 1 if in_band.size else 0
+    low[last:] = np.minimum(low[last:], cruise[last:])
+    return low
 
 
 def evaluate(vehicle: PointMass, fuel_map: FuelMap, road: RoadProfile, speed: FloatArray) -> Drive:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.csv_table import read_columns
 from iits_mj.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 _GRADE_MAX = 0.25
+_COLUMNS = (("s_m", "s", "station_m", "station"), ("z_m", "z", "height_m", "height"))
 
 
 @dataclass(frozen=True)
@@ -92,8 +93,22 @@ class RoadProfile:
         step: float = 50.0,
         length: float | None = None,
         name: str = "",
+        start: float | None = None,
     ) -> RoadProfile:
-        """A profile from rising stations and heights [m], without speed limits."""
+        """A profile from rising stations and heights [m], without speed limits.
+
+        Args:
+          station: horizontal ways, as along a map; those measured along a road of 5 % are 0.1 %
+            longer. Shape (n,).
+          height: of shape (n,).
+          step: of the grid.
+          length: that is wanted; without it to the end.
+          name: for reports.
+          start: first station of the grid; without it the first there is.
+
+        Raises:
+          InputError: stations that do not rise, numbers that are not finite, a road too short.
+        """
         s, z = np.asarray(station, dtype=float), np.asarray(height, dtype=float)
         if s.ndim != 1 or s.shape != z.shape or s.size < 2:
             raise InputError(f"road profile {name!r}: two columns of equal length are wanted")
@@ -101,43 +116,28 @@ class RoadProfile:
             raise InputError(f"road profile {name!r} holds numbers that are not finite")
         if (np.diff(s) <= 0.0).any():
             raise InputError(f"road profile {name!r}: stations must rise")
-        grid = _grid(float(s[0]), float(s[-1]), step, length, name)
+        first = float(s[0]) if start is None else start
+        if first < s[0]:
+            raise InputError(f"start {first:g} m is before {name!r}, which begins at {s[0]:g} m")
+        grid = _grid(first, float(s[-1]), step, length, name)
         return cls(grid, np.interp(grid, s, z), np.full(grid.size, np.inf), name)
 
     @classmethod
     def from_csv(
-        cls, path: str | Path, step: float = 50.0, length: float | None = None
+        cls,
+        path: str | Path,
+        step: float = 50.0,
+        length: float | None = None,
+        start: float | None = None,
     ) -> RoadProfile:
-        """A profile from a CSV file with a station column (s, s_m) and a height column (z, z_m).
+        """A profile from a CSV file with a station column (s_m) and a height column (z_m).
 
         Raises:
           InputError: unreadable file, missing columns, fewer than 5 intervals.
         """
         file = Path(path)
-        try:
-            with file.open(newline="", encoding="utf-8") as stream:
-                lines = (line for line in stream if not line.startswith("#"))
-                rows = list(csv.reader(lines))
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
-            raise InputError(f"road profile {str(file)!r} cannot be read: {error}") from error
-        header = [cell.strip().lower() for cell in rows[0]] if rows else []
-        columns = [
-            next((header.index(n) for n in names if n in header), None)
-            for names in (("s_m", "s", "station"), ("z_m", "z", "height"))
-        ]
-        if None in columns:
-            raise InputError(
-                f"road profile {str(file)!r}: columns s_m and z_m are wanted, found {header[:12]}"
-            )
-        try:
-            table = np.array(
-                [[float(row[i]) for i in columns if i is not None] for row in rows[1:]]
-            )
-        except (ValueError, IndexError) as error:
-            raise InputError(f"road profile {str(file)!r}: not a number: {error}") from error
-        if table.size == 0:
-            raise InputError(f"road profile {str(file)!r} has no rows")
-        return cls.from_heights(table[:, 0], table[:, 1], step, length, file.name)
+        station, height = read_columns(file, "road profile", _COLUMNS)
+        return cls.from_heights(station, height, step, length, file.name, start)
 
     @classmethod
     def from_route(
@@ -160,6 +160,8 @@ class RoadProfile:
           lateral_acceleration: that curves may ask for [m/s2].
         """
         name = route.road_map.path.name if route.road_map.path else "route"
+        if not start >= 0.0:
+            raise InputError(f"start {start:g} m is not on the road {name!r}: it begins at 0 m")
         grid = _grid(start, float(route.length), step, length, name)
         # The smoothed grade bridges the seams of the map, the raw heights do not.
         fine = np.linspace(grid[0], grid[-1], 5 * (grid.size - 1) + 1)
@@ -181,8 +183,13 @@ def _grid(first: float, last: float, step: float, length: float | None, name: st
         raise InputError(f"grid step {step!r} m is not allowed: use a number above 0")
     if length is not None and not (math.isfinite(length) and length > 0.0):
         raise InputError(f"length {length!r} m is not allowed: use a number above 0")
+    if not first < last:
+        raise InputError(f"start {first:g} m is not on the road {name!r}: it ends at {last:g} m")
     end = last if length is None else min(last, first + length)
     count = math.floor((end - first) / step + 1e-9)
     if count < 4:
-        raise InputError(f"road profile {name!r}: {end - first:.0f} m is too short for {step:g} m")
+        raise InputError(
+            f"road profile {name!r}: {end - first:g} m is too short: a grid of {step:g} m wants "
+            f"{4.0 * step:g} m or more"
+        )
     return np.asarray(first + step * np.arange(count + 1), dtype=float)

@@ -219,6 +219,17 @@ class Solver:
             raise PlanningError("the task holds fences; the solver was made without: fenced=True")
 
 
+def with_room(vehicle: PointMass, task: Task) -> tuple[PointMass, Task]:
+    """Vehicle and task with the room in power, brakes and trip time that the solver takes."""
+    power, newton = vehicle.power_max, vehicle.efficiency * vehicle.power_max / _SPEED
+    more = replace(
+        vehicle,
+        power_max=power * (1.0 + _ROOM),
+        brake_max=vehicle.brake_max + _ROOM_BRAKE * newton,
+    )
+    return more, replace(task, time_max=task.time_max * (1.0 + _ROOM))
+
+
 def scaled(vehicle: PointMass, task: Task, soft_end: bool = False) -> tuple[Problem, Units]:
     """The task in the units in which it is solved; a soft end speed has a worth, not a bound."""
     fuel, power, step = vehicle.fuel, vehicle.power_max, task.road.step

@@ -6,7 +6,6 @@ continuous; the plan view is a chain of clothoids whose curvature is linear betw
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from iits_mj.csv_table import read_columns, read_names
 from iits_mj.errors import InputError
 from iits_mj.road.elements import Lane, LaneSection, OpenDriveMap, Road, RoadMark, RoadType
 from iits_mj.road.geometry import Arc, Geometry, Line, Spiral
@@ -102,24 +102,18 @@ def route_from_csv(path: str | Path, lanes: Lanes | None = None) -> Route:
     Raises:
       InputError: the file cannot be read, or its columns are no road.
     """
-    file = Path(path)
-    try:
-        with file.open(newline="", encoding="utf-8-sig") as stream:
-            rows = [row for row in csv.reader(stream) if row and not row[0].startswith("#")]
-        names = [cell.strip() for cell in rows[0]] if rows else []
-        table = dict(zip(names, np.array(rows[1:], dtype=float).T, strict=True))
-    except (OSError, UnicodeDecodeError, csv.Error, ValueError) as error:
-        raise InputError(f"road {str(file)!r} cannot be read: {error}") from error
-    for column in ("s_m", "z_m"):
-        if column not in table:
-            raise InputError(f"road {str(file)!r}: column {column} is wanted, found {names[:12]}")
+    names = read_names(path, "road")
+    extra = [name for name in ("heading_rad", "curvature_1pm") if name in names]
+    wanted = [(name,) for name in ("s_m", "z_m", *extra)]
+    station, height, *others = read_columns(path, "road", wanted)
+    table = dict(zip(extra, others, strict=True))
     return measured_route(
-        table["s_m"],
-        table["z_m"],
+        station,
+        height,
         table.get("heading_rad"),
         table.get("curvature_1pm"),
         lanes,
-        file.name,
+        Path(path).name,
     )
 
 

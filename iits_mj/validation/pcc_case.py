@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from controllers.pcc import PccConfig, PccSolution, RoadProfile, plan
 from controllers.pcc.bound import certificate, lower_bound
 from controllers.pcc.fuel import FuelMap
-from controllers.pcc.planner import lower_speeds, make_vehicle
+from controllers.pcc.planner import least_speeds, make_vehicle
 from controllers.pcc.solver import Answer, Solver, Task
 from controllers.pcc.vehicle import PointMass, durations, full_power_speed
 from iits_mj.errors import PlanningError
@@ -19,7 +19,7 @@ from iits_mj.units import GRAVITY
 
 FloatArray = NDArray[np.float64]
 _TIGHT = 1e-4  # relative gap that is as good as none
-_RELAXED_MAX = 200_000.0  # [m]: IPOPT needs seconds for the relaxation of longer roads
+_RELAXED_MAX = 1_500_000.0  # [m]: IPOPT needs 3 s for the relaxation of 100 km, and memory
 # Gauss points of an interval, for integrals of the exact motion.
 _ROOTS, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
@@ -75,7 +75,7 @@ def solve(
     vehicle = make_vehicle(parameters, fuel_map, mass, config)
     base = solution.baseline.speed
     cap = np.minimum(road.v_limit, max(config.v_max, solution.v_set))
-    low = lower_speeds(full_power_speed(vehicle, road, float(base[0]), cap), config.v_min)
+    low = least_speeds(full_power_speed(vehicle, road, float(base[0]), cap), base, config.v_min)
     b_low, b_high = low**2, np.maximum(cap, low) ** 2
     b_low[[0, -1]] = b_high[[0, -1]] = base[[0, -1]] ** 2
     task = Task(road, b_low, b_high, solution.baseline.time, np.zeros(base.size), 1e-3 * config.k_a)

@@ -336,6 +336,16 @@ def test_hills_give_back_what_they_took_to_the_last_joule():
     assert climb == pytest.approx(MASS * 9.81 * road.height[10], rel=1e-9)
 
 
+def test_a_plan_may_end_as_slowly_as_the_cruise_though_it_could_be_faster_there():
+    # At the end the cruise is below the band, which a truck that came faster is not.
+    road = road_of(np.concatenate([np.zeros(300), np.full(60, 0.05)]), step=5.0)
+    solution = plan(road, PARAMETERS, MASS, PccConfig(v_min=18.0))
+    assert solution.baseline.speed[-1] < 17.5
+    assert solution.plan.speed[-1] == pytest.approx(solution.baseline.speed[-1], abs=0.02)
+    before = solution.baseline.speed >= 18.0
+    assert solution.plan.speed[before].min() >= 0.999 * 18.0 - 1e-6
+
+
 def test_the_engine_is_the_trucks_whatever_the_band():
     fuel_map = FuelMap(PARAMETERS)
     powers = [

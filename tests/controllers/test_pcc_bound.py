@@ -191,3 +191,15 @@ def test_bounds_that_contradict_are_named():
     low[10] = 700.0
     with pytest.raises(PlanningError, match="station 500 m"):
         lower_bound(vehicle, replace(task, b_low=low))
+
+
+@pytest.mark.parametrize("k_a", [0.0, 0.5])
+def test_bound_is_below_the_plan_on_a_level_road_too_where_both_are_the_same(k_a):
+    # The plan uses the room in the trip time that the solver takes; so must the bound.
+    station = 50.0 * np.arange(201)
+    road = RoadProfile(station, np.zeros(201), np.full(201, np.inf), "level")
+    vehicle, task, base = task_on(road, k_a=k_a)
+    answer = Solver(vehicle, task.road.intervals, task.road.step).solve(task, base)
+    total = cost(vehicle, task, answer.speed)
+    for bound in (certificate(vehicle, task, answer), lower_bound(vehicle, task).cost):
+        assert total * (1.0 - 1e-5) < bound <= total

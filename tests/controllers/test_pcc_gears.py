@@ -49,6 +49,23 @@ def test_idling_in_neutral_burns_as_much_as_the_engine_without_load_in_top_gear(
     assert rate[0] == pytest.approx(IDLE, rel=0.1)
 
 
+def test_what_the_map_is_below_the_fit_bounds_the_saving_of_every_drive_by_the_map():
+    station = 50.0 * np.arange(61)
+    height = 15.0 * np.sin(2.0 * np.pi * station / 2000.0)
+    road = RoadProfile(station, height, np.full(61, np.inf), "hills")
+    config = PccConfig(k_a=0.0)
+    solution = plan(road, PARAMETERS, 55e3, config)
+    vehicle = make_vehicle(PARAMETERS, FUEL_MAP, 55e3, config)
+    below = FUEL_MAP.below_fit(vehicle.fuel, config.v_min, config.v_max)
+    base = solution.baseline.speed
+    low, high = np.full(base.size, config.v_min**2), np.full(base.size, config.v_max**2)
+    low[[0, -1]] = high[[0, -1]] = base[[0, -1]] ** 2
+    price, time = solution.time_price, solution.plan.time
+    free = replace(vehicle, power_drag=1e6)
+    least = least_cost(free, road, low, high, price, 200, rate=map_rate(False))[0] - price * time
+    assert solution.fuel - below * time < least < float(solution.plan.map_fuel.sum()) * 1.01
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("mass", "choice", "coasting"), [(55e3, 0.015, 0.001), (19e3, 0.015, 0.004)]

@@ -73,6 +73,38 @@ def test_an_unwritable_profile_file_is_refused(profile, tmp_path):
         run(PccCommandConfig(road=profile, profile=tmp_path / "none" / "speed.csv"))
 
 
-def test_a_band_without_the_set_speed_is_refused(profile):
-    with pytest.raises(InputError, match="band"):
-        run(PccCommandConfig(road=profile, v_ref=100.0))
+def test_a_band_without_the_set_speed_is_refused_in_the_flags_own_units(profile):
+    with pytest.raises(InputError, match=r"band .*--v-ref 100 km/h, --v-max 90 km/h"):
+        PccCommandConfig(road=profile, v_ref=100.0)
+
+
+def test_start_cuts_a_table_as_it_cuts_a_map(profile):
+    whole = load_profile(PccCommandConfig(road=profile))
+    part = load_profile(PccCommandConfig(road=profile, start=1_000.0, length=2_000.0))
+    assert part.station == pytest.approx(np.arange(1_000.0, 3_001.0, 50.0))
+    assert part.height == pytest.approx(whole.height[20:61])
+
+
+@pytest.mark.parametrize("start", [1e9, -50.0])
+def test_a_start_off_the_road_is_named(profile, start):
+    for road in (profile, None):
+        with pytest.raises(InputError, match=r"start -?\S+ m is (not on|before)"):
+            load_profile(PccCommandConfig(road=road, start=start))
+
+
+def test_a_trip_in_other_time_falls_short_with_the_reason(profile):
+    results = run(PccCommandConfig(road=profile, v_min=71.5, mass=70_000.0, method="distance"))
+    time = next(c for c in results.checks if c.name.startswith("trip time of the plan"))
+    assert time.value < 0.999
+    assert not time.ok
+    assert any("equal time" in note for note in results.notes)
+
+
+def test_weights_of_acceleration_beyond_reason_are_refused(profile):
+    with pytest.raises(InputError, match="k-a"):
+        PccCommandConfig(road=profile, k_a=1e9)
+
+
+def test_no_limits_on_a_table_is_explained(profile):
+    results = run(PccCommandConfig(road=profile, limits=False, method="distance"))
+    assert any("--no-limits changes nothing" in note for note in results.notes)

@@ -1,0 +1,73 @@
+"""Columns of numbers from a CSV file, by name: roads, cycles, speed profiles.
+
+The first row that is neither empty nor a comment (`#`) holds the names, in capitals or not. A byte
+order mark, empty rows and further columns do no harm.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+
+def read_columns(
+    path: str | Path, what: str, names: Sequence[tuple[str, ...]], rows: int = 2
+) -> list[FloatArray]:
+    """Reads columns, each of shape (n,), in the order of `names`.
+
+    Args:
+      path: of the file.
+      what: it is, for error messages: "road profile".
+      names: of each column, in small letters, the preferred one first.
+      rows: that are wanted at least.
+
+    Raises:
+      InputError: unreadable file, a missing column, a cell that is no finite number, too few rows.
+    """
+    found, table = _table(Path(path), what)
+    places = [next((found.index(n) for n in choice if n in found), -1) for choice in names]
+    if min(places) < 0:
+        wanted = " and ".join(choice[0] for choice in names)
+        raise InputError(f"{what} {str(path)!r}: columns {wanted} are wanted, found {found[:12]}")
+    values = np.empty((len(table), len(places)))
+    for number, row in enumerate(table):
+        try:
+            values[number] = [float(row[i]) for i in places]
+        except (ValueError, IndexError) as error:
+            raise InputError(
+                f"{what} {str(path)!r}: not a number in row {number + 1} below the names: {error}"
+            ) from error
+    if len(values) < rows:
+        raise InputError(f"{what} {str(path)!r} has fewer than {rows} rows")
+    bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    if bad.size:
+        raise InputError(
+            f"{what} {str(path)!r} holds numbers that are not finite, the first in row "
+            f"{bad[0] + 1} below the names"
+        )
+    return list(values.T)
+
+
+def read_names(path: str | Path, what: str) -> list[str]:
+    """Names of the columns, in small letters; InputError where the file cannot be read."""
+    return _table(Path(path), what)[0]
+
+
+def _table(file: Path, what: str) -> tuple[list[str], list[list[str]]]:
+    """Names of the columns and the rows below them."""
+    try:
+        with file.open(newline="", encoding="utf-8-sig") as stream:
+            rows = list(csv.reader(line for line in stream if not line.startswith("#")))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{what} {str(file)!r} cannot be read: {error}") from error
+    rows = [row for row in rows if any(cell.strip() for cell in row)]
+    names = [cell.strip().lower() for cell in rows[0]] if rows else []
+    return names, rows[1:]
