@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.bend_wait import DECELERATION, BendWait
+from controllers.crossing import crossing_leads
 from controllers.following import Lead
 from controllers.lateral_limits import RollMargins
 from controllers.maneuver import Maneuver, Step
@@ -62,12 +64,14 @@ class Planner:
         self.config = config or PlannerConfig()
         self.preview = RoadPreview(route)
         parameters = parameters or TruckParameters.load()
+        self._parameters = parameters
         self._state = StateCheck(parameters, route.length)
         self._margins = RollMargins(parameters, 1.0 / self.config.change.duration_min)
         laden = parameters.gross_mass(parameters.payload.mass_max)
         self.preview.shift = lane_shift(
             self.preview, parameters, laden, self.config.speed.curve_acceleration
         )
+        self._bends = BendWait(self.preview, parameters)
         self.maneuver = Maneuver(self.preview, self.config)
         self._caps = SpeedCaps(self.preview, self.config)
         self._light = LightStop(self.config.light)
@@ -79,6 +83,8 @@ class Planner:
         self._light.reset()
         self.emergencies = 0
         self._emergency = False
+        self._crossing: list[str] = []
+        self._bend_stop, self._bend_reason = math.inf, ""
         self._gap: GapChoice | None = None
         self._last: Trajectory | None = None
 
@@ -146,6 +152,7 @@ class Planner:
         front = ego.station + scene.footprint.front_overhang
         light = self._light.demand(scene.signals.light, front, ego.speed)
         cap = self._caps.cap(path, profile, margin, ego)
+        cap, self._bend_stop, self._bend_reason = self._bends.demand(surroundings, path, cap)
         self._gap = self._seek(step, surroundings, cap, path)
         if self._gap is not None:
             bound = self._gap.cap(path, ego.station, ego.speed)
@@ -162,11 +169,13 @@ class Planner:
         return self._last
 
     def _reason(self, step: Step, light: LightDemand, follows: Neighbor | None) -> str:
-        reason = step.reason or light.reason
+        reason = step.reason or light.reason or self._bend_reason
         if step.wanted is not None and self._gap is not None:
             ahead, behind = self._gap.ends
             reason += f"; aiming for the gap ahead of {behind}" if behind else ""
             reason += f"; aiming for the gap behind {ahead}" if ahead and not behind else ""
+        if not reason:
+            reason = f"{self._crossing[0]} will be in the way" if self._crossing else ""
         if not reason:
             reason = f"following {follows.vehicle.id}" if follows else "free road"
         return f"emergency braking: {reason}" if self._emergency else reason
@@ -205,7 +214,9 @@ class Planner:
                 clearance = self.config.change.side_gap, self.config.safety.margin
                 lead = lead_while_passing(scene, path, residual, old, *clearance)
                 leads += [] if lead is None else [lead]
-        return leads, follows
+        crossing = crossing_leads(surroundings, self.preview, self._parameters, path, residual)
+        self._crossing = [name for _, name in crossing]
+        return leads + [lead for lead, _ in crossing], follows
 
     def _start(self, scene: Scene) -> SpeedState:
         """Begins at the last plan's speed, held near the truck's."""
@@ -230,6 +241,7 @@ class Planner:
             merge = self.config.merge
             end = (path.end - merge.room - overhang, merge.stop_deceleration)
         stops = [end, (light.stop - overhang, light.deceleration)]
+        stops.append((self._bend_stop, DECELERATION))
         return sorted(stop for stop in stops if math.isfinite(stop[0])) or [(math.inf, end[1])]
 
     def _assemble(

@@ -94,8 +94,7 @@ class SpeedConfig:
     def __post_init__(self) -> None:
         names = "cruise_speed", "curve_acceleration", "preview", "emergency_onset"
         require_positive(self, *names, "emergency_release", "emergency_deceleration")
-        names = "stop_gap", "emergency_margin", "reaction_time"
-        require_positive(self, *names, zero=True)
+        require_positive(self, "stop_gap", "emergency_margin", "reaction_time", zero=True)
 
 
 def speed_cap(

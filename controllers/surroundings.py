@@ -46,6 +46,10 @@ class Surroundings:
       preview: of the road; with it, who drives on another level, on a bridge above say, is left
         out. A vehicle with x, y and z all zero has no pose, and counts by station and offset alone.
 
+    Attributes:
+      station, offset, speed: of the vehicles, shape (n,) [m], [m/s].
+      here: on the truck's level, shape (n,).
+
     Raises:
       InputError: a vehicle's station, offset, speed, acceleration, size or place is not finite;
         the message names it.
@@ -71,11 +75,11 @@ class Surroundings:
         self._half_length, self._half_width = 0.5 * table[:, 4], 0.5 * table[:, 5]
         self._lateral_speed = table[:, 3]
         self._predicted = self.offset + anticipation * table[:, 3]
-        self._here = np.ones(len(table), dtype=bool)
+        self.here = np.ones(len(table), dtype=bool)
         if preview is not None and len(table):
             height = table[:, names.index("z")] - preview.height_at(self.station, self.offset)
             posed = (table[:, len(_USED) :] != 0.0).any(axis=1)
-            self._here = ~posed | (np.abs(height) < OTHER_LEVEL)
+            self.here = ~posed | (np.abs(height) < OTHER_LEVEL)
 
     def within(self, path: LanePath, entering: float = 0.0) -> NDArray[np.bool_]:
         """Which vehicles are in the lane of a path, shape (n,).
@@ -96,7 +100,7 @@ class Surroundings:
             inside |= crossing & ((np.abs(later - middle) < reach) | through)
         seen = (self.station >= path.station[0]) & (self.station <= path.station[-1])
         # Beyond a lane's end nobody drives in it.
-        return inside & seen & (self.station <= path.end) & self._here
+        return inside & seen & (self.station <= path.end) & self.here
 
     def in_lane(self, path: LanePath, entering: float = 0.0) -> list[Neighbor]:
         """Everybody in the lane of a path, in the scene's order; `entering` as of `within`."""

@@ -1,0 +1,193 @@
+"""Tight bends in which the trailer leaves its lane: slowly, and only when nobody is in the way.
+
+Before such a bend the ground that the truck will sweep is held against everybody who is there or
+will be there by the time the trailer is through. While it is not free the truck stands before the
+bend, as its driver would.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.crossing import ALONG, bodies_along
+from controllers.following import braking_profile
+from controllers.predicted_boxes import Boxes, poses, touching
+from controllers.road_preview import LanePath, RoadPreview
+from controllers.surroundings import Surroundings
+from iits_mj.messages import EgoState
+from iits_mj.parameters import TruckParameters
+
+FloatArray = NDArray[np.float64]
+
+# Bends below this radius are looked at [m].
+_RADIUS = 35.0
+# Beyond its lane by this, a body is in somebody's way [m].
+_BEYOND = 0.2
+# Speed at which the truck goes through, where steering is exact and slip is small [m/s].
+BEND_SPEED = 3.0
+_STEP = 1.0
+# The truck's length and some more: the trailer is back in its lane after that [m].
+_AFTER = 45.0
+_BEFORE = 15.0
+_SIGHT = 80.0
+_ROOM = 0.5
+_TIMES = np.linspace(0.0, 15.0, 31)
+# A stop line so near before the bend is waited at, so far from it [m].
+_LINE_NEAR = 12.0
+_TO_LINE = 0.5
+# Who has gone this long before the truck comes is not waited for [s].
+_EARLY = 1.0
+# Braking towards the place to wait at, and towards the bend's speed, positive [m/s2].
+DECELERATION = 0.8
+# At most for somebody who comes late, positive [m/s2].
+HARD = 2.0
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A bend in one lane where bodies leave the lane.
+
+    Attributes:
+      begin: station of the steer axle at which to wait [m].
+      first, last: of the steer axle between which a body is beyond the lane [m].
+      units: boxes of tractor and trailer from `first` on, a metre apart.
+    """
+
+    begin: float
+    first: float
+    last: float
+    units: tuple[Boxes, Boxes]
+
+
+class BendWait:
+    """Remembers the bends it has looked at.
+
+    Args:
+      preview: of the road.
+      parameters: of the truck.
+    """
+
+    def __init__(self, preview: RoadPreview, parameters: TruckParameters) -> None:
+        self.preview = preview
+        self._parameters = parameters
+        tight = np.abs(preview.curvature) > 1.0 / _RADIUS
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], tight.astype(int), [0]])))
+        self._bends: list[tuple[float, float]] = []
+        for start, end in edges.reshape(-1, 2):
+            begin, over = float(preview.station[start]), float(preview.station[end - 1])
+            if self._bends and begin - self._bends[-1][1] < _AFTER:
+                begin = self._bends.pop()[0]
+            self._bends.append((begin, over))
+        self._known: dict[tuple[float, int], Sweep | None] = {}
+
+    def ahead(self, path: LanePath, ego: EgoState) -> Sweep | None:
+        """The next bend in which the trailer will leave the lane of a path, or is doing so."""
+        for begin, over in self._bends:
+            if begin - _SIGHT < ego.station < over + _AFTER:
+                key = begin, path.lane
+                if key not in self._known:
+                    self._known[key] = self._sweep(path, begin, over)
+                sweep = self._known[key]
+                if sweep is not None and ego.station < sweep.last:
+                    return sweep
+        return None
+
+    def demand(
+        self, surroundings: Surroundings, path: LanePath, cap: FloatArray
+    ) -> tuple[FloatArray, float, str]:
+        """Bound on the speed, where the steer axle has to stand (or infinity) [m], and why.
+
+        Args:
+          surroundings: the traffic.
+          path: of the lane.
+          cap: bound on the speed so far, shape of path.station [m/s].
+        """
+        ego = surroundings.scene.ego
+        sweep = self.ahead(path, ego)
+        if sweep is None:
+            return cap, math.inf, ""
+        cap = np.minimum(cap, self.cap(sweep, path))
+        who = self.waits_for(sweep, surroundings, path)
+        if not who:
+            return cap, math.inf, ""
+        nearest = ego.station + ego.speed**2 / (2.0 * HARD)
+        begin, light = sweep.begin, surroundings.scene.signals.light
+        if light is not None:
+            # With a stop line shortly before, that is the place to wait at.
+            line = light.station - surroundings.scene.footprint.front_overhang - _TO_LINE
+            begin = line if begin - _LINE_NEAR < line < begin else begin
+        stop = max(begin, min(nearest, sweep.first))
+        return cap, stop, f"waiting for {who}, which is where the trailer will sweep in the bend"
+
+    def cap(self, sweep: Sweep, path: LanePath) -> FloatArray:
+        """Bound on the speed for a bend, shape of path.station [m/s]."""
+        inside = (path.station > sweep.begin) & (path.station < sweep.last)
+        bound = np.where(inside, BEND_SPEED, 100.0)
+        return braking_profile(path.station, bound, DECELERATION)
+
+    def waits_for(self, sweep: Sweep, surroundings: Surroundings, path: LanePath) -> str:
+        """Who is in the way of a bend that the truck has not entered yet, "" for nobody."""
+        ego = surroundings.scene.ego
+        if ego.station > sweep.first - ego.speed**2 / (2.0 * HARD):
+            return ""
+        near = surroundings.here & (np.abs(surroundings.station - sweep.first) < 150.0)
+        if not near.any():
+            return ""
+        others = surroundings.scene.vehicles
+        chosen = [v for v, is_near in zip(others, near.tolist(), strict=True) if is_near]
+        found = poses(chosen, self.preview)
+        angle = np.abs(found.to_road)
+        own = (angle < ALONG) & (
+            np.abs(found.offset - path.offset_at(found.station)) < path.half_width
+        )
+        enters = max(sweep.first - ego.station, 0.0) / BEND_SPEED
+        leaves = (sweep.last - ego.station) / BEND_SPEED
+        times = _TIMES[: 1 + int(np.searchsorted(_TIMES, max(leaves + _EARLY, 1.0)))]
+        matters = times >= min(max(enters - _EARLY, 0.0), times[-1])
+        coming = angle > np.pi - ALONG
+        for index in np.flatnonzero(~own):
+            one = found.only(np.arange(len(own)) == index)
+            guesses = [one.ahead(times)]
+            if coming[index]:
+                guesses.append(one.along_road(times, self.preview))
+            for guess in guesses:
+                if any(touching(u, guess, _ROOM)[:, matters, 0].any() for u in sweep.units):
+                    return chosen[int(index)].id
+        return ""
+
+    def _sweep(self, path: LanePath, begin: float, over: float) -> Sweep | None:
+        first, last = begin - _BEFORE, min(over + _AFTER, self.preview.route.length)
+        stations = np.arange(max(first, 0.0), last, _STEP)
+        units = bodies_along(self._parameters, self.preview, path, None, stations)
+        middle = np.arange(stations[0] - 40.0, stations[-1] + 10.0, 0.5)
+        point = self.preview.route.evaluate(middle, path.offset_at(middle))
+        line = np.column_stack([point.x, point.y])
+        beyond = np.zeros(len(stations), dtype=bool)
+        for unit in units:
+            for along in np.linspace(-0.5, 0.5, 9):
+                for side in (-0.5, 0.5):
+                    x = unit.x + along * unit.length * np.cos(unit.yaw)
+                    y = unit.y + along * unit.length * np.sin(unit.yaw)
+                    x = x - side * unit.width * np.sin(unit.yaw)
+                    y = y + side * unit.width * np.cos(unit.yaw)
+                    apart = np.hypot(x[:, None] - line[:, 0], y[:, None] - line[:, 1]).min(axis=1)
+                    beyond |= apart > path.half_width + _BEYOND
+        if not beyond.any():
+            return None
+        rows = np.flatnonzero(beyond)
+        kept = slice(int(rows[0]), int(rows[-1]) + 1)
+        start = float(stations[rows[0]])
+        return Sweep(
+            begin=min(begin, start) - 1.5,
+            first=start,
+            last=float(stations[rows[-1]]),
+            units=(_part(units[0], kept), _part(units[1], kept)),
+        )
+
+
+def _part(boxes: Boxes, rows: slice) -> Boxes:
+    return Boxes(boxes.x[rows], boxes.y[rows], boxes.yaw[rows], boxes.length, boxes.width)

@@ -1,0 +1,153 @@
+"""Who crosses the truck's way, or comes towards it in its lane: leads to brake for.
+
+The ground that tractor and semitrailer will sweep is held against the boxes of the others over the
+next seconds. Somebody counts who will be where the truck then is, at its present speed or speeding
+up, and who would have to brake to let it pass. The truck is to stop before it enters his way.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.following import Lead
+from controllers.predicted_boxes import Boxes, Poses, body_boxes, poses, touching
+from controllers.road_preview import LanePath, RoadPreview
+from controllers.swept_path import swept_path
+
+if TYPE_CHECKING:
+    from controllers.quintic import Quintic
+    from controllers.surroundings import Surroundings
+    from iits_mj.messages import EgoState
+    from iits_mj.parameters import TruckParameters
+
+FloatArray = NDArray[np.float64]
+
+# Seconds that are looked ahead.
+_TIMES = np.linspace(0.0, 4.0, 17)
+# Within this of the road's direction, either way, a vehicle goes along it [rad].
+ALONG = 0.35
+# Kept beside the truck's bodies [m].
+_ROOM = 0.4
+# Who can still stop before the truck's way by this is expected to, positive [m/s2].
+_YIELDS = 1.5
+# Braking for who stands across the way, positive [m/s2].
+_COMFORT = 1.3
+# Slower than this a vehicle stands [m/s].
+_STANDS = 0.3
+# Acceleration of the truck in the second guess, as from standstill [m/s2].
+_SPEEDING_UP = 0.7
+# The trailer has found its way after so much [m].
+_BEHIND = 30.0
+_STEP = 2.0
+
+
+def bodies_along(
+    parameters: TruckParameters,
+    preview: RoadPreview,
+    path: LanePath,
+    residual: Quintic | None,
+    stations: FloatArray,
+) -> tuple[Boxes, Boxes]:
+    """Boxes of tractor and semitrailer with the steer axle at stations [m], shape (n,) each."""
+    first = float(stations[0])
+    run_up = np.arange(first - _BEHIND, first - 0.5, 2.0)
+    every = np.concatenate([run_up, stations])
+    offset = path.driven_at(every)
+    if residual is not None:
+        offset = offset + residual.evaluate(every)[0]
+    point = preview.route.evaluate(every, offset)
+    way = np.column_stack([point.x, point.y])
+    swept = swept_path(parameters, way, float(np.asarray(point.heading)[0]))
+    kept = slice(len(run_up), None)
+    return (
+        body_boxes(swept.tractor_corners[kept], swept.yaw[kept]),
+        body_boxes(swept.trailer_corners[kept], swept.trailer_yaw[kept]),
+    )
+
+
+def crossing_leads(
+    surroundings: Surroundings,
+    preview: RoadPreview,
+    parameters: TruckParameters,
+    path: LanePath,
+    residual: Quintic | None,
+) -> list[tuple[Lead, str]]:
+    """Leads that stand where a crossing or oncoming vehicle's way begins, with its name.
+
+    Args:
+      surroundings: the traffic, on the truck's level where that is known.
+      preview: of the road.
+      parameters: of the truck.
+      path: of the lane kept or changed to.
+      residual: offset from the path, None for none.
+    """
+    ego, others = surroundings.scene.ego, surroundings.scene.vehicles
+    reach = max(max(ego.speed, 3.0) * _TIMES[-1], ego.speed**2 / (2.0 * _COMFORT)) + 10.0
+    near = surroundings.here & (np.abs(surroundings.station - ego.station) < reach + 40.0)
+    if not near.any():
+        return []
+    chosen = [vehicle for vehicle, is_near in zip(others, near.tolist(), strict=True) if is_near]
+    found = poses(chosen, preview)
+    angle = np.abs(found.to_road)
+    across = (angle > ALONG) & (angle < np.pi - ALONG)
+    aside = np.abs(found.offset - path.driven_at(found.station)) - 0.5 * found.width
+    wrong_way = (angle >= np.pi - ALONG) & (found.speed > 0.5)
+    wrong_way &= (aside < 0.5 * parameters.semitrailer.width) & (found.station > ego.station)
+    matters = across | wrong_way
+    if not matters.any():
+        return []
+    stations = ego.station + np.arange(0.0, reach, _STEP)
+    units = bodies_along(parameters, preview, path, residual, stations)
+    leads = []
+    for index in np.flatnonzero(matters):
+        one = found.only(np.arange(len(angle)) == index)
+        guess = one.along_road(_TIMES, preview) if wrong_way[index] else one.ahead(_TIMES)
+        tractor, trailer = (touching(unit, guess, _ROOM)[:, :, 0] for unit in units)
+        touch = np.asarray(tractor | trailer)
+        lead = _head_on(touch, one, ego) if wrong_way[index] else _crosses(touch, one, ego)
+        if lead is not None:
+            leads.append((lead, chosen[int(index)].id))
+    return leads
+
+
+def _head_on(touch: NDArray[np.bool_], one: Poses, ego: EgoState) -> Lead | None:
+    """The lead at the place where the truck meets who comes towards it, if both go on."""
+    now = touch[:, 0]
+    if not touch.any() or now[0]:
+        return None
+    gap = float(now.argmax() if now.any() else len(now)) * _STEP
+    return Lead(gap * ego.speed / max(ego.speed + float(one.speed[0]), 1e-3), 0.0)
+
+
+def _crosses(touch: NDArray[np.bool_], one: Poses, ego: EgoState) -> Lead | None:
+    """The lead that a vehicle makes, from where (rows) and when (columns) it would be touched."""
+    places, moments = np.asarray(touch.any(axis=1)), np.asarray(touch.any(axis=0))
+    # Who is in the truck's way at its very place is not let pass by braking.
+    if not places.any() or places[0]:
+        return None
+    speed = float(one.speed[0])
+    if speed > _STANDS and not _meets(touch, ego.speed):
+        return None
+    first = int(moments.argmax())
+    left = float(one.ways(_TIMES[first : first + 1])[0, 0])
+    if first > 0 and speed**2 < 2.0 * _YIELDS * left:
+        return None
+    last = float(_TIMES[len(moments) - 1 - int(moments[::-1].argmax())])
+    until = np.inf if last >= _TIMES[-1] else last + 0.5
+    return Lead((float(places.argmax()) - 0.5) * _STEP, 0.0, 0.0, until)
+
+
+def _meets(touch: NDArray[np.bool_], speed: float) -> bool:
+    """Whether truck and vehicle are at one place at one time, half a second more or less."""
+    rows = len(touch) - 1
+    for gain in (0.0, _SPEEDING_UP):
+        for late in (-0.5, 0.0, 0.5):
+            time = np.maximum(_TIMES + late, 0.0)
+            way = speed * time + 0.5 * gain * time**2
+            row = np.minimum(np.rint(way / _STEP).astype(int), rows)
+            if bool(touch[row, np.arange(len(_TIMES))].any()):
+                return True
+    return False

@@ -1,0 +1,147 @@
+"""Boxes of vehicles over the coming seconds, and which of them the truck's bodies would touch.
+
+A vehicle keeps its speed, its braking and its yaw rate (constant turn rate); who comes towards the
+truck on its road also keeps its offset from the road. Boxes touch unless a side of one of them
+separates them (separating axes).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.road_preview import RoadPreview
+from iits_mj.messages import TrackedVehicle
+
+FloatArray = NDArray[np.float64]
+# Slower than this a vehicle does not turn on [m/s].
+_TURNS = 0.5
+_READ = (
+    *("x", "y", "z", "yaw", "speed", "acceleration", "yaw_rate"),
+    *("station", "offset", "length", "width", "lateral_speed"),
+)
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """Rectangles; arrays of one shape, lengths and widths broadcast to it.
+
+    Attributes:
+      x, y: of the middles [m]; yaw: [rad]; length, width: [m].
+    """
+
+    x: FloatArray
+    y: FloatArray
+    yaw: FloatArray
+    length: FloatArray
+    width: FloatArray
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Vehicles in the map frame, arrays of shape (n,).
+
+    Attributes:
+      x, y: [m]; yaw: [rad]; to_road: heading to the road's [rad], -pi to pi; speed: [m/s], a
+        magnitude; braking: deceleration [m/s2], zero at least; yaw_rate: [rad/s].
+      station, offset, length, width: [m].
+    """
+
+    x: FloatArray
+    y: FloatArray
+    yaw: FloatArray
+    to_road: FloatArray
+    speed: FloatArray
+    braking: FloatArray
+    yaw_rate: FloatArray
+    station: FloatArray
+    offset: FloatArray
+    length: FloatArray
+    width: FloatArray
+
+    def only(self, which: NDArray[np.bool_]) -> Poses:
+        """Some of them."""
+        return Poses(**{name: getattr(self, name)[which] for name in self.__dataclass_fields__})
+
+    def ways(self, times: FloatArray) -> FloatArray:
+        """Ways gone until the times, shape (times, n) [m]."""
+        t = times[:, None]
+        stop = np.where(self.braking > 1e-3, self.speed / np.maximum(self.braking, 1e-3), np.inf)
+        moving = np.minimum(t, stop)
+        return np.asarray(self.speed * moving - 0.5 * self.braking * moving**2)
+
+    def ahead(self, times: FloatArray) -> Boxes:
+        """Boxes at constant turn rate, arrays of shape (times, n)."""
+        ways = self.ways(times)
+        bend = np.where(self.speed > _TURNS, self.yaw_rate / np.maximum(self.speed, _TURNS), 0.0)
+        turn = bend * ways
+        chord = ways * np.sinc(0.5 * turn / np.pi)
+        course = self.yaw + 0.5 * turn
+        x, y = self.x + chord * np.cos(course), self.y + chord * np.sin(course)
+        return Boxes(x, y, self.yaw + turn, self.length, self.width)
+
+    def along_road(self, times: FloatArray, preview: RoadPreview) -> Boxes:
+        """Boxes that come towards the truck at their offset, arrays of shape (times, n)."""
+        station = self.station - self.ways(times)
+        offset = np.broadcast_to(self.offset, station.shape)
+        point = preview.route.evaluate(station.ravel(), offset.ravel())
+        x, y, yaw = (
+            np.asarray(v).reshape(station.shape) for v in (point.x, point.y, point.heading)
+        )
+        return Boxes(x, y, yaw + np.pi, self.length, self.width)
+
+
+def poses(vehicles: Sequence[TrackedVehicle], preview: RoadPreview) -> Poses:
+    """Poses of vehicles; one whose x, y and z are all zero has its place by station and offset."""
+    rows = [tuple(getattr(vehicle, name) for name in _READ) for vehicle in vehicles]
+    table = np.array(rows, dtype=float).reshape(-1, len(_READ)).T
+    x, y, z, yaw, speed, acceleration, yaw_rate, station, offset, length, width, aside = table
+    point = preview.route.evaluate(station, offset)
+    heading = np.asarray(point.heading, dtype=float)
+    posed = (x != 0.0) | (y != 0.0) | (z != 0.0)
+    fast = np.maximum(np.abs(speed), np.abs(aside))
+    across = np.arcsin(np.clip(aside / np.maximum(fast, 1e-6), -1.0, 1.0))
+    across = np.where(speed < 0.0, np.pi - across, across)
+    yaw = np.where(posed, yaw + np.where(speed < 0.0, np.pi, 0.0), heading + across)
+    return Poses(
+        x=np.where(posed, x, point.x),
+        y=np.where(posed, y, point.y),
+        yaw=yaw,
+        to_road=np.remainder(yaw - heading + np.pi, 2.0 * np.pi) - np.pi,
+        speed=np.where(posed, np.abs(speed), fast),
+        braking=np.maximum(-np.sign(np.where(speed < 0.0, -1.0, 1.0)) * acceleration, 0.0),
+        yaw_rate=yaw_rate,
+        station=station,
+        offset=offset,
+        length=length,
+        width=width,
+    )
+
+
+def body_boxes(corners: FloatArray, yaw: FloatArray) -> Boxes:
+    """Boxes of a truck's unit from its corners of shape (n, 4, 2), see `swept_path`."""
+    middle = corners.mean(axis=1)
+    sides = np.linalg.norm(np.diff(corners[0, :3], axis=0), axis=1)
+    return Boxes(middle[:, 0], middle[:, 1], yaw, np.array(sides[1]), np.array(sides[0]))
+
+
+def touching(truck: Boxes, others: Boxes, room: float) -> NDArray[np.bool_]:
+    """Which boxes come nearer than `room` [m]; shape (truck's n, *shape of others)."""
+    extra = (None,) * others.x.ndim
+    dx = others.x[None] - truck.x[(slice(None), *extra)]
+    dy = others.y[None] - truck.y[(slice(None), *extra)]
+    yaw = truck.yaw[(slice(None), *extra)]
+    turned = others.yaw[None] - yaw
+    cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
+    own = 0.5 * truck.length + room, 0.5 * truck.width + room
+    half = 0.5 * others.length, 0.5 * others.width
+    c, s = np.cos(yaw), np.sin(yaw)
+    meets = np.abs(c * dx + s * dy) <= own[0] + half[0] * cos + half[1] * sin
+    meets &= np.abs(c * dy - s * dx) <= own[1] + half[0] * sin + half[1] * cos
+    c, s = np.cos(others.yaw)[None], np.sin(others.yaw)[None]
+    meets &= np.abs(c * dx + s * dy) <= half[0] + own[0] * cos + own[1] * sin
+    meets &= np.abs(c * dy - s * dx) <= half[1] + own[0] * sin + own[1] * cos
+    return np.asarray(meets)
