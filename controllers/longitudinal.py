@@ -4,7 +4,8 @@ Feed-forward of acceleration, grade, rolling and air through the inverse powertr
 integral beside. Accelerator, coasting, endurance brakes and friction take over from each other with
 hysteresis and dwell times, so that they never chatter. Where the plan asks for about the engine's
 drag the truck coasts in gear, and small errors of speed are let be: correcting them by accelerator
-and engine brake in turn costs fuel and gear changes. A descent is held by engine brake, then
+and engine brake in turn costs fuel and gear changes. For the same reason the pedal is floored too
+slowly for a kick-down, unless much speed is to be gained. A descent is held by engine brake, then
 retarder, each asked by its own TSC1; what they lack is an XBR demand that may use both. At
 standstill the brakes hold.
 """
@@ -17,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.driveline_inverse import DrivelineInverse
+from controllers.kick_down import KickDown
 from controllers.retardation import Retardation, share_out, xbr_deceleration
 from iits_mj.messages import EgoState, Trajectory, XbrEbiMode, XbrMode
 from iits_mj.parameters import TruckParameters
@@ -54,6 +56,8 @@ class LongitudinalConfig:
       urgent: demanded deceleration that ends dwelling and brakes at once; brake control then
         has engine brake and retarder to itself, and leaves them while ABS works [m/s2].
       pedal_rise, pedal_fall: rates of the pedal [1/s].
+      kick_down_gain: speed to be gained within the plan for which a lower gear is worth its change
+        [m/s].
       endurance_rate: of the requests to engine brake and retarder [1/s].
       demand_rate: of the XBR demand when it grows, outside emergencies [m/s3].
       demand_max: [m/s2].
@@ -80,6 +84,7 @@ class LongitudinalConfig:
     urgent: float = 1.0
     pedal_rise: float = 1.0
     pedal_fall: float = 2.0
+    kick_down_gain: float = 2.0
     endurance_rate: float = 2.0
     demand_rate: float = 3.0
     demand_max: float = 8.0
@@ -111,6 +116,7 @@ class LongitudinalController:
         self.parameters = parameters
         self.config = config or LongitudinalConfig()
         self.inverse = DrivelineInverse(parameters)
+        self._kick_down = KickDown(parameters, self.config.step)
         self.reset()
 
     def reset(self) -> None:
@@ -119,6 +125,7 @@ class LongitudinalController:
         self._since = self.config.dwell
         self._integral = 0.0
         self._pedal = 0.0
+        self._kick_down.reset()
         self._engine_brake = 0.0
         self._retarder = 0.0
         self._demand = 0.0
@@ -156,7 +163,7 @@ class LongitudinalController:
         deficit = shared.short / ego.mass
         beyond = max(-force - endurance.drag, 0.0) / ego.mass
         self._choose(torque + drag, beyond, deficit, wanted, engaged)
-        self._pull(ego, torque)
+        self._pull(ego, torque, float(trajectory.speed.max()) - ego.speed)
         self._retard(shared, wanted, engaged)
         self._brake(ego, force, wanted)
         self._learn(ego, error)
@@ -240,8 +247,14 @@ class LongitudinalController:
         elif self.phase is Phase.COAST and above > config.overrun_leave:
             self._enter(Phase.DRIVE)
 
-    def _pull(self, ego: EgoState, torque: float) -> None:
-        """The accelerator, at its rates; up in every phase but driving."""
+    def _pull(self, ego: EgoState, torque: float, gain: float) -> None:
+        """The accelerator, at its rates; up in every phase but driving.
+
+        Args:
+          ego: the truck.
+          torque: wanted at the crankshaft [N m].
+          gain: speed that the plan is still to gain [m/s].
+        """
         config, step = self.config, self.config.step
         if self.phase is not Phase.DRIVE:
             self._pedal = 0.0
@@ -249,6 +262,8 @@ class LongitudinalController:
         pedal = self._pedal
         if not ego.shift_in_process:
             pedal = self.inverse.pedal(torque, ego.engine_speed)
+        if gain < config.kick_down_gain:
+            pedal = min(pedal, self._kick_down.greatest_pedal)
         lowest = self._pedal - config.pedal_fall * step
         self._pedal = min(max(pedal, lowest), self._pedal + config.pedal_rise * step)
 
@@ -299,8 +314,10 @@ class LongitudinalController:
 
     def _output(self) -> SpeedCommand:
         active = self._demand > 0.0
+        pedal = min(max(self._pedal, 0.0), 1.0)
+        self._kick_down.follow(pedal)
         return SpeedCommand(
-            pedal=min(max(self._pedal, 0.0), 1.0),
+            pedal=pedal,
             xbr_demand=-self._demand if active else 0.0,
             xbr_mode=XbrMode.MAXIMUM if active else XbrMode.OFF,
             xbr_ebi_mode=(

@@ -178,3 +178,24 @@ def test_braking_beyond_the_drag_is_asked_of_the_engine_brake_without_a_detour()
         phases.append(controller.phase)
     assert Phase.COAST not in phases
     assert phases[-1] is Phase.OVERRUN
+
+
+def kicks_down(pedals):
+    """Whether the gearbox, that low-passes the pedal, takes a course of it for a kick-down."""
+    shifting = PARAMETERS.gearbox.shifting
+    slow, found = 0.0, False
+    for pedal in pedals:
+        found |= pedal >= shifting.kick_down_pedal and pedal - slow > shifting.kick_down_rise
+        slow += 0.02 / shifting.pedal_lag * (pedal - slow)
+    return found
+
+
+@pytest.mark.parametrize(("gain", "wanted"), [(0.5, False), (6.0, True)])
+def test_the_pedal_kicks_down_only_where_much_speed_is_to_be_gained(gain, wanted):
+    controller = LongitudinalController(PARAMETERS)
+    climbing = dataclasses.replace(FAST, engine_torque=1_500.0)
+    commands = run(controller, climbing, plan(FAST.speed + gain), 0.03, 8.0)
+    pedals = [command.pedal for command in commands]
+    assert kicks_down(pedals) is wanted
+    # Full power is there all the same, if a little later.
+    assert pedals[-1] == 1.0

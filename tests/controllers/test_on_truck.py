@@ -191,3 +191,12 @@ def test_6_km_down_6_percent_need_hardly_any_friction(speed):
     fallen = 0.06 * (rows[-1, 1] - rows[0, 1])
     assert fallen > 355.0
     assert rows[-1, BRAKE_WORK] <= 0.01 * 55_000.0 * 9.81 * fallen
+
+
+@pytest.mark.parametrize("wanted", [20.0, 20.17])
+def test_a_little_more_speed_up_2_percent_does_not_kick_the_gearbox_down(wanted):
+    route = Route.straight(length=1500.0, grade=0.02, speed_limit=40.0)
+    profile = SpeedProfile(np.array([0.0, 1500.0]), np.array([wanted, wanted]))
+    rows, _ = drive(route, 0.0, 20.0, 5.0, 100.0, 20.0, profile=profile)
+    assert rows[:, SHIFT].max() == 0.0
+    assert rows[:, 5].max() > 0.6
