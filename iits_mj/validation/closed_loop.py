@@ -6,8 +6,10 @@ are the truck's own.
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,10 +117,14 @@ class Record:
         try:
             with np.load(path) as content:
                 names, table = tuple(content["columns"].tolist()), np.asarray(content["table"])
-        except (OSError, ValueError, KeyError) as error:
-            raise InputError(f"{str(path)!r} is no record of a drive: {error}") from error
-        if names != COLUMNS:
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error) as error:
+            raise InputError(
+                f"{str(path)!r} is no record of a drive: {error}; remove it to drive again"
+            ) from error
+        if names != COLUMNS or table.ndim != 2 or table.shape[1] != len(COLUMNS):
             raise InputError(f"{str(path)!r} holds other columns: remove it to drive again")
+        if len(table) < 2 or table.dtype.kind != "f" or not np.isfinite(table).all():
+            raise InputError(f"{str(path)!r} holds no drive: remove it to drive again")
         return cls(table)
 
 

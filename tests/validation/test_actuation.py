@@ -71,3 +71,22 @@ def test_a_file_that_is_no_record_is_refused_by_name(tmp_path):
     file.write_bytes(b"no archive")
     with pytest.raises(InputError, match=r"other\.npz"):
         Record.load(file)
+
+
+@pytest.mark.parametrize("kept", [0, 1, 60, 500])
+def test_a_record_that_was_cut_short_is_refused_by_name(tmp_path, kept):
+    file = tmp_path / "cut.npz"
+    record(5.0).save(file)
+    file.write_bytes(file.read_bytes()[:kept])
+    with pytest.raises(InputError, match=r"cut\.npz"):
+        Record.load(file)
+
+
+@pytest.mark.parametrize(
+    "table", [np.zeros(5), np.zeros((5, 3)), np.full((5, len(COLUMNS)), np.nan)]
+)
+def test_a_record_of_another_shape_or_without_numbers_is_refused(tmp_path, table):
+    file = tmp_path / "other.npz"
+    np.savez(file, columns=np.array(COLUMNS), table=table)
+    with pytest.raises(InputError, match="remove it to drive again"):
+        Record.load(file)
