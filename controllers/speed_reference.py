@@ -6,7 +6,6 @@ curves and distances by itself, whatever is asked for.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.surroundings import Neighbor
+from iits_mj.csv_table import read_columns
 from iits_mj.errors import InputError
 from iits_mj.messages import Scene, SpeedProfile
 
@@ -125,24 +125,12 @@ def read_profile(path: Path) -> SpeedProfile:
     """A profile from a CSV file with the columns station_m and speed_mps, as `iits-mj pcc` writes.
 
     Raises:
-      InputError: the file cannot be read, lacks a column, or `check_profile` refuses it.
+      InputError: the file cannot be read, lacks a column, holds what is no number (the message
+        names the row), or `check_profile` refuses it.
     """
-    name = f"speed profile {str(path)!r}"
-    try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            rows = list(csv.reader(line for line in stream if not line.startswith("#")))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{name} cannot be read: {error}") from error
-    header = [cell.strip().lower() for cell in rows[0]] if rows else []
-    found = [next((header.index(n) for n in names if n in header), -1) for names in _COLUMNS]
-    if min(found) < 0:
-        raise InputError(f"{name}: columns station_m and speed_mps are wanted, found {header[:12]}")
-    try:
-        table = np.array([[float(row[i]) for i in found] for row in rows[1:]]).reshape(-1, 2)
-    except (ValueError, IndexError) as error:
-        raise InputError(f"{name}: not a number in it: {error}") from error
-    profile = SpeedProfile(table[:, 0], table[:, 1])
-    check_profile(profile, name)
+    station, speed = read_columns(path, "speed profile", _COLUMNS)
+    profile = SpeedProfile(station, speed)
+    check_profile(profile, f"speed profile {str(path)!r}")
     return profile
 
 

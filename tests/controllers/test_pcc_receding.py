@@ -16,6 +16,7 @@ from controllers.pcc import (
     plan,
 )
 from controllers.pcc.flow import Flow, FlowConfig
+from controllers.pcc.schedule import make_schedule
 from controllers.pcc.solver import Solver
 from iits_mj.errors import InputError, PlanningError
 from iits_mj.messages import TrackedVehicle
@@ -171,6 +172,31 @@ def test_an_arrival_out_of_reach_is_missed_by_as_little_as_can_be():
         ROAD, PARAMETERS, 55_000.0, PccConfig(), PATIENT, Appointment(6_000.0, 330.0)
     )
     assert found.profile.speed.mean() > early.plan(0.0, 20.0, 0.0).profile.speed.mean() + 1.0
+
+
+@pytest.mark.parametrize("arrival", [700.0, 800.0, 900.0])
+def test_a_wanted_arrival_is_not_met_early_where_the_cheapest_drive_would_be(arrival):
+    # At the least price of a second this road takes 770 s, at v_min 960 s.
+    config = PccConfig(v_ref=16.67, v_min=12.5)
+    trip = Appointment(12_000.0, arrival, 16.0)
+    planner = RecedingPlanner(ROAD, PARAMETERS, 55_000.0, config, PATIENT, trip)
+    driven = drive(planner, 0.0, 12_000.0, 16.0, period=4.0)
+    assert set(driven.plans) <= {"optimal", "kept"}
+    arrived = float(np.interp(12_000.0, driven.station, driven.time))
+    assert arrived == pytest.approx(arrival, rel=0.01)
+
+
+def test_a_truck_is_held_back_by_a_price_below_zero_and_then_by_a_top_speed(planner):
+    config = PccConfig(v_ref=16.67, v_min=12.5)
+    prices, tops = [], []
+    for arrival in (650.0, 765.0, 850.0):
+        found = make_schedule(planner.vehicle, ROAD, config, 16.0, 0.0, arrival)
+        assert found.clock[-1] == pytest.approx(arrival, rel=2e-3)
+        prices.append(found.price)
+        tops.append(found.top)
+    assert prices[0] > 0.0 > prices[1] >= prices[2]
+    assert tops[0] == tops[1] == np.inf
+    assert 12.5 < tops[2] < 20.0
 
 
 # A vehicle ahead ----------------------------------------------------------------------------------
@@ -369,6 +395,34 @@ def test_on_the_roads_own_grid_its_limits_are_taken_as_they_stand(planner):
     assert np.array_equal(between, np.minimum(limit[10:111], limit[11:112]))
 
 
+@pytest.mark.parametrize("speed", [0.0, 1.0, 5.0])
+@pytest.mark.parametrize("limit", [0.8, 1.5, 1.99])
+def test_who_is_let_through_at_a_crawl_is_not_told_to_lack_power(speed, limit):
+    limits = np.full(241, 13.0)
+    limits[[2, 3, 20]] = limit
+    slow = RecedingPlanner(replace(LEVEL, v_limit=limits), PARAMETERS, receding=PATIENT)
+    found = slow.plan(0.0, speed, 0.0)
+    assert (found.status, found.reason) == ("optimal", "")
+    assert found.profile.at(1000.0) <= max(limit, 1.2) + 1e-6
+    assert found.profile.at(800.0) > 5.0
+
+
+def test_limits_that_change_make_a_new_plan_and_schedule_at_once(planner):
+    planner.plan(1000.0, 20.0, 0.0)
+    planner.trip.limit_by(lambda station: np.where((station > 1900) & (station < 3100), 10.0, 25.0))
+    try:
+        found = planner.plan(1020.0, 20.0, 1.0)
+        assert found.status == "optimal"
+        assert planner.trip.schedules == 2
+        inside = (planner.schedule.station > 1900.0) & (planner.schedule.station < 3100.0)
+        assert planner.schedule.speed[inside].max() <= 10.0 + 1e-6
+        assert found.profile.at(2500.0) <= 10.0 + 1e-6
+        planner.plan(1040.0, 20.0, 2.0)
+        assert planner.trip.schedules == 2
+    finally:
+        planner.trip.limits = None
+
+
 def test_a_standing_truck_gets_a_plan_to_start_with(planner):
     found = planner.plan(0.0, 0.0, 0.0)
     assert found.status == "optimal"
@@ -388,6 +442,27 @@ def test_numbers_that_are_not_finite_are_refused_by_name(planner):
         Leader(float("inf"), 10.0)
     with pytest.raises(InputError, match="appointment: time is nan"):
         Appointment(1000.0, float("nan"))
+
+
+@pytest.mark.parametrize(
+    ("state", "why"),
+    [
+        ((-500.0, 20.0, 0.0), "station -500 m is off the road"),
+        ((13_000.0, 20.0, 0.0), "station 13000 m is off the road, which goes from 0 to 12000"),
+        ((1000.0, 90.0, 0.0), "speed 90 m/s is no truck's"),
+        ((1000.0, 20.0, 0.0, Leader(990.0, 10.0)), "gap -10 m to the vehicle ahead"),
+        ((1000.0, 20.0, 0.0, None, -1.0), "flow is -1.0"),
+    ],
+)
+def test_states_that_cannot_be_are_refused_by_name(planner, state, why):
+    with pytest.raises(InputError, match=why):
+        planner.plan(*state)
+
+
+@pytest.mark.parametrize("mass", [0.0, -55_000.0, 6_000.0, 79_000.0, float("nan")])
+def test_masses_that_are_not_the_trucks_are_refused_by_name(mass):
+    with pytest.raises(InputError, match=f"mass {mass!r}"):
+        RecedingPlanner(LEVEL, PARAMETERS, mass)
 
 
 @pytest.mark.parametrize(

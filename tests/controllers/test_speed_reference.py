@@ -1,6 +1,7 @@
 """Who says how fast the truck would like to go: constant, profile, PCC in the stack."""
 
 import dataclasses
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -18,10 +19,20 @@ from controllers.speed_reference import (
     read_profile,
 )
 from controllers.stack import Stack
+from controllers.surroundings import Neighbor, Surroundings
 from iits_mj.errors import InputError, PlanningError
-from iits_mj.messages import Decision, EgoState, Scene, SpeedProfile, TrackedVehicle
+from iits_mj.messages import (
+    Decision,
+    EgoState,
+    RoadSignals,
+    Scene,
+    SpeedProfile,
+    SpeedZone,
+    TrackedVehicle,
+)
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
+from iits_mj.road.measured import Lanes, measured_route
 
 PARAMETERS = TruckParameters.load()
 PROFILE = SpeedProfile(np.array([0.0, 1000.0, 2000.0]), np.array([15.0, 20.0, 15.0]))
@@ -131,6 +142,99 @@ def test_a_slow_vehicle_ahead_slows_the_reference_but_not_what_a_change_can_gain
     assert watcher.speeds == [pytest.approx(16.0, abs=0.2)]
 
 
+def test_a_vehicle_on_a_bridge_above_is_nobody_to_follow(route):
+    point = route.evaluate(525.0, float(route.lane_offset(0, 525.0)))
+    slow = replace(vehicle(route, 525.0, 11.0), x=float(point.x), y=float(point.y))
+    speeds = []
+    for height in (0.5, 6.0):
+        reference = PccReference(route, PCC, PARAMETERS, RECEDING)
+        stack = stack_of(route, reference=reference)
+        stack.plan(Scene(0.0, ego(route), [replace(slow, z=float(point.z) + height)]))
+        speeds.append(stack.reference_speed(600.0))
+    assert speeds[0] < 15.0
+    assert speeds[1] == pytest.approx(16.0, abs=0.2)
+
+
+def test_the_traffics_table_is_made_once_a_cycle(route, monkeypatch):
+    made = []
+    count = Surroundings.__init__
+
+    def counted(self, *arguments, **settings):
+        made.append(self)
+        count(self, *arguments, **settings)
+
+    monkeypatch.setattr(Surroundings, "__init__", counted)
+    stack = stack_of(route, reference=PccReference(route, PCC, PARAMETERS, RECEDING))
+    stack.plan(Scene(0.0, ego(route), [vehicle(route, 525.0, 11.0)]))
+    assert len(made) == 1
+
+
+def test_a_launch_with_pcc_is_that_of_a_cruise(route):
+    speeds = []
+    for reference in (PccReference(route, PCC, PARAMETERS, RECEDING), CruiseReference(PCC.v_ref)):
+        stack = stack_of(route, reference=reference)
+        found = []
+        for speed in (0.0, 3.0, 6.0):
+            stack.reset()
+            found.append(stack.plan(Scene(0.0, ego(route, speed=speed))).speed[-1])
+        speeds.append(found)
+    assert speeds[0][0] > 2.0
+    assert speeds[0] == pytest.approx(speeds[1], abs=0.05)
+
+
+def test_zones_of_changing_signs_are_in_plan_and_schedule_while_they_hold(route):
+    reference = PccReference(route, PCC, PARAMETERS, RECEDING)
+    stack = stack_of(route, reference=reference)
+    stack.plan(Scene(0.0, ego(route)))
+    zones = RoadSignals(None, (SpeedZone(900.0, 1500.0, 9.0),))
+    stack.plan(Scene(1.0, ego(route, 516.0, time=1.0), signals=zones))
+    assert reference.last.status == "optimal"
+    assert reference.at(1200.0) <= 9.0 + 1e-6
+    assert float(reference.planner.schedule.speed_at(1200.0)) <= 9.0 + 1e-6
+    assert reference.at(2500.0) > 14.0
+    assert abs(reference.report().lag) < 1.0
+    stack.plan(Scene(2.0, ego(route, 532.0, time=2.0)))
+    assert reference.at(1200.0) == pytest.approx(16.0, abs=0.3)
+    assert reference.report().schedules == 3
+
+
+def test_a_zone_of_another_lane_is_not_the_trucks(route):
+    reference = PccReference(route, PCC, PARAMETERS, RECEDING)
+    zones = RoadSignals(None, (SpeedZone(900.0, 1500.0, 9.0, lane=1),))
+    stack_of(route, reference=reference).plan(Scene(0.0, ego(route), signals=zones))
+    assert reference.at(1200.0) == pytest.approx(16.0, abs=0.3)
+
+
+def test_plans_keep_the_bends_as_the_trajectory_planner_drives_them():
+    station = np.arange(0.0, 3001.0, 5.0)
+    curvature = np.interp(station, [1000.0, 1040.0, 1140.0, 1180.0], [0.0, 1.0, 1.0, 0.0]) / 80.0
+    flat = np.zeros(station.size)
+    bend = measured_route(station, flat, curvature=curvature, lanes=Lanes(2, 4.0, 22.0))
+    reference = PccReference(bend, PCC, PARAMETERS, RECEDING)
+    stack = stack_of(bend, reference=reference)
+    stack.plan(Scene(0.0, ego(bend, mass=55_000.0)))
+    bearable = math.sqrt(stack.planner.config.speed.curve_acceleration * 80.0)
+    assert reference.at(1100.0) <= bearable + 0.1
+    assert reference.at(1100.0) > 0.9 * bearable
+    # It is come down to as the trajectory planner does, and left again.
+    assert reference.at(900.0) > bearable + 2.0
+    assert float(reference.planner.schedule.speed_at(1100.0)) <= bearable + 0.1
+    assert reference.at(2000.0) > 14.0
+
+
+def test_impossible_neighbors_and_masses_are_refused_by_name(route):
+    reference = PccReference(route, PCC, PARAMETERS, RECEDING)
+    scene = Scene(0.0, ego(route))
+    with pytest.raises(InputError, match="gap -30 m"):
+        reference.update(scene, lambda: Neighbor(vehicle(route, 525.0, 11.0), -30.0))
+    reference.reset()
+    beside = Neighbor(vehicle(route, 525.0, 11.0), -2.0)
+    assert reference.update(scene, lambda: beside).speed.size > 10
+    reference.reset()
+    with pytest.raises(InputError, match=r"mass -5\.0 kg"):
+        reference.update(Scene(0.0, ego(route, mass=-5.0)), lambda: None)
+
+
 def test_the_trajectory_stays_the_safety_layer_behind_a_standing_vehicle(route):
     reference = PccReference(route, PCC, PARAMETERS, RECEDING)
     stack = stack_of(route, reference=reference)
@@ -187,13 +291,20 @@ def test_a_written_profile_is_read_back(tmp_path):
     assert found.speed.tolist() == [15.0, 16.5]
 
 
+def test_a_byte_order_mark_and_empty_rows_do_a_profile_no_harm(tmp_path):
+    path = tmp_path / "speed.csv"
+    path.write_text("\ufeffstation_m,speed_mps\n\n0,15\n50,16.5\n\n,\n", encoding="utf-8")
+    assert read_profile(path).speed.tolist() == [15.0, 16.5]
+
+
 @pytest.mark.parametrize(
     ("text", "why"),
     [
         ("", "columns"),
         ("a,b\n1,2\n3,4\n", "columns"),
-        ("station_m,speed_mps\n1,2\n", "two rows"),
-        ("station_m,speed_mps\n1,x\n2,3\n", "not a number"),
+        ("station_m,speed_mps\n1,2\n", "2 rows"),
+        ("station_m,speed_mps\n1,x\n2,3\n", "not a number in row 1"),
+        ("station_m,speed_mps\n1,15\n2,15\n3,x\n", "not a number in row 3"),
         ("station_m,speed_mps\n1\n2,3\n", "not a number"),
         ("station_m,speed_mps\n1,nan\n2,3\n", "finite"),
         ("station_m,speed_mps\n2,15\n1,15\n", "rise"),

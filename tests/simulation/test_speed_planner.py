@@ -13,7 +13,8 @@ from iits_mj.errors import InputError
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
 from iits_mj.simulation import DriveConfig, Simulation, Telemetry
-from iits_mj.simulation.parts import make_reference
+from iits_mj.simulation.parts import make_reference, make_stack
+from iits_mj.simulation.speed_report import speed_object
 
 PARAMETERS = TruckParameters.load()
 
@@ -58,6 +59,24 @@ def test_a_reference_speed_outside_its_band_is_refused(route: Route, band: dict)
 def test_a_band_is_of_pcc_only(route: Route) -> None:
     with pytest.raises(InputError, match="speed-planner pcc"):
         reference(route, speed_planner="cruise", speed_min=12.0)
+
+
+@pytest.mark.parametrize("band", [{"speed_min": 15.0}, {"speed_max": 20.0}])
+def test_a_band_beside_a_profile_is_refused(route: Route, tmp_path: Path, band: dict) -> None:
+    file = profile(tmp_path / "speed.csv", 0.0, 900.0)
+    with pytest.raises(InputError, match="leave them out"):
+        reference(route, speed_profile=file, **band)
+
+
+def test_json_tells_why_a_cruise_is_driven_where_pcc_was_wanted() -> None:
+    short = Route.straight(length=150.0)
+    found = {}
+    for planner in ("pcc", "cruise"):
+        config = DriveConfig(speed_planner=planner, speed=15.0)
+        found[planner] = speed_object(make_stack(config, short, PARAMETERS))
+    assert found["pcc"]["speed_planner"]["fallback"] == "cruise"
+    assert "too short" in found["pcc"]["speed_planner"]["reason"]
+    assert found["cruise"] == {}
 
 
 def test_a_profile_of_another_road_is_refused(route: Route, tmp_path: Path) -> None:
