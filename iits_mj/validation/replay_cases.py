@@ -12,52 +12,42 @@ from controllers.pcc.planner import PccConfig
 from controllers.pcc.profile import RoadProfile
 from controllers.speed_plan import SpeedConfig
 from iits_mj.road import RoadMap, Route
-from iits_mj.road.measured import Lanes, measured_route, route_from_csv
+from iits_mj.road.measured import Lanes, measured_route
 from iits_mj.units import KMH
 from iits_mj.validation.closed_loop import Task
 from iits_mj.validation.config import ValidateConfig
+from iits_mj.validation.pcc_savings import BAND, MPH, PAPER_LENGTH, STEP
 from iits_mj.validation.replay_drives import RUN_IN, RUN_OUT, Case
-from iits_mj.validation.road_files import (
-    CYCLE_55,
-    CYCLE_65,
-    PAPER_PLAN_VIEW,
-    PAPER_ROAD,
-    find_road,
-)
+from iits_mj.validation.road_files import CYCLE_55, CYCLE_65, PAPER_ROAD, find_road
 
-PAPER_LENGTH = 15_000.0
-PAPER_SPEED = 72.0 * KMH
-# The speed limiter of heavy trucks in the European Union, directive 92/6/EEC.
-LIMITER = 90.0 * KMH
-_LEAST = 45.0 * KMH
-_STEP = 50.0
+# A band beyond the speed limiter, for trucks that have none.
+_BEYOND = 100.0 * KMH
 # On the cycles: 5 mph above and 15 mph below the cycle's speed.
-_MPH = 0.44704
-_ABOVE, _BELOW = 5.0 * _MPH, 15.0 * _MPH
+_ABOVE, _BELOW = 5.0 * MPH, 15.0 * MPH
 # Of a route beyond the measured stretch: the planner stops before a road's end in sight [m].
 _LEFT = 600.0
 # The limits are the planner's affair, not the road's, where it is a bare profile [m/s].
 _UNLIMITED = 40.0
-ADAPTIVE = {"gearbox": {"shift_strategy": "adaptive"}}
 LADEN, EMPTY = 36_000.0, 0.0
 
 
 def paper_case(
     config: ValidateConfig,
-    v_set: float = PAPER_SPEED,
+    settings: PccConfig = BAND,
     payload: float = LADEN,
-    length: float = PAPER_LENGTH,
     timestep: float = Task.timestep,
 ) -> Case | None:
-    """The paper's road; None where its file is not at hand."""
+    """The paper's road at a set or a mean speed; None where its file is not at hand."""
     path = find_road(config, PAPER_ROAD)
     if path is None:
         return None
-    road = RoadProfile.from_csv(path, _STEP, length)
+    road = RoadProfile.from_csv(path, STEP, PAPER_LENGTH)
     # The truck drives the measured heights every 10 m, the planner sees every fifth.
-    fine = RoadProfile.from_csv(path, 10.0, length + 200.0)
-    settings = PccConfig(v_ref=v_set, v_min=_LEAST, v_max=LIMITER)
-    return _bare("the paper's road", road, fine, settings, payload, timestep)
+    fine = RoadProfile.from_csv(path, 10.0, PAPER_LENGTH + 200.0)
+    kind = "mean" if settings.mean_speed else "set"
+    speeds = f"{settings.v_ref / KMH:.0f} km/h {kind}, up to {settings.v_max / KMH:.0f}"
+    case = _bare(f"the paper's road, {speeds}", road, fine, settings, payload, timestep)
+    return dataclasses.replace(case, paper=payload == LADEN)
 
 
 def cycle_case(config: ValidateConfig, name: str, payload: float = LADEN) -> Case | None:
@@ -65,7 +55,7 @@ def cycle_case(config: ValidateConfig, name: str, payload: float = LADEN) -> Cas
     path = find_road(config, name)
     if path is None:
         return None
-    cycle = read_cycle(path, _STEP)
+    cycle = read_cycle(path, STEP)
     settings = PccConfig(v_ref=cycle.speed, v_min=cycle.speed - _BELOW, v_max=cycle.speed + _ABOVE)
     title = {CYCLE_55: "EPA GEM 55 mph", CYCLE_65: "EPA GEM 65 mph"}.get(name, name)
     return _bare(title, cycle.road, cycle.road, settings, payload, Task.timestep)
@@ -78,23 +68,12 @@ def highway_case(
     return _along(RoadMap.builtin().route(), "our highway", payload, length, timestep)
 
 
-def site_case(config: ValidateConfig, payload: float = LADEN) -> Case | None:
-    """The test site of the paper with its bends, another stretch of road; None without the file."""
-    path = find_road(config, PAPER_PLAN_VIEW)
-    if path is None:
-        return None
-    route = route_from_csv(path, Lanes(speed_limit=_UNLIMITED))
-    return _along(route, "the paper's test site with its bends", payload)
-
-
-def hill_case(length: float, timestep: float) -> Case:
-    """A crest of 2 %, for the quick form."""
+def valley_case(length: float, timestep: float, depth: float = 0.04) -> Case:
+    """Down and up again, for the quick form."""
     fine = np.arange(0.0, length + 1.0, 10.0)
-    road = RoadProfile.from_heights(
-        fine, 0.02 * (length - fine) * fine / length, _STEP, name="crest"
-    )
-    settings = PccConfig(v_ref=PAPER_SPEED, v_min=_LEAST, v_max=LIMITER)
-    return _bare("a crest", road, road, settings, EMPTY, timestep)
+    height = -depth * (length - fine) * fine / length
+    road = RoadProfile.from_heights(fine, height, STEP, name="valley")
+    return _bare("a valley", road, road, BAND, EMPTY, timestep)
 
 
 def full_cases(config: ValidateConfig) -> list[Case]:
@@ -102,17 +81,15 @@ def full_cases(config: ValidateConfig) -> list[Case]:
 
     With a payload named in the config only the cases with that load.
     """
-    paper = paper_case(config)
+    mean = dataclasses.replace(BAND, mean_speed=True)
     cases = [
-        paper,
-        None
-        if paper is None
-        else dataclasses.replace(paper, name="the paper's road, gears by load", overlay=ADAPTIVE),
+        paper_case(config),
+        paper_case(config, mean),
+        paper_case(config, dataclasses.replace(mean, v_max=_BEYOND)),
         paper_case(config, payload=EMPTY),
         highway_case(),
         cycle_case(config, CYCLE_55),
         cycle_case(config, CYCLE_65),
-        site_case(config),
     ]
     step = Task.timestep if config.timestep is None else config.timestep
     wanted = [case for case in cases if case is not None]
@@ -131,10 +108,9 @@ def _along(
     """A route with its limits and curves, from behind the run-in to before its end."""
     wanted = route.length - RUN_IN - _LEFT if length is None else length
     road = RoadProfile.from_route(
-        route, RUN_IN, wanted, _STEP, lateral_acceleration=SpeedConfig.curve_acceleration
+        route, RUN_IN, wanted, STEP, lateral_acceleration=SpeedConfig.curve_acceleration
     )
-    settings = PccConfig(v_ref=PAPER_SPEED, v_min=_LEAST, v_max=LIMITER)
-    return Case(name, route, road, 0.0, settings, payload, timestep)
+    return Case(name, route, road, 0.0, BAND, payload, timestep)
 
 
 def _bare(

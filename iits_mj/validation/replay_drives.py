@@ -1,8 +1,9 @@
 """One road, one truck: the cruise and the fuel-optimal plan, both driven on the MuJoCo truck.
 
-The cruise is driven first. Its trip time is the plan's, its speeds at both ends as well, and its
-climbing power is what the plan counts on. The plan's time budget is then corrected until the
-*driven* trip times agree: gear changes, which the planner does not know, cost some time.
+The cruise is driven first, for a wanted mean speed once more with a better set speed. Its trip time
+is the plan's, its speeds at both ends as well, and it tells what power the plan counts on. The
+plan's time budget is then corrected until the *driven* trip times agree: gear changes, which the
+planner does not know, cost some time. What differs in the end is priced by the plan's multipliers.
 """
 
 from __future__ import annotations
@@ -19,25 +20,27 @@ from controllers.pcc.fuel import FuelMap
 from controllers.pcc.planner import Drive, PccConfig, evaluate, make_vehicle
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.refine import on_finer_road
-from controllers.pcc.schedule import Schedule, level_worth, make_schedule
+from controllers.pcc.schedule import Schedule, make_schedule
 from controllers.pcc.vehicle import PointMass
 from iits_mj.errors import InputError
 from iits_mj.messages import SpeedProfile
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from iits_mj.validation.closed_loop import CONTROL_PERIOD, Record, Task, drive
+from iits_mj.validation.closed_loop import Record, Task, drive
+from iits_mj.validation.replay_match import mean_gained, set_speed, with_power_of
 
 FloatArray = NDArray[np.float64]
 
 # Way before the measured stretch, for the engine to take up the truck [m], and after it [m].
 RUN_IN, RUN_OUT = 300.0, 30.0
 _START = 100.0
+# From the set speed of the run-in to the plan's first [m].
+_ONSET = 1.0
 # Trip times agree when they differ by less [1]; so many drives at most. A gear change more or less
 # makes the driven time jump by a second or two, so that the correction may need some tries.
 TIME_TOLERANCE, DRIVES = 9e-4, 5
-_FLOORED = 0.99
-# Time in which the engine's torque builds up, and climbing that is needed to judge [s].
-_BUILD_UP, _CLIMBING = 6.0, 30.0
+# Mean speeds that are as good as the wanted one [1], and drives to find the set speed for it.
+MEAN_TOLERANCE, MEAN_DRIVES = 1e-3, 2
 _GRID = 10.0
 
 
@@ -48,8 +51,10 @@ class Case:
     Attributes:
       name: for reports; route: the road; road: the same for the planner, its stations counted from
         `origin` on the route [m].
-      config: set speed and band; payload: [kg]; timestep: of the physics [s].
+      config: set speed and band, with `mean_speed` the set speed is to be found; payload: [kg].
+      timestep: of the physics [s].
       overlay: of the truck's parameters, such as another strategy of gear changes.
+      paper: whether the paper's saving is to be reached on it.
     """
 
     name: str
@@ -60,6 +65,7 @@ class Case:
     payload: float = 36_000.0
     timestep: float = 0.002
     overlay: dict[str, dict[str, str]] = dataclasses.field(default_factory=dict)
+    paper: bool = False
 
     @property
     def first(self) -> float:
@@ -112,13 +118,15 @@ class Replay:
     """Cruise and plan on the truck, and what the optimizer expected.
 
     Attributes:
-      case: what was compared; vehicle: the planner's point mass, with the truck's climbing power.
+      case: what was compared; vehicle: the planner's point mass, with the truck's power on climbs.
+      vehicle_max: the same with the engine's greatest power.
       schedule: the plan; cruise, plan: both trips.
       model_cruise, model_plan: the planner's figures for the speeds that the truck drove.
     """
 
     case: Case
     vehicle: PointMass
+    vehicle_max: PointMass
     schedule: Schedule
     cruise: Trip
     plan: Trip
@@ -127,38 +135,57 @@ class Replay:
 
     @property
     def speed_worth(self) -> float:
-        """Fuel that the plan's greater speed at the end is worth, less that at its start [kg]."""
-        worth = level_worth(self.vehicle, self.cruise.end_speed)
+        """Fuel that the plan's greater speed at the end is worth, less that at its start [kg].
+
+        By the optimum's costate of v^2 on this road, at equal trip time.
+        """
+        worth = self.schedule.worth
         ends = self.plan.end_speed**2 - self.cruise.end_speed**2
         starts = self.plan.start_speed**2 - self.cruise.start_speed**2
-        return worth * (ends - starts)
+        return float(worth[-1] * ends - worth[0] * starts)
+
+    @property
+    def time_worth(self) -> float:
+        """Fuel that the plan saved by its longer trip time, at the optimum's price [kg]."""
+        return self.schedule.price * (self.plan.time - self.cruise.time)
+
+    @property
+    def raw_saving(self) -> float:
+        """Of the plan against the cruise by the meter alone [1]."""
+        return 1.0 - self.plan.fuel / self.cruise.fuel
 
     @property
     def saving(self) -> float:
-        """Of the plan against the cruise, kinetic energy corrected [1]."""
-        return 1.0 - (self.plan.fuel - self.speed_worth) / self.cruise.fuel
+        """The same with end speeds and trip time made equal by what they are worth [1]."""
+        return 1.0 - (self.plan.fuel - self.speed_worth + self.time_worth) / self.cruise.fuel
 
 
-def run(case: Case, folder: Path | None = None, drives: int = DRIVES) -> Replay:
+def run(
+    case: Case, folder: Path | None = None, drives: int = DRIVES, known: PointMass | None = None
+) -> Replay:
     """Drives the cruise and the plan; finished drives in `folder` are taken from there.
 
     Args:
       case: what is compared.
       folder: for finished drives.
       drives: of the plan, at most, until the trip times agree.
+      known: point mass of this truck with its power on climbs, to guess a set speed by.
 
     Raises:
       InputError: the truck does not get to the end.
       PlanningError: the plan has no solution.
     """
-    config = case.config
-    cruise = Trip.of(_driven(case, None, folder), case)
     parameters = case.parameters()
     fuel_map = FuelMap(parameters)
     mass = parameters.gross_mass(case.payload)
-    vehicle = make_vehicle(parameters, fuel_map, mass, config)
-    power = min(climbing_power(cruise.record, vehicle.power_max), vehicle.power_max)
-    vehicle = dataclasses.replace(vehicle, power_max=power)
+    strongest = make_vehicle(parameters, fuel_map, mass, case.config)
+    if case.config.mean_speed:
+        case = _at_mean_speed(case, known or strongest, folder)
+    config = case.config
+    cruise = Trip.of(_driven(case, None, folder), case)
+    vehicle = with_power_of(
+        strongest, case.road, cruise.record, config.v_ref, cruise.start_speed, cruise.time
+    )
     budget, best = cruise.time, None
     for _ in range(drives):
         schedule = make_schedule(
@@ -182,6 +209,7 @@ def run(case: Case, folder: Path | None = None, drives: int = DRIVES) -> Replay:
     return Replay(
         case,
         vehicle,
+        strongest,
         schedule,
         cruise,
         plan,
@@ -190,26 +218,30 @@ def run(case: Case, folder: Path | None = None, drives: int = DRIVES) -> Replay:
     )
 
 
-def climbing_power(record: Record, otherwise: float) -> float:
-    """Mean engine power on climbs: accelerator floored, torque built up [W]; `otherwise` without.
-
-    The gearbox shifts down at some 1200 rpm, not at the engine's greatest power, so that a climb is
-    driven with less than that.
-    """
-    pulling = (record["pedal"] >= _FLOORED) & (record["shift"] == 0.0)
-    # The last sample at which it did not pull: so long ago the torque has built up.
-    rows = np.arange(pulling.size)
-    since = rows - np.maximum.accumulate(np.where(pulling, 0, rows))
-    built_up = since * CONTROL_PERIOD > _BUILD_UP
-    if np.count_nonzero(built_up) * CONTROL_PERIOD < _CLIMBING:
-        return otherwise
-    return float(np.mean((record["engine_torque"] * record["engine_speed"])[built_up]))
+def _at_mean_speed(case: Case, vehicle: PointMass, folder: Path | None) -> Case:
+    """The case with the set speed for which the *truck's* mean is v_ref: guess, drive, correct."""
+    config, road = case.config, case.road
+    wanted = config.v_ref
+    v_set = set_speed(vehicle, road, wanted, config.v_max)
+    best, least = case, np.inf
+    for _ in range(MEAN_DRIVES):
+        found = dataclasses.replace(config, v_ref=v_set, mean_speed=False)
+        tried = dataclasses.replace(case, config=found)
+        mean = road.length / Trip.of(_driven(tried, None, folder), tried).time
+        if abs(mean - wanted) < least:
+            best, least = tried, abs(mean - wanted)
+        if least <= MEAN_TOLERANCE * wanted:
+            break
+        v_set += (wanted - mean) / mean_gained(vehicle, road, v_set)
+        v_set = min(max(v_set, config.v_min), config.v_max)
+    return best
 
 
 def reference_profile(case: Case, vehicle: PointMass, schedule: Schedule) -> SpeedProfile:
-    """The plan over the route's stations every 10 m; beyond its ends the speed there is kept.
+    """The plan over the route's stations every 10 m; beyond its end the speed there is kept.
 
-    Between the plan's nodes its forces are held, on the heights that the truck drives.
+    Between the plan's nodes its forces are held, on the heights that the truck drives. The run-in
+    is the cruise's, at the set speed: truck, engine and gearbox begin the plan as they do that.
     """
     road = case.road
     count = round(road.length / _GRID)
@@ -227,7 +259,11 @@ def reference_profile(case: Case, vehicle: PointMass, schedule: Schedule) -> Spe
         road.name,
     )
     speed = on_finer_road(vehicle, road, schedule.speed, fine, case.config.v_max)
-    return SpeedProfile(case.origin + station, speed)
+    begin = case.origin + station[0]
+    return SpeedProfile(
+        np.concatenate([[begin - RUN_IN, begin - _ONSET], case.origin + station]),
+        np.concatenate([[case.config.v_ref, case.config.v_ref], speed]),
+    )
 
 
 def _lower_limits(road: RoadProfile, station: FloatArray) -> FloatArray:
@@ -266,7 +302,7 @@ def _file_name(case: Case, profile: SpeedProfile | None) -> str:
     if profile is not None:
         digest.update(profile.station.tobytes() + profile.speed.tobytes())
     kind = "cruise" if profile is None else "plan"
-    plain = "".join(c if c.isalnum() else "_" for c in case.name)
+    plain = "".join(c if c.isalnum() else "_" for c in case.road.name)
     return f"{plain}_{kind}_{digest.hexdigest()[:12]}.npz"
 
 
