@@ -17,6 +17,8 @@ does as long as waiting does not pay (`f0 + price > f2 P^2` off the limits of po
 optimum is itself a plan: then that plan is the global optimum. Where waiting would pay it is held
 by `t <= ds (c(b[k]) + c(b[k+1])) / 2`, with c the chord of `1 / sqrt(b)` over the bounds of b.
 Every plan keeps to that too: a harmonic mean is at most the arithmetic one, a chord lies above.
+The bounds of b are first narrowed to what full power leaves: the fastest drive there is, and the
+slowest from which the least speeds ahead can still be reached.
 
 The number is a bound even if the relaxed problem is solved inexactly. With multipliers y >= 0 the
 Lagrangian L(x, y) is at most the cost for every feasible x; it is convex in x, so it lies above its
@@ -38,6 +40,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.pcc.feasibility import enough_speeds, require_feasible
 from controllers.pcc.solver import Answer, Task, with_room
 from controllers.pcc.vehicle import PointMass
 from iits_mj.errors import PlanningError
@@ -45,6 +48,7 @@ from iits_mj.errors import PlanningError
 FloatArray = NDArray[np.float64]
 # Units inside the solver: b [m2/s2], E [J], t [s], cost [kg].
 _B, _E, _T, _COST = 400.0, 3e5, 2.5, 0.1
+_ROUNDING = 1e-7  # of v^2, relative
 _AT_LIMIT = 1e-3  # relative; a multiplier where there is none is found to be zero
 
 
@@ -77,7 +81,7 @@ def lower_bound(vehicle: PointMass, task: Task) -> LowerBound:
     """Lower bound on the cost of the task; use `replace(task, k_a=0.0)` for that on the fuel.
 
     Raises:
-      PlanningError: the bounds of the task contradict each other, or a speed of it may be zero.
+      PlanningError: no drive keeps to the task, or a speed of it may be zero.
     """
     began = time.perf_counter()
     if not (np.isfinite(task.b_high).all() and task.b_low.min() > 0.0):
@@ -151,7 +155,12 @@ class _Relaxation:
         vehicle, task = self.vehicle, self.task = with_room(vehicle, task)
         self.step = task.road.step
         self.slope = vehicle.slope_force(task.road.grade)
-        low, high = np.maximum(task.b_low, 1e-6), np.maximum(task.b_high, task.b_low)
+        # No drive is faster than full power makes it, nor so slow that it misses a least speed
+        # ahead: the narrower the box, the closer the chord.
+        fastest = require_feasible(vehicle, task) ** 2 * (1.0 + _ROUNDING)
+        slowest = enough_speeds(vehicle, task.road, np.sqrt(task.b_low), np.sqrt(fastest)) ** 2
+        low = np.maximum(task.b_low, slowest * (1.0 - _ROUNDING))
+        high = np.maximum(np.minimum(task.b_high, fastest), low)
         t_low, t_high = self.least_time(high), self.least_time(low)
         self.b_box = (low, high)
         self.t_box = (t_low, t_high)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.pcc.profile import RoadProfile
 from controllers.pcc.vehicle import PointMass, brakeable, durations, fastest_below
 from iits_mj.errors import PlanningError
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from controllers.pcc.solver import Task
 
 FloatArray = NDArray[np.float64]
+_HALVINGS = 40
 _SLACK = 1e-6  # [m2/s2] and relative: rounding of the passes themselves
 
 
@@ -62,6 +64,43 @@ def require_feasible(vehicle: PointMass, task: Task) -> FloatArray:
         )
     _require_time(vehicle, task, high, fastest)
     return fastest
+
+
+def enough_speeds(
+    vehicle: PointMass, road: RoadProfile, low: FloatArray, fastest: FloatArray
+) -> FloatArray:
+    """Least node speeds (n + 1,) from which full power still reaches all least speeds ahead.
+
+    Args:
+      vehicle: the truck.
+      road: with n intervals.
+      low: least speeds, shape (n + 1,).
+      fastest: greatest speeds of any drive, shape (n + 1,), at least `low`.
+    """
+    push, half = vehicle.inertial_mass / (2.0 * road.step), 0.5 * vehicle.drag
+    work = 2.0 * vehicle.efficiency * vehicle.power_max
+    slope = vehicle.slope_force(road.grade)
+
+    def missing(k: int, v: float, w: float) -> float:
+        """Force that full power lacks to come from v to w in interval k [N]."""
+        return float((push + half) * w * w + (half - push) * v * v + slope[k] - work / (v + w))
+
+    speed = np.array(low, dtype=float)
+    lacks = (push + half) * low[1:] ** 2 + (half - push) * low[:-1] ** 2 + slope
+    for last in np.flatnonzero(lacks > work / (low[1:] + low[:-1]))[::-1]:
+        for k in range(int(last), -1, -1):
+            w, below, above = float(speed[k + 1]), float(speed[k]), float(fastest[k])
+            if missing(k, below, w) <= 0.0:
+                break
+            # Halving keeps to the side from which w is not reached: never more than is needed.
+            for _ in range(_HALVINGS):
+                middle = 0.5 * (below + above)
+                if missing(k, middle, w) > 0.0:
+                    below = middle
+                else:
+                    above = middle
+            speed[k] = below
+    return speed
 
 
 def _require_time(vehicle: PointMass, task: Task, high: FloatArray, fastest: FloatArray) -> None:

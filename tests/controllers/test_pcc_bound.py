@@ -7,10 +7,11 @@ import pytest
 
 from controllers.pcc import PccConfig, RoadProfile
 from controllers.pcc.bound import _Relaxation, certificate, lower_bound
+from controllers.pcc.feasibility import enough_speeds
 from controllers.pcc.fuel import FuelMap
 from controllers.pcc.planner import lower_speeds, make_vehicle
 from controllers.pcc.solver import Solver, Task
-from controllers.pcc.vehicle import cruise, durations, full_power_speed
+from controllers.pcc.vehicle import cruise, durations, fastest_below, full_power_speed
 from iits_mj.errors import PlanningError
 from iits_mj.parameters import TruckParameters
 
@@ -203,3 +204,37 @@ def test_bound_is_below_the_plan_on_a_level_road_too_where_both_are_the_same(k_a
     total = cost(vehicle, task, answer.speed)
     for bound in (certificate(vehicle, task, answer), lower_bound(vehicle, task).cost):
         assert total * (1.0 - 1e-5) < bound <= total
+
+
+def climb_task():
+    """A climb that full power does not take at the least speed, which is to be kept around it."""
+    grade = np.concatenate([np.zeros(40), np.full(24, 0.05), np.full(56, -0.01)])
+    height = np.concatenate([[0.0], np.cumsum(50.0 * grade)])
+    road = RoadProfile(50.0 * np.arange(121), height, np.full(121, np.inf), "climb")
+    vehicle, task, base = task_on(road)
+    fastest = full_power_speed(vehicle, road, 20.0, np.full(121, 25.0))
+    low = lower_speeds(fastest, 15.5) ** 2
+    low[[0, -1]] = task.b_low[[0, -1]]
+    return vehicle, replace(task, b_low=low, b_high=np.maximum(task.b_high, low)), base, fastest
+
+
+def test_a_plan_that_must_be_back_in_its_band_after_a_climb_is_certified():
+    vehicle, task, base, _ = climb_task()
+    answer = Solver(vehicle, task.road.intervals, task.road.step).solve(task, base)
+    assert -1e-9 < lower_bound(vehicle, task).gap(cost(vehicle, task, answer.speed)) < 5e-4
+
+
+def test_from_below_the_least_enough_speed_full_power_misses_one_ahead():
+    vehicle, task, _, fastest = climb_task()
+    low = np.sqrt(task.b_low)
+    enough = enough_speeds(vehicle, task.road, low, fastest)
+    raised = np.flatnonzero(enough[:-1] > low[:-1] + 1e-3)
+    assert raised.size > 5
+    for k in raised:
+        for share, reached in ((1.001, True), (0.999, False)):
+            rest = task.road.part(k, 4) if k + 4 <= task.road.intervals else None
+            if rest is None:
+                continue
+            cap = np.append((share * enough[k]) ** 2, np.full(4, 900.0))
+            speed = fastest_below(vehicle, rest, cap)
+            assert (speed[1:] >= enough[k + 1 : k + 5] - 1e-6).all() == reached
