@@ -14,11 +14,13 @@ import numpy as np
 
 from controllers.lane_change import lateral_limit, quintic_back, quintic_change
 from controllers.lateral_limits import RollMargin
+from controllers.pull_out import blocker, way_past
 from controllers.quintic import Quintic
 from controllers.road_preview import LanePath, RoadPreview
 from controllers.safety import conflict
 from controllers.surroundings import Surroundings
 from iits_mj.messages import Decision, EgoState, PlanMode, Scene
+from iits_mj.parameters import TruckParameters
 
 if TYPE_CHECKING:
     from controllers.planner_config import PlannerConfig
@@ -30,13 +32,17 @@ _SAMPLE = 15.0
 
 @dataclass(slots=True)
 class Change:
-    """A lane change under way: direction, the lane it left, its size [m], given up or not."""
+    """A lane change under way: direction, the lane it left, its size [m], given up or not.
+
+    `pull_out`: from low speed, past somebody who stands.
+    """
 
     direction: Decision
     origin_offset: float
     size: float
     aborted: bool = False
     mandatory: bool = False
+    pull_out: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +71,11 @@ class Maneuver:
       change: under way, or None; residual: offset from the path, or None for none.
     """
 
-    def __init__(self, preview: RoadPreview, config: PlannerConfig) -> None:
+    def __init__(
+        self, preview: RoadPreview, config: PlannerConfig, parameters: TruckParameters
+    ) -> None:
         self.preview = preview
+        self._parameters = parameters
         self.config = config
         self.reset()
 
@@ -84,6 +93,12 @@ class Maneuver:
         if self.change is None:
             return PlanMode.LANE_KEEPING
         return PlanMode.ABORT if self.change.aborted else PlanMode.LANE_CHANGE
+
+    @property
+    def pulls_out_until(self) -> float:
+        """Station up to which the truck pulls out slowly [m]; minus infinity when it does not."""
+        pulls_out = self.change is not None and self.change.pull_out and self.residual is not None
+        return self.residual.end if pulls_out and self.residual is not None else -math.inf
 
     def lane(self, ego: EgoState) -> int:
         """Index of the lane being kept or changed to."""
@@ -179,14 +194,22 @@ class Maneuver:
         if wanted is Decision.KEEP:
             return Step(path)
         forced = must is not Decision.KEEP
-        target, why = self._target(scene, path, wanted, forced)
+        slow = scene.ego.speed < self.config.change.speed_min and not forced
+        pull_out = slow and blocker(surroundings, path, self.config.pull_out, 60.0) is not None
+        target, why = self._target(scene, path, wanted, forced, pull_out)
         unsafe = False
         if target is not None and not why:
             here = float(np.interp(scene.ego.station, target.station, target.speed_limit))
             limit = self.config.safety.unlimited_speed if math.isinf(here) else here
             why = conflict(surroundings, target, self.config.safety, limit=limit) or ""
             unsafe = bool(why)
-        if target is not None and not why:
+        if target is not None and not why and pull_out:
+            why = self._pull_out(surroundings, path, target, wanted)
+            if not why:
+                who = blocker(surroundings, path, self.config.pull_out, 60.0)
+                name = who.vehicle.id if who is not None else "who stands there"
+                return Step(target, f"pulling out past {name}")
+        elif target is not None and not why:
             why = self._begin(scene.ego, path, target, wanted, top, margin, forced)
             if not why:
                 return Step(target, f"changing to the {wanted.name.lower()}")
@@ -227,8 +250,26 @@ class Maneuver:
         self.change = Change(wanted, origin, abs(size), mandatory=forced)
         return ""
 
+    def _pull_out(
+        self, surroundings: Surroundings, path: LanePath, target: LanePath, wanted: Decision
+    ) -> str:
+        """Takes up the way past somebody who stands; else says why there is none."""
+        ego = surroundings.scene.ego
+        planned, slope, bend = self._state(ego)
+        size = planned + float(path.driven_at(ego.station)) - float(target.driven_at(ego.station))
+        state = size, slope, bend
+        config = self.config.pull_out
+        found = way_past(surroundings, self.preview, self._parameters, target, state, config)
+        if found is None:
+            return "tractor and trailer do not get past who stands ahead"
+        self.residual = found
+        origin = float(path.offset_at(ego.station))
+        self._middle = float(target.offset_at(ego.station))
+        self.change = Change(wanted, origin, abs(size), pull_out=True)
+        return ""
+
     def _target(
-        self, scene: Scene, path: LanePath, wanted: Decision, forced: bool
+        self, scene: Scene, path: LanePath, wanted: Decision, forced: bool, pull_out: bool
     ) -> tuple[LanePath | None, str]:
         """Path of the wanted lane and why it may not be taken, apart from traffic."""
         ego, change = scene.ego, self.config.change
@@ -237,7 +278,7 @@ class Maneuver:
             return None, f"there is no lane to the {wanted.name.lower()}"
         if not forced and lane not in self.config.lanes:
             return None, f"lane {lane} is not one the truck may use"
-        if ego.speed < change.speed_min and not forced:
+        if ego.speed < change.speed_min and not forced and not pull_out:
             return None, f"speed {ego.speed:.1f} m/s is below {change.speed_min:g} m/s"
         target = self._follow(lane, ego)
         if self.residual is not None:
@@ -270,7 +311,7 @@ class Maneuver:
 
     def _must_abort(self, ego: EgoState, surroundings: Surroundings, path: LanePath) -> bool:
         change, residual = self.change, self.residual
-        if change is None or residual is None or change.aborted:
+        if change is None or residual is None or change.aborted or change.pull_out:
             return False
         left = abs(self._state(ego)[0])
         if left < (1.0 - self.config.change.abort_share) * change.size:

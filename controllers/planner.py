@@ -22,6 +22,7 @@ from controllers.maneuver import Maneuver, Step
 from controllers.merging import GapChoice, choose_gap
 from controllers.placement import lane_shift
 from controllers.planner_config import PlannerConfig
+from controllers.pull_out import blocker, stop_behind
 from controllers.road_preview import LanePath, RoadPreview
 from controllers.speed_caps import SpeedCaps
 from controllers.speed_plan import SpeedConfig, SpeedState, most_urgent, roll_out
@@ -72,7 +73,7 @@ class Planner:
             self.preview, parameters, laden, self.config.speed.curve_acceleration
         )
         self._bends = BendWait(self.preview, parameters)
-        self.maneuver = Maneuver(self.preview, self.config)
+        self.maneuver = Maneuver(self.preview, self.config, parameters)
         self._caps = SpeedCaps(self.preview, self.config)
         self._light = LightStop(self.config.light)
         self.reset()
@@ -85,6 +86,7 @@ class Planner:
         self._emergency = False
         self._crossing: list[str] = []
         self._bend_stop, self._bend_reason = math.inf, ""
+        self._room_stop = math.inf
         self._gap: GapChoice | None = None
         self._last: Trajectory | None = None
 
@@ -152,6 +154,9 @@ class Planner:
         front = ego.station + scene.footprint.front_overhang
         light = self._light.demand(scene.signals.light, front, ego.speed)
         cap = self._caps.cap(path, profile, margin, ego)
+        slow = path.station < self.maneuver.pulls_out_until
+        cap = np.where(slow, np.minimum(cap, self.config.pull_out.speed), cap)
+        self._room_stop = self._keeps_room(surroundings, path)
         cap, self._bend_stop, self._bend_reason = self._bends.demand(surroundings, path, cap)
         self._gap = self._seek(step, surroundings, cap, path)
         if self._gap is not None:
@@ -208,7 +213,8 @@ class Planner:
         follows = surroundings.leader(path)
         leads = [] if follows is None else [lead_of(follows)]
         origin, residual = self.maneuver.origin(scene.ego), self.maneuver.residual
-        if origin is not None and residual is not None:
+        pulls_out = self.maneuver.pulls_out_until > scene.ego.station
+        if origin is not None and residual is not None and not pulls_out:
             old = surroundings.leader(origin)
             if old is not None and (follows is None or old.vehicle.id != follows.vehicle.id):
                 clearance = self.config.change.side_gap, self.config.safety.margin
@@ -231,6 +237,16 @@ class Planner:
             acceleration = max(acceleration, -self.config.speed.following.deceleration_max)
         return SpeedState(ego.station, max(speed, 0.0), acceleration)
 
+    def _keeps_room(self, surroundings: Surroundings, path: LanePath) -> float:
+        """Where the front bumper stops behind who stands, to pull out later [m]."""
+        ego, config = surroundings.scene.ego, self.config.pull_out
+        beside = (path.lane - 1, path.lane + 1)
+        usable = [lane for lane in beside if lane in self.config.lanes]
+        if self.changing or not any(self.preview.lane_exists(i, ego.station) for i in usable):
+            return math.inf
+        leader = blocker(surroundings, path, config, self.config.speed.preview)
+        return stop_behind(leader, ego.speed, surroundings.front, config)
+
     def _stops(
         self, scene: Scene, path: LanePath, light: LightDemand, waits: bool
     ) -> list[tuple[float, float]]:
@@ -242,6 +258,7 @@ class Planner:
             end = (path.end - merge.room - overhang, merge.stop_deceleration)
         stops = [end, (light.stop - overhang, light.deceleration)]
         stops.append((self._bend_stop, DECELERATION))
+        stops.append((self._room_stop - overhang, 0.8 * self.config.pull_out.deceleration))
         return sorted(stop for stop in stops if math.isfinite(stop[0])) or [(math.inf, end[1])]
 
     def _assemble(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from controllers.checks import require_positive
 from controllers.lane_change import LaneChangeConfig
 from controllers.merging import MergeConfig
+from controllers.pull_out import PullOutConfig
 from controllers.safety import SafetyConfig
 from controllers.speed_plan import SpeedConfig
 from controllers.stop_line import LightConfig
@@ -25,7 +26,7 @@ class PlannerConfig:
       settled_offset: distance from the lane's middle at which a change is complete [m].
       curve_share: of the roll-over threshold, bounds the speed in bends with their cross-slope.
       speed: see `SpeedConfig`; change: see `LaneChangeConfig`; safety: see `SafetyConfig`;
-      merge: see `MergeConfig`; light: see `LightConfig`.
+      merge: see `MergeConfig`; light: see `LightConfig`; pull_out: see `PullOutConfig`.
 
     Raises:
       InputError: a setting cannot be; the message names it.
@@ -43,6 +44,7 @@ class PlannerConfig:
     safety: SafetyConfig = field(default_factory=SafetyConfig)
     merge: MergeConfig = field(default_factory=MergeConfig)
     light: LightConfig = field(default_factory=LightConfig)
+    pull_out: PullOutConfig = field(default_factory=PullOutConfig)
 
     def __post_init__(self) -> None:
         require_positive(

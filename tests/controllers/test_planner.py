@@ -85,7 +85,8 @@ def test_decisions_during_a_change_are_ignored_and_not_counted():
 @pytest.mark.parametrize("speed", [8.0, 16.67, 22.0])
 def test_the_truck_stops_behind_a_standing_obstacle_with_more_than_2_m(speed):
     obstacle = car(ROUTE, "obstacle", 760.0, 0, 0.0)
-    config = PlannerConfig(speed=SpeedConfig(cruise_speed=speed))
+    # With no lane to pull out to: else it keeps more room.
+    config = PlannerConfig(lanes=(0,), speed=SpeedConfig(cruise_speed=speed))
     drive = Ideal(ROUTE, 500.0, 0, speed, config).run(60.0, (obstacle,))
     gap = 760.0 - 2.4 - 1.4 - drive.ego.station
     assert drive.ego.speed == 0.0

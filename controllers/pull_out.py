@@ -1,0 +1,109 @@
+"""Past a vehicle that stands in the lane: pulling out from low speed.
+
+At walking pace the size of a lane change is bounded by how far the truck can steer and by where its
+trailer goes, not by comfort. The way is chosen so that neither tractor nor trailer touches who
+stands, which needs some distance to it: the truck stops early enough behind it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from controllers.crossing import bodies_along
+from controllers.predicted_boxes import poses, touching
+from controllers.quintic import Quintic
+from controllers.road_preview import LanePath, RoadPreview
+from controllers.surroundings import Neighbor, Surroundings
+from iits_mj.parameters import TruckParameters
+
+
+@dataclass(frozen=True)
+class PullOutConfig:
+    """How a standing vehicle is passed.
+
+    Attributes:
+      lead_speed: who is slower stands in the way [m/s].
+      speed: while pulling out [m/s].
+      lengths: of the change, tried from the gentle one to the tight one [m]; 19 m for a lane of
+        4 m has a radius of 16 m, more than the truck's least.
+      room: beside and behind who stands [m].
+      gap: kept to who stands, from the front bumper, for the pull-out [m].
+      deceleration: to that place, positive [m/s2]; who is nearer already stops nearer.
+      light_near: a vehicle within this of a traffic light's line waits there [m].
+      reach: from a vehicle on this far, the trailer is past it [m].
+    """
+
+    lead_speed: float = 0.5
+    speed: float = 3.0
+    lengths: tuple[float, ...] = (30.0, 25.0, 22.0, 19.0)
+    room: float = 0.35
+    gap: float = 16.0
+    deceleration: float = 1.0
+    light_near: float = 150.0
+    reach: float = 35.0
+
+
+def blocker(
+    surroundings: Surroundings, path: LanePath, config: PullOutConfig, reach: float
+) -> Neighbor | None:
+    """Who stands ahead in the lane of a path within `reach` metres, not at a traffic light."""
+    leader = surroundings.leader(path)
+    if leader is None or abs(leader.vehicle.speed) > config.lead_speed or leader.gap > reach:
+        return None
+    light = surroundings.scene.signals.light
+    if light is not None and -5.0 < light.station - leader.vehicle.station < config.light_near:
+        return None
+    return leader
+
+
+def way_past(
+    surroundings: Surroundings,
+    preview: RoadPreview,
+    parameters: TruckParameters,
+    target: LanePath,
+    state: tuple[float, float, float],
+    config: PullOutConfig,
+) -> Quintic | None:
+    """The gentlest change on which the truck touches nobody who stands; None: there is none.
+
+    Args:
+      surroundings: the traffic.
+      preview: of the road.
+      parameters: of the truck.
+      target: path of the lane to go to.
+      state: offset from that path [m], slope [1] and bend [1/m] at the truck.
+      config: settings.
+    """
+    ego = surroundings.scene.ego
+    slow = np.abs(surroundings.speed) <= config.lead_speed
+    near = np.abs(surroundings.station - ego.station) < max(config.lengths) + config.reach
+    chosen = np.flatnonzero(slow & near & surroundings.here)
+    boxes = poses([surroundings.scene.vehicles[int(i)] for i in chosen], preview)
+    standing = boxes.ahead(np.zeros(1))
+    stations = np.arange(ego.station, ego.station + max(config.lengths) + config.reach, 1.0)
+    for length in config.lengths:
+        residual = Quintic.to_zero(ego.station, length, *state)
+        units = bodies_along(parameters, preview, target, residual, stations)
+        # Where the truck is now it touches nobody: nearer than the room is no reason to stay.
+        if not any(touching(unit, standing, config.room)[1:].any() for unit in units):
+            return residual
+    return None
+
+
+def stop_behind(
+    leader: Neighbor | None, speed: float, front: float, config: PullOutConfig
+) -> float:
+    """Where the front bumper stops behind who stands, with room to pull out [m]; inf: anywhere.
+
+    Args:
+      leader: who stands, None for nobody.
+      speed: of the truck [m/s].
+      front: station of its front bumper [m].
+      config: settings.
+    """
+    if leader is None:
+        return np.inf
+    stop = front + leader.gap - config.gap
+    return stop if stop - front >= speed**2 / (2.0 * config.deceleration) - 1.0 else np.inf
