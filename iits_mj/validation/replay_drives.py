@@ -37,8 +37,9 @@ _START = 100.0
 # From the set speed of the run-in to the plan's first [m].
 _ONSET = 1.0
 # Trip times agree when they differ by less [1]; so many drives at most. A gear change more or less
-# makes the driven time jump by a second or two, so that the correction may need some tries.
-TIME_TOLERANCE, DRIVES = 9e-4, 5
+# makes the driven time jump by a second or two, so that the correction may need some tries; what
+# is left is priced.
+TIME_TOLERANCE, DRIVES = 9e-4, 3
 # Mean speeds that are as good as the wanted one [1], and drives to find the set speed for it.
 MEAN_TOLERANCE, MEAN_DRIVES = 1e-3, 2
 _GRID = 10.0
@@ -201,7 +202,8 @@ def run(
         plan = Trip.of(_driven(case, profile, folder), case)
         if best is None or abs(plan.time - cruise.time) < abs(best[1].time - cruise.time):
             best = schedule, plan
-        if abs(plan.time / cruise.time - 1.0) <= TIME_TOLERANCE:
+        # A plan that cannot be any faster will not be with less time either.
+        if abs(plan.time / cruise.time - 1.0) <= TIME_TOLERANCE or schedule.late > 0.0:
             break
         budget += cruise.time - plan.time
     assert best is not None

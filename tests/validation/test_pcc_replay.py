@@ -231,6 +231,21 @@ def test_a_finished_drive_is_taken_from_its_folder(tmp_path, monkeypatch):
     assert sorted(path.name.split("_")[1] for path in tmp_path.iterdir()) == ["cruise", "plan"]
 
 
+def test_a_plan_that_cannot_be_faster_is_not_driven_again(monkeypatch):
+    plans = []
+
+    def drive(task, parameters):
+        if task.profile is None:
+            return record(20.0)
+        plans.append(task)
+        return record(14.0)
+
+    monkeypatch.setattr(replay_drives, "drive", drive)
+    replay = replay_drives.run(CASE, drives=9)
+    assert replay.plan.time > 1.4 * replay.cruise.time
+    assert len(plans) == 2
+
+
 def test_a_route_without_run_in_is_refused():
     early = dataclasses.replace(CASE, origin=0.0)
     with pytest.raises(InputError, match="must begin 300 m before"):
