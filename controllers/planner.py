@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from controllers.bend_wait import DECELERATION, BendWait
 from controllers.crossing import crossing_leads
+from controllers.crossing_traffic import is_free
 from controllers.following import Lead
 from controllers.lateral_limits import RollMargins
 from controllers.maneuver import Maneuver, Step
@@ -25,19 +26,32 @@ from controllers.planner_config import PlannerConfig
 from controllers.pull_out import blocker, stop_behind
 from controllers.road_preview import LanePath, RoadPreview
 from controllers.speed_caps import SpeedCaps
-from controllers.speed_plan import SpeedConfig, SpeedState, most_urgent, roll_out
+from controllers.speed_plan import (
+    HOLD_REACH,
+    SpeedConfig,
+    SpeedState,
+    most_urgent,
+    powers,
+    roll_out,
+)
 from controllers.speed_zones import with_zones
 from controllers.state_check import StateCheck, named_decision
 from controllers.stop_line import LightDemand, LightStop
 from controllers.surroundings import Neighbor, Surroundings
 from controllers.trajectory import lead_of, lead_while_passing, on_road
-from iits_mj.messages import Decision, PlanMode, Scene, SpeedProfile, Trajectory
+from iits_mj.messages import Decision, EgoState, PlanMode, Scene, SpeedProfile, Trajectory
 from iits_mj.parameters import TruckParameters
 
 if TYPE_CHECKING:
     from iits_mj.road import Route
 
 FloatArray = NDArray[np.float64]
+
+# Slower than this the truck is at rest before a stop [m/s].
+_RESTS = 0.3
+# The last metres before a stop [m], driven slower than this [m/s]; how far the plan may there be
+# below the truck's speed [m/s].
+_LAST_WAY, _LAST_SPEED, _LAST_REACH = 30.0, 8.0, 0.1
 
 __all__ = ["Planner", "PlannerConfig"]
 
@@ -62,9 +76,9 @@ class Planner:
         parameters: TruckParameters | None = None,
     ) -> None:
         self.route = route
-        self.config = config or PlannerConfig()
-        self.preview = RoadPreview(route)
         parameters = parameters or TruckParameters.load()
+        self.config = _of_truck(config or PlannerConfig(), parameters)
+        self.preview = RoadPreview(route)
         self._parameters = parameters
         self._state = StateCheck(parameters, route.length)
         self._margins = RollMargins(parameters, 1.0 / self.config.change.duration_min)
@@ -87,6 +101,7 @@ class Planner:
         self._crossing: list[str] = []
         self._bend_stop, self._bend_reason = math.inf, ""
         self._room_stop = math.inf
+        self._held: float | None = None
         self._gap: GapChoice | None = None
         self._last: Trajectory | None = None
 
@@ -152,7 +167,13 @@ class Planner:
         path = with_zones(step.path, scene.signals.zones)
         leads, follows = self._leads(scene, surroundings, path)
         front = ego.station + scene.footprint.front_overhang
-        light = self._light.demand(scene.signals.light, front, ego.speed)
+        light = self._light.demand(
+            scene.signals.light,
+            front,
+            ego.speed,
+            scene.time,
+            lambda line: is_free(scene, self.preview, line),
+        )
         cap = self._caps.cap(path, profile, margin, ego)
         slow = path.station < self.maneuver.pulls_out_until
         cap = np.where(slow, np.minimum(cap, self.config.pull_out.speed), cap)
@@ -224,17 +245,25 @@ class Planner:
         self._crossing = [name for _, name in crossing]
         return leads + [lead for lead, _ in crossing], follows
 
-    def _start(self, scene: Scene) -> SpeedState:
-        """Begins at the last plan's speed, held near the truck's."""
+    def _start(self, scene: Scene, stop: float) -> SpeedState:
+        """Begins at the last plan's speed, held near the truck's.
+
+        In the last metres before a stop a truck that is faster than planned has to brake harder,
+        not to be told that it should have been slower.
+        """
         ego, last, reach = scene.ego, self._last, self.config.resync_speed
+        last_metres = ego.speed < _LAST_SPEED and ego.station > stop - _LAST_WAY
+        below = _LAST_REACH if last_metres else reach
         if last is None or not last.time[0] <= scene.time <= last.time[-1]:
             return SpeedState(ego.station, ego.speed, 0.0)
         speed = float(np.interp(scene.time, last.time, last.speed))
         acceleration = float(np.interp(scene.time, last.time, last.acceleration))
-        speed = min(max(speed, ego.speed - reach), ego.speed + reach)
+        speed = min(max(speed, ego.speed - below), ego.speed + reach)
         if not self._emergency:
             # What an emergency left is let go at once.
             acceleration = max(acceleration, -self.config.speed.following.deceleration_max)
+        if speed <= 0.0:
+            acceleration = max(acceleration, 0.0)
         return SpeedState(ego.station, max(speed, 0.0), acceleration)
 
     def _keeps_room(self, surroundings: Surroundings, path: LanePath) -> float:
@@ -261,6 +290,24 @@ class Planner:
         stops.append((self._room_stop - overhang, 0.8 * self.config.pull_out.deceleration))
         return sorted(stop for stop in stops if math.isfinite(stop[0])) or [(math.inf, end[1])]
 
+    def _demand(self, urgency: float) -> float:
+        """Deceleration of the last layer now, positive [m/s2]; 0 while it rests."""
+        speed = self.config.speed
+        if not self._emergency:
+            return 0.0
+        graded = max(speed.emergency_share * urgency, speed.emergency_onset)
+        return min(graded, speed.emergency_deceleration)
+
+    def _holds(self, stop: float, ego: EgoState) -> bool:
+        """Whether the truck has come to rest at a stop, which it then does not creep on from."""
+        if self._held is not None and stop > self._held + HOLD_REACH:
+            self._held = None
+        left = stop - ego.station
+        rests = left < HOLD_REACH and ego.speed < (_RESTS if left > 0.0 else 2.0 * _RESTS)
+        if self._held is None and rests:
+            self._held = stop
+        return self._held is not None
+
     def _assemble(
         self,
         scene: Scene,
@@ -276,14 +323,20 @@ class Planner:
         was = self._emergency
         self._emergency = urgency > (speed.emergency_release if was else speed.emergency_onset)
         self.emergencies += self._emergency and not was
+        ego = scene.ego
         (stop, deceleration), *further = self._stops(scene, path, light, waits)
         for place, braking in further:
             left = np.maximum(place - path.station, 0.0)
             cap = np.minimum(cap, np.sqrt(2.0 * braking * left))
-        cap = np.minimum(cap, np.where(path.station < light.stop, light.speed, np.inf))
+        if math.isfinite(light.speed):
+            way = np.maximum(path.station - ego.station, 0.0)
+            square = ego.speed**2 - 2.0 * config.light.arrival_deceleration * way
+            arriving = np.sqrt(np.maximum(square, light.speed**2))
+            before = path.station < light.stop - scene.footprint.front_overhang
+            cap = np.minimum(cap, np.where(before, arriving, np.inf))
         steps = round(config.horizon / config.step)
         station, v, a = roll_out(
-            self._start(scene),
+            self._start(scene, stop),
             path,
             cap,
             leads,
@@ -293,7 +346,8 @@ class Planner:
             config.step,
             _braking_at(speed, deceleration),
             stop,
-            self._emergency,
+            self._demand(urgency),
+            self._holds(stop, ego),
         )
         return on_road(
             self.preview,
@@ -306,6 +360,13 @@ class Planner:
             config.step,
             urgency,
         )
+
+
+def _of_truck(config: PlannerConfig, parameters: TruckParameters) -> PlannerConfig:
+    """The settings with the truck's own powers where none were given."""
+    if config.speed.powers is not None:
+        return config
+    return replace(config, speed=replace(config.speed, powers=powers(parameters)))
 
 
 def _braking_at(speed: SpeedConfig, deceleration: float) -> SpeedConfig:

@@ -27,6 +27,12 @@ from iits_mj.units import GRAVITY
 FloatArray = NDArray[np.float64]
 # The cap is met by looking this far ahead [s]: far for a smooth onset, near for an exact end.
 _LOOK_AHEAD = (1.0, 0.4)
+# Looking ahead, a stop would be crept up to for ever: slower than this it is made by the way that
+# is left [m/s].
+_LAST_SPEED = 2.0
+# Who has come to rest this near to a stop stays there [m], braking by this much [m/s2].
+HOLD_REACH = 1.0
+_HOLD_DECELERATION = 1.2
 
 
 class Powers(NamedTuple):
@@ -55,20 +61,20 @@ def _shipped() -> Powers:
 
 @dataclass(frozen=True)
 class SpeedConfig:
-    """Longitudinal limits of the plan; figures of the truck are by default the shipped one's.
+    """Longitudinal limits of the plan.
 
     Attributes:
       cruise_speed: wanted where no profile is given [m/s]; the paper's 60 km/h.
       curve_acceleration: lateral acceleration that bounds the speed in curves [m/s2].
       preview: how far ahead limits are looked up [m].
       stop_gap: left before the end of the lane or of the road, from the front bumper [m].
-      power: at the wheels, for the acceleration that can be planned [W]; with less than the truck
-        has the plan would hold it back after a climb.
-      rolling_resistance: [1].
-      drag: 0.5 rho CdA [kg/m].
-      emergency_onset: required deceleration that calls the last layer [m/s2].
-      emergency_release: required deceleration that ends it [m/s2].
-      emergency_deceleration: demanded then [m/s2].
+      powers: of the truck, for the acceleration that can be planned: with less power than it has
+        the plan would hold it back after a climb. None: of the planner's truck, or the shipped one.
+      emergency_onset: required deceleration that calls the last layer, and the least that is
+        demanded then [m/s2].
+      emergency_release: required deceleration that the ordinary plan can be left with [m/s2].
+      emergency_share: of the required deceleration that is demanded, above 1.
+      emergency_deceleration: demanded at most [m/s2].
       emergency_margin: gap wanted after an emergency stop [m].
       reaction_time: of the brakes, for the required deceleration [s].
       following: see `FollowingConfig`.
@@ -81,11 +87,10 @@ class SpeedConfig:
     curve_acceleration: float = 1.3
     preview: float = 400.0
     stop_gap: float = 3.0
-    power: float = field(default_factory=lambda: _shipped().power)
-    rolling_resistance: float = field(default_factory=lambda: _shipped().rolling_resistance)
-    drag: float = field(default_factory=lambda: _shipped().drag)
+    powers: Powers | None = None
     emergency_onset: float = 2.8
-    emergency_release: float = 0.8
+    emergency_release: float = 2.0
+    emergency_share: float = 1.3
     emergency_deceleration: float = 6.5
     emergency_margin: float = 2.0
     reaction_time: float = 0.5
@@ -94,6 +99,9 @@ class SpeedConfig:
     def __post_init__(self) -> None:
         names = "cruise_speed", "curve_acceleration", "preview", "emergency_onset"
         require_positive(self, *names, "emergency_release", "emergency_deceleration")
+        require_positive(self, "emergency_share")
+        if self.powers is not None:
+            require_positive(self.powers, *Powers._fields)
         require_positive(self, "stop_gap", "emergency_margin", "reaction_time", zero=True)
 
 
@@ -152,8 +160,9 @@ def power_acceleration(speed: float, mass: float, grade: float, config: SpeedCon
 
     The floor keeps the plan asking for full power where the truck cannot hold its speed.
     """
-    resistance = GRAVITY * (grade + config.rolling_resistance) + config.drag * speed**2 / mass
-    return max(config.power / (mass * max(speed, 3.0)) - resistance, 0.05)
+    truck = config.powers or _shipped()
+    resistance = GRAVITY * (grade + truck.rolling_resistance) + truck.drag * speed**2 / mass
+    return max(truck.power / (mass * max(speed, 3.0)) - resistance, 0.05)
 
 
 def roll_out(
@@ -167,7 +176,8 @@ def roll_out(
     step: float,
     config: SpeedConfig,
     stop: float = math.inf,
-    emergency: bool = False,
+    emergency: float = 0.0,
+    hold: bool = False,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Station, speed and acceleration at steps + 1 instants, the first being now.
 
@@ -182,7 +192,8 @@ def roll_out(
       step: [s].
       config: limits.
       stop: station at which to stand at the latest [m], for the end of lane or road.
-      emergency: brake as hard as allowed instead of following.
+      emergency: brake this hard instead of following, positive [m/s2]; 0: follow.
+      hold: come to rest here and stay.
     """
     following = config.following
     station = np.empty(steps + 1)
@@ -193,11 +204,12 @@ def roll_out(
     first, inverse = float(path.station[0]), 1.0 / preview.step
     caps, last = cap.tolist(), len(cap) - 1
 
-    braking = 2.0 * following.preview_deceleration
+    wanted_braking = following.preview_deceleration
+    braking = 2.0 * wanted_braking
     # Where the stop is not in force yet: the square root is not needed.
     near_stop = stop - max(caps) ** 2 / braking
 
-    def cap_at(place: float) -> float:
+    def cap_at(place: float, creeping: bool = False) -> float:
         position = (place - first) * inverse
         if position <= 0.0:
             cap_here = caps[0]
@@ -207,7 +219,7 @@ def roll_out(
             row = int(position)
             low = caps[row]
             cap_here = low + (position - row) * (caps[row + 1] - low)
-        if place > near_stop:
+        if place > near_stop and not creeping:
             cap_here = min(cap_here, math.sqrt(braking * max(stop - place, 0.0)))
         return float(cap_here)
 
@@ -220,19 +232,43 @@ def roll_out(
             # Standing still within the step: the way to the stop, not beyond.
             s += moved if v_next > 0.0 or a >= 0.0 else min(moved, v * v / max(-2.0 * a, 1e-6))
             v = v_next
-        wanted = -config.emergency_deceleration
+        wanted = -emergency
+        hold = hold or (k > 0 and v <= 0.0 and s > stop - HOLD_REACH)
         if not emergency:
-            to_cap = min((cap_at(s + v * far) - v) / far, (cap_at(s + v * near) - v) / near)
+            slow = v < _LAST_SPEED
+            to_cap = min(
+                (cap_at(s + v * far, slow) - v) / far, (cap_at(s + v * near, slow) - v) / near
+            )
+            if hold:
+                to_cap = -_HOLD_DECELERATION
+            elif slow and s > near_stop:
+                to_cap = min(to_cap, _to_stop(v, stop - s, wanted_braking, following))
             wanted = _wanted(v, s - start.station, time, cap_at(s), to_cap, leads, following)
             wanted = max(wanted, -following.deceleration_max)
             wanted = min(wanted, power_acceleration(v, mass, grade, config))
             down = following.jerk_max * step
             wanted = min(max(wanted, a - down), a + 0.5 * down)
         a = wanted
-        if v <= 0.0 and a < 0.0:
+        # At a stop the brakes stay on until the truck is at rest, too: it may lag behind the plan.
+        if v <= 0.0 and a < 0.0 and not (hold and start.speed > 0.0):
             a = 0.0
         station[k], speed[k], acceleration[k] = s, v, a
     return station, speed, acceleration
+
+
+def _to_stop(v: float, left: float, braking: float, following: FollowingConfig) -> float:
+    """Acceleration [m/s2] of the last metres before a stop, which ends at rest in finite time.
+
+    The constant deceleration that is needed, `v^2 / (2 left)`, once it is 0.8 of what is meant;
+    drive where it is less than half of that.
+    """
+    if left < 0.05:
+        return -_HOLD_DECELERATION
+    needed = v * v / (2.0 * left)
+    share = needed / braking
+    if share < 0.5:
+        return following.acceleration_max * (1.0 - 2.0 * share)
+    return -needed if share > 0.8 else -0.8 * braking * (share - 0.5) / 0.3
 
 
 def _wanted(

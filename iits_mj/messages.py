@@ -290,11 +290,15 @@ class EgoFootprint:
 
 
 class LightState(enum.Enum):
-    """What a traffic light shows; red with yellow counts as red."""
+    """What a traffic light shows; red with yellow counts as red.
+
+    STOP is red with a green arrow: stop, then go when nobody is in the way.
+    """
 
     GREEN = "green"
     YELLOW = "yellow"
     RED = "red"
+    STOP = "stop"
 
 
 @dataclass(frozen=True, slots=True)

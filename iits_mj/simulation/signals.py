@@ -17,12 +17,15 @@ from traffic_bridge import LightAhead, PureSim, Recorder, Traffic
 SIGHT = 500.0
 # Stop lines of the lanes of one crossing lie within this [m].
 SAME_LINE = 15.0
+# A line is told of until the front bumper is this far behind it: who stops on it must still see it;
+# more than what the truck drives in a cycle [m].
+BEHIND = 4.0
 
 
 def read_signals(
     traffic: Traffic | None, ego: EgoState, route: Route, footprint: EgoFootprint
 ) -> RoadSignals:
-    """The next light, and the limits that were set on the route about the truck.
+    """The next light, or the one that the front is just over, and the limits set near the truck.
 
     Only traffic that SUMO runs has any: a PureSim, which InterSim and MixedSim are, also inside a
     recorder.
@@ -39,9 +42,9 @@ def read_signals(
         return RoadSignals()
     signals = traffic.signals
     front = ego.station + footprint.front_overhang
-    light = signals.light_ahead(front)
+    light = signals.light_ahead(front - BEHIND)
     lane = int(route.lane_at(ego.station, ego.offset))
-    own = signals.light_ahead(front, lane) if light is not None and lane >= 0 else None
+    own = signals.light_ahead(front - BEHIND, lane) if light is not None and lane >= 0 else None
     # Lanes may be numbered otherwise at the line: a line is never driven over for that.
     if own is not None and light is not None and own.station < light.station + SAME_LINE:
         light = own
@@ -59,7 +62,9 @@ def _light(light: LightAhead) -> TrafficLight:
 
 
 def _state(letter: str) -> LightState:
-    """Of a SUMO letter: "o" and "O" are off; "u" is red with yellow; "s" wants a stop."""
+    """Of a SUMO letter: "o" and "O" are off; "u" is red with yellow; "s" is a green arrow."""
     if letter in "gGoO":
         return LightState.GREEN
+    if letter == "s":
+        return LightState.STOP
     return LightState.YELLOW if letter in "yY" else LightState.RED

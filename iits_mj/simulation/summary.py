@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from iits_mj.messages import LightState, PlanMode
 from iits_mj.simulation.frame import Frame
 
 # Diesel at 15 degrees C, middle of EN 590's 820 to 845 kg/m3.
@@ -22,6 +23,9 @@ class DriveSummary:
       failed: True after a collision or a roll-over, or when the simulation diverged.
       duration: simulated time [s]; distance [m]; mean_speed, max_speed [m/s].
       lane_changes: completed; refused: asked for and refused.
+      red_lights_run: stop lines that the front bumper crossed at red; first_red_light: time of the
+        first [s], None without one.
+      emergency_brakings: times that the planner's last layer began to brake.
       closest_gap: least bumper-to-bumper gap to the vehicle ahead in the lane [m], inf without one.
       closest_box: least distance of the truck's boxes to any other vehicle [m], inf without one.
       fuel [kg]; real_time_factor: simulated time over wall time, everything included.
@@ -38,6 +42,9 @@ class DriveSummary:
     max_speed: float
     lane_changes: int
     refused: int
+    red_lights_run: int
+    first_red_light: float | None
+    emergency_brakings: int
     closest_gap: float
     closest_box: float
     fuel: float
@@ -62,6 +69,8 @@ class DriveSummary:
             ("distance", f"{self.distance / 1e3:z.3f} km"),
             ("mean speed", f"{self.mean_speed:z.2f} m/s ({self.mean_speed * 3.6:z.1f} km/h)"),
             ("lane changes", f"{self.lane_changes} completed, {self.refused} refused"),
+            ("red lights run", self._red_lights()),
+            ("emergency brakings", f"{self.emergency_brakings}"),
             ("closest gap ahead", _metres(self.closest_gap, "no vehicle was ahead in the lane")),
             ("closest vehicle", _metres(self.closest_box, "none came near")),
             (
@@ -76,6 +85,11 @@ class DriveSummary:
         rows.append(("engine warnings", counts_text(self.warnings)))
         return rows
 
+    def _red_lights(self) -> str:
+        if self.first_red_light is None:
+            return "none"
+        return f"{self.red_lights_run}, the first at t = {self.first_red_light:.1f} s"
+
     def to_text(self) -> str:
         """The rows as aligned plain text."""
         return to_text(self.rows())
@@ -84,6 +98,7 @@ class DriveSummary:
         """Everything for JSON, units in the names; a figure that is not finite becomes None."""
         units = {
             "duration": "s",
+            "first_red_light": "s",
             "distance": "m",
             "mean_speed": "mps",
             "max_speed": "mps",
@@ -132,10 +147,18 @@ class SummaryBuilder:
     closest_box: float = math.inf
     max_lateral_acceleration: float = 0.0
     max_articulation: float = 0.0
+    red_lights: list[float] = field(default_factory=list)
+    emergencies: int = 0
+    _front: float = math.inf
+    _braking: bool = False
 
     def add(self, frame: Frame) -> None:
         """Takes one frame into account."""
         ego = frame.ego
+        self._watch_light(frame)
+        braking = frame.trajectory.mode is PlanMode.EMERGENCY
+        self.emergencies += braking and not self._braking
+        self._braking = braking
         self.max_speed = max(self.max_speed, ego.speed)
         self.closest_gap = min(self.closest_gap, frame.gap_ahead)
         self.closest_box = min(self.closest_box, frame.box_distance)
@@ -143,6 +166,15 @@ class SummaryBuilder:
             self.max_lateral_acceleration, abs(ego.lateral_acceleration)
         )
         self.max_articulation = max(self.max_articulation, abs(ego.articulation))
+
+    def _watch_light(self, frame: Frame) -> None:
+        """Notes a stop line that the front has crossed since the last frame while it is red."""
+        front = frame.ego.station + frame.scene.footprint.front_overhang
+        light = frame.scene.signals.light
+        red = light is not None and light.state is LightState.RED
+        if light is not None and red and self._front <= light.station < front:
+            self.red_lights.append(frame.time)
+        self._front = front
 
     def build(
         self,
@@ -167,6 +199,9 @@ class SummaryBuilder:
             max_speed=self.max_speed,
             lane_changes=last.lane_changes,
             refused=last.refused,
+            red_lights_run=len(self.red_lights),
+            first_red_light=self.red_lights[0] if self.red_lights else None,
+            emergency_brakings=self.emergencies,
             closest_gap=self.closest_gap,
             closest_box=self.closest_box,
             fuel=fuel,

@@ -31,6 +31,7 @@ from iits_mj.validation.config import ValidateConfig
 from iits_mj.validation.ideal_drive import IdealDrive, Vehicles, car, once
 from iits_mj.validation.ordinary_traffic import Ordinary, ordinary_drive
 from iits_mj.validation.planner_limits import random_breaches
+from iits_mj.validation.red_light import run_red_light
 from iits_mj.validation.situation_panels import seen_from_above
 from iits_mj.validation.wall_stop import wall_stop
 
@@ -46,6 +47,7 @@ def run_situations(config: ValidateConfig) -> Results:
         _three_situations(),
         _lane_end(highway, config.quick),
         _red_light(config.quick),
+        run_red_light(config),
         _wall(config),
         _ordinary(config.quick),
         _ramp(),

@@ -42,6 +42,15 @@ def test_a_wall_seen_at_90_km_h_is_not_hit_where_6_5_m_per_s2_are_enough(sight):
     assert left(run, wall) > 0.5
 
 
+def test_an_emergency_stop_ends_near_the_wall_it_was_for():
+    # 25 m/s and 100 m need 3.7 m/s2 with the brakes' reaction.
+    wall = at_gap(100.0)
+    run = drive(25.0, 25.0, (wall,))
+    assert run.planner.emergencies == 1
+    assert 0.5 < left(run, wall) < 8.0
+    assert min(plan.acceleration[0] for plan in run.plans) > -5.2
+
+
 def test_a_wall_seen_from_far_is_no_emergency():
     run = drive(25.0, 30.0, (at_gap(240.0),))
     assert run.planner.emergencies == 0

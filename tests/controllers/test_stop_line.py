@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scenes import car
 
+from controllers.crossing_traffic import is_free
 from controllers.planner import Planner, PlannerConfig
 from controllers.speed_plan import SpeedConfig
 from iits_mj.errors import InputError
@@ -16,13 +17,16 @@ from iits_mj.messages import (
     RoadSignals,
     Scene,
     SpeedZone,
+    TrackedVehicle,
     TrafficLight,
 )
+from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 
 ROUTE = Route.straight(length=3000.0)
 LINE = 700.0
 GREEN, YELLOW, RED = LightState.GREEN, LightState.YELLOW, LightState.RED
+ARROW = LightState.STOP
 
 
 def cycle(*phases, start=0.0, known=True):
@@ -123,6 +127,7 @@ def test_a_known_red_is_approached_slowly_and_passed_rolling():
     states = drive(40.0, cycle((RED, 32.0), (GREEN, math.inf)))
     assert 32.0 < passed(states) < 38.0
     assert min(s.speed for s in states) > 8.0
+    assert min(s.acceleration for s in states) > -1.2
 
 
 def test_a_red_that_comes_too_late_is_not_braked_for_in_vain():
@@ -158,6 +163,41 @@ def test_a_limit_may_be_higher_than_the_map_s():
     ego = EgoState(station=200.0, offset=float(road.lane_offset(0, 200.0)), speed=10.0)
     signals = RoadSignals(zones=(SpeedZone(0.0, 2000.0, 15.0),))
     assert planner.plan(Scene(0.0, ego, signals=signals)).speed[-1] > 11.0
+
+
+def test_a_truck_that_creeps_to_a_red_line_seen_late_stops():
+    states = drive(12.0, cycle((RED, math.inf)), 0.6, station=LINE - 1.4 - 0.7)
+    assert passed(states) == math.inf
+    assert states[-1].speed < 0.01
+
+
+def test_at_a_green_arrow_the_truck_stands_first_and_then_goes():
+    states = drive(40.0, cycle((ARROW, math.inf)), 11.0, station=LINE - 120.0)
+    stood = [s.time for s in states if s.speed < 0.01 and s.station + 1.4 > LINE - 1.5]
+    assert stood[-1] - stood[0] >= 1.0 - 0.15
+    assert stood[-1] < passed(states) < math.inf
+
+
+def test_at_a_green_arrow_the_truck_waits_for_who_crosses():
+    way = ROUTE.evaluate(LINE + 15.0, 0.0)
+    x, y, yaw = float(way.x), float(way.y), float(way.heading) + 0.5 * math.pi
+    place = x - 60.0 * math.cos(yaw), y - 60.0 * math.sin(yaw)
+    ego = EgoState(station=LINE - 2.2, offset=float(ROUTE.lane_offset(0, LINE)))
+    crossing = TrackedVehicle("c", x=place[0], y=place[1], yaw=yaw, speed=10.0, lane=-1)
+    preview = Planner(ROUTE).preview
+    assert not is_free(Scene(0.0, ego, (crossing,)), preview, LINE)
+    gone = dataclasses.replace(crossing, yaw=yaw + math.pi)
+    assert is_free(Scene(0.0, ego, (gone,)), preview, LINE)
+
+
+def test_the_plan_s_power_is_that_of_the_truck_that_is_given():
+    shipped = TruckParameters.load()
+    engine = shipped.engine
+    weak = dataclasses.replace(engine, full_load_torque=0.5 * engine.full_load_torque)
+    planner = Planner(ROUTE, parameters=dataclasses.replace(shipped, engine=weak))
+    ordinary = Planner(ROUTE, parameters=shipped)
+    ratio = planner.config.speed.powers.power / ordinary.config.speed.powers.power
+    assert ratio == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,22 @@
 """The drive tells the stack what lights and changing limits say, and the truck obeys."""
 
+import dataclasses
 from pathlib import Path
 
 import pytest
 
-from iits_mj.messages import EgoFootprint, EgoState, LightState, RoadSignals, SpeedZone
-from iits_mj.road import Route
+from iits_mj.messages import (
+    EgoFootprint,
+    EgoState,
+    LightState,
+    PlanMode,
+    RoadSignals,
+    SpeedZone,
+)
+from iits_mj.road import RoadMap, Route
 from iits_mj.simulation import DriveConfig, Simulation
 from iits_mj.simulation.signals import read_signals
+from iits_mj.simulation.summary import SummaryBuilder
 from traffic_bridge import InterSim, PureSim, Recorder, TrafficConfig
 
 MAP = (
@@ -71,6 +80,51 @@ def test_the_truck_stops_at_a_red_light_within_1_m_before_its_line(at_the_light)
     assert stood
     assert stood[-1].scene.signals.light.state is LightState.RED
     assert 0.0 < STOP_LINE - (stood[-1].ego.station + 1.4) < 1.0
+
+
+def test_a_line_is_told_of_until_the_front_is_well_past_it():
+    if not MAP.is_file():
+        pytest.skip(f"{MAP.name} is not here")
+    route = RoadMap.from_opendrive(MAP).route()
+    with PureSim(route, TrafficConfig(density="empty")) as traffic:
+        traffic.reset()
+        (light,) = traffic.signals.lights()
+        told = {}
+        for letter, past in (("r", 2.0), ("r", 6.0), ("s", -5.0)):
+            traffic.signals.set_state(light, letter)
+            ego = EgoState(station=STOP_LINE + past - 1.4)
+            told[letter, past] = read_signals(traffic, ego, route, EgoFootprint()).light
+    assert told["r", 2.0].state is LightState.RED
+    assert told["r", 6.0] is None
+    assert told["s", -5.0].state is LightState.STOP
+
+
+def test_red_lights_run_and_emergency_brakings_are_counted_and_named(at_the_light):
+    def summary(frames):
+        builder = SummaryBuilder()
+        for frame in frames:
+            builder.add(frame)
+        last = frames[-1]
+        return builder.build(
+            last, wall_time=1.0, ended="", collision=False, failed=False, fuel=0.0, warnings={}
+        )
+
+    kept = summary(at_the_light)
+    assert (kept.red_lights_run, kept.first_red_light, kept.emergency_brakings) == (0, None, 0)
+    red = dataclasses.replace(at_the_light[0].scene.signals.light, state=LightState.RED)
+    told = RoadSignals(red)
+    frames = [
+        dataclasses.replace(
+            frame,
+            scene=dataclasses.replace(frame.scene, signals=told),
+            trajectory=dataclasses.replace(frame.trajectory, mode=PlanMode.EMERGENCY),
+        )
+        for frame in at_the_light
+    ]
+    run = summary(frames)
+    assert (run.red_lights_run, run.emergency_brakings) == (1, 1)
+    assert run.as_dict()["first_red_light_s"] > 20.0
+    assert "red lights run" in run.to_text()
 
 
 def test_the_truck_goes_on_when_it_is_green(at_the_light):

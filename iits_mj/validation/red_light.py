@@ -1,0 +1,160 @@
+"""Red lights on the MuJoCo truck: lines crossed, how hard it brakes, where it stands.
+
+Laden and empty, uphill and down, with and without knowledge of when the light changes.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.planner import PlannerConfig
+from controllers.speed_plan import SpeedConfig
+from controllers.stack import Stack
+from iits_mj.messages import LightState, RoadSignals, Scene, TrafficLight
+from iits_mj.results import Check, Line, Panel, Results
+from iits_mj.road import Route
+from iits_mj.truck import Truck
+from iits_mj.validation.config import ValidateConfig
+
+FloatArray = NDArray[np.float64]
+
+_CONTROL, _PLAN = 0.02, 5
+_START = 500.0
+_SIGHT = 200.0
+# The light is told of until the front is this far behind its line [m].
+_TOLD = 4.0
+SPEEDS = (8.0, 12.0, 16.67, 22.0)
+GRADES = (-0.06, 0.0, 0.04)
+
+
+@dataclass(frozen=True)
+class RedLight:
+    """A drive to a red light.
+
+    Attributes:
+      time: shape (n,) [s]; left: front bumper to the line [m]; speed [m/s].
+      crossed: time at which the front crossed the line [s], inf for never.
+      green: time of the change to green [s].
+      braking: strongest deceleration before the truck is as slow as 0.5 m/s, smoothed over
+        0.5 s: the jolt at standstill is the suspension's [m/s2].
+    """
+
+    time: FloatArray
+    left: FloatArray
+    speed: FloatArray
+    crossed: float
+    green: float
+    braking: float
+
+    @property
+    def ran_red(self) -> bool:
+        """Whether the line was crossed before the light was green."""
+        return self.crossed < self.green
+
+    @property
+    def place(self) -> float:
+        """Where the truck stood at red, from the line [m]; nan where it never did."""
+        stood = np.flatnonzero((np.abs(self.speed) < 0.02) & (self.time < self.green))
+        return float(self.left[stood[-1]]) if stood.size else math.nan
+
+
+def drive_to_red(
+    speed: float,
+    payload: float,
+    grade: float,
+    *,
+    known: bool,
+    green: float | None = None,
+    sight: float = _SIGHT,
+) -> RedLight:
+    """Drives to a light that is red until `green`, and on.
+
+    Args:
+      speed: at the start, and wanted [m/s].
+      payload: [kg].
+      grade: of the road, positive uphill.
+      known: the light tells when it changes.
+      green: time of the change [s]; default: 8 s after the truck could stand, or, where it is
+        known, so early that arriving slowly will do.
+      sight: front bumper to the line at the start [m].
+    """
+    if green is None:
+        green = 1.5 * sight / speed if known else 1.6 * sight / speed + speed + 8.0
+    route = Route.straight(length=3000.0, grade=grade)
+    truck = Truck.load(payload, route=route, visuals=False)
+    truck.reset(station=_START, offset=float(route.lane_offset(0, _START)), speed=speed)
+    config = PlannerConfig(speed=SpeedConfig(cruise_speed=speed))
+    stack = Stack(route, planner=config, parameters=truck.parameters)
+    line = _START + truck.footprint.front_overhang + sight
+    rows: list[tuple[float, float, float]] = []
+    crossed = math.inf
+    for tick in range(round((green + 8.0) / _CONTROL)):
+        ego = truck.observe()
+        left = line - ego.station - truck.footprint.front_overhang
+        crossed = ego.time if left < 0.0 and math.isinf(crossed) else crossed
+        if tick % _PLAN == 0:
+            red = ego.time < green
+            told = RoadSignals()
+            if left > -_TOLD:
+                state = LightState.RED if red else LightState.GREEN
+                after = (green - ego.time, LightState.GREEN) if red and known else (None, None)
+                told = RoadSignals(TrafficLight(line, state, *after))
+            stack.plan(Scene(ego.time, ego, (), truck.footprint, told))
+        rows.append((ego.time, left, ego.speed))
+        if left < -_TOLD:
+            break
+        truck.command(stack.control(ego))
+        truck.step(round(_CONTROL / truck.model.opt.timestep))
+    time, way, speeds = np.array(rows).T
+    return RedLight(time, way, speeds, crossed, green, _braking(speeds))
+
+
+def _braking(speed: FloatArray) -> float:
+    window = round(0.5 / _CONTROL)
+    lost = (speed[:-window] - speed[window:]) / (window * _CONTROL)
+    moving = speed[window:] > 0.5
+    return float(lost[moving].max()) if moving.any() else 0.0
+
+
+def cases(quick: bool) -> list[tuple[float, float, float, bool]]:
+    """Speed [m/s], payload [kg], grade, and whether the change is known."""
+    if quick:
+        return [(16.67, 36_000.0, -0.06, False)]
+    return list(itertools.product(SPEEDS, (0.0, 36_000.0), GRADES, (False, True)))
+
+
+def run_red_light(config: ValidateConfig) -> Results:
+    """The matrix; the quick form is its hardest case."""
+    results, lines = Results("red light"), []
+    drives = {case: drive_to_red(*case[:3], known=case[3]) for case in cases(config.quick)}
+    stops = [drive for case, drive in drives.items() if not case[3]]
+    places = np.array([drive.place for drive in stops])
+    ran = sum(drive.ran_red for drive in drives.values())
+    label = f"red light on the truck, {len(drives)} drives"
+    worst = math.nan if np.isnan(places).any() else float(places.max())
+    results.checks += [
+        Check(f"{label}: lines crossed at red", float(ran), "1", None, "== 0"),
+        Check(f"{label}: farthest stand before the line", worst, "m", None, "<= 1.5"),
+        Check(f"{label}: nearest stand before the line", float(places.min()), "m", None, ">= 0"),
+        Check(
+            f"{label}: strongest braking",
+            max(drive.braking for drive in drives.values()),
+            "m/s2",
+            None,
+            "<= 3.6",
+        ),
+    ]
+    for (speed, payload, grade, known), drive in drives.items():
+        if known == config.quick:
+            continue
+        name = f"{payload / 1e3:g} t of load, {speed:g} m/s, {100.0 * grade:g} %"
+        lines.append(Line(name, -drive.left, drive.speed, "simulation"))
+    results.figures["red light on the truck"] = [
+        Panel("red light 200 m ahead", "from the line [m]", "speed [m/s]", tuple(lines))
+    ]
+    return results
