@@ -86,6 +86,7 @@ class Maneuver:
         self.residual: Quintic | None = None
         self._middle: float | None = None
         self._changed_at = -math.inf
+        self._stands_since: float | None = None
 
     @property
     def mode(self) -> PlanMode:
@@ -191,6 +192,8 @@ class Maneuver:
         """Begins a change where one is wanted and possible; else says why not."""
         must = self._mandatory(scene.ego, path)
         wanted = decision if must is Decision.KEEP else must
+        own = wanted is Decision.KEEP and self._stands_behind(scene, surroundings, path)
+        wanted = self._way_around(scene.ego, path) if own else wanted
         if wanted is Decision.KEEP:
             return Step(path)
         forced = must is not Decision.KEEP
@@ -213,7 +216,7 @@ class Maneuver:
             why = self._begin(scene.ego, path, target, wanted, top, margin, forced)
             if not why:
                 return Step(target, f"changing to the {wanted.name.lower()}")
-        if not forced:
+        if not forced and not own:
             self.refused += 1
             self.unsafe += unsafe
         reason = f"{wanted.name.lower()} refused: {why}"
@@ -249,6 +252,25 @@ class Maneuver:
         self._middle = float(target.offset_at(ego.station))
         self.change = Change(wanted, origin, abs(size), mandatory=forced)
         return ""
+
+    def _stands_behind(self, scene: Scene, surroundings: Surroundings, path: LanePath) -> bool:
+        """Whether the truck has long been standing behind somebody who stands, too."""
+        config = self.config.pull_out
+        reach = config.gap + 10.0
+        if scene.ego.speed > config.lead_speed or not blocker(surroundings, path, config, reach):
+            self._stands_since = None
+            return False
+        if self._stands_since is None:
+            self._stands_since = scene.time
+        return scene.time - self._stands_since >= config.patience
+
+    def _way_around(self, ego: EgoState, path: LanePath) -> Decision:
+        """The side with a lane that the truck may use, the left one first."""
+        for side in (Decision.LEFT, Decision.RIGHT):
+            lane = path.lane - int(side)
+            if lane in self.config.lanes and self.preview.lane_exists(lane, ego.station):
+                return side
+        return Decision.KEEP
 
     def _pull_out(
         self, surroundings: Surroundings, path: LanePath, target: LanePath, wanted: Decision

@@ -30,6 +30,8 @@ class PullOutConfig:
         4 m has a radius of 16 m, more than the truck's least.
       room: beside and behind who stands [m].
       gap: kept to who stands, from the front bumper, for the pull-out [m].
+      patience: after standing behind it so long the truck passes it of itself: a decision maker
+        that weighs accelerations sees no gain while there is room ahead [s].
       deceleration: to that place, positive [m/s2]; who is nearer already stops nearer.
       light_near: a vehicle within this of a traffic light's line waits there [m].
       reach: from a vehicle on this far, the trailer is past it [m].
@@ -40,6 +42,7 @@ class PullOutConfig:
     lengths: tuple[float, ...] = (30.0, 25.0, 22.0, 19.0)
     room: float = 0.35
     gap: float = 16.0
+    patience: float = 5.0
     deceleration: float = 1.0
     light_near: float = 150.0
     reach: float = 35.0
