@@ -130,6 +130,8 @@ def make_reference(
                 "a speed-profile is driven as it stands: speed-min and speed-max are of "
                 "speed-planner pcc; leave them out"
             )
+        if config.speed_planner == "cruise":
+            raise InputError("a speed-profile is driven as it stands: leave speed-planner out")
         profile = read_profile(config.speed_profile)
         name = f"speed profile {str(config.speed_profile)!r}"
         check_covers(profile, config.start_station, float(route.length), name)

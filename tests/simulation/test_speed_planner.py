@@ -61,11 +61,15 @@ def test_a_band_is_of_pcc_only(route: Route) -> None:
         reference(route, speed_planner="cruise", speed_min=12.0)
 
 
-@pytest.mark.parametrize("band", [{"speed_min": 15.0}, {"speed_max": 20.0}])
-def test_a_band_beside_a_profile_is_refused(route: Route, tmp_path: Path, band: dict) -> None:
+@pytest.mark.parametrize(
+    "beside", [{"speed_min": 15.0}, {"speed_max": 20.0}, {"speed_planner": "cruise"}]
+)
+def test_flags_that_contradict_a_profile_are_refused(
+    route: Route, tmp_path: Path, beside: dict
+) -> None:
     file = profile(tmp_path / "speed.csv", 0.0, 900.0)
-    with pytest.raises(InputError, match="leave them out"):
-        reference(route, speed_profile=file, **band)
+    with pytest.raises(InputError, match="driven as it stands"):
+        reference(route, speed_profile=file, **beside)
 
 
 def test_json_tells_why_a_cruise_is_driven_where_pcc_was_wanted() -> None:
