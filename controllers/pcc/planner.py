@@ -20,8 +20,7 @@ from iits_mj.messages import SpeedProfile
 from iits_mj.parameters import TruckParameters
 
 FloatArray = NDArray[np.float64]
-_SLOWER = 0.9  # of the fastest possible speed, where v_min is out of reach
-_JUST = 0.999
+_NEARLY = 0.999  # of the fastest possible speed, so that more than one drive remains
 
 
 @dataclass(frozen=True)
@@ -202,13 +201,11 @@ def make_vehicle(
 
 
 def lower_speeds(fastest: FloatArray, v_min: float) -> FloatArray:
-    """Least speeds: v_min where it can be reached, else little less than the fastest possible.
+    """Least speeds: v_min where it can be reached, else a thousandth below the fastest possible.
 
-    Where it is only just reached a thousandth is left, as only one drive would remain.
+    So they are continuous along the road and hardly depend on the grid.
     """
-    return np.asarray(
-        np.where(fastest >= v_min, np.minimum(v_min, _JUST * fastest), _SLOWER * fastest)
-    )
+    return np.asarray(np.minimum(v_min, _NEARLY * fastest))
 
 
 def least_speeds(fastest: FloatArray, cruise: FloatArray, v_min: float) -> FloatArray:

@@ -64,7 +64,7 @@ def bound_checks(case: Case, gap_max: float = 0.1) -> list[Check]:
     fuel, _ = bound(case, 0.0)
     slowest, fastest = np.sqrt(task.b_low.min()), np.sqrt(task.b_high.max())
     below = case.fuel_map.below_fit(case.vehicle.fuel, float(slowest), float(fastest))
-    by_map = fuel - below * task.time_max
+    by_map = max(fuel - below * task.time_max, 0.0)
     whole, _ = bound(case, case.task.k_a)
     gap = case.cost(case.solution.plan.speed) / whole - 1.0 if whole > 0.0 else np.inf
     return [
@@ -116,12 +116,13 @@ def element_checks(case: Case, elements: Elements, must: str = "") -> list[Check
     ]
 
 
-def convergence_checks(case: Case, fine: RoadProfile) -> list[Check]:
+def convergence_checks(case: Case, fine: RoadProfile, optima: bool = False) -> list[Check]:
     """The plan against that of a fine grid of the same road, in its time and between its speeds.
 
     The optimum on the case's own grid, and what its forces burn on the fine road. Where the band
     lets no plan take as long as the cruise, or the coarse grid knows no drive in the fine plan's
-    time, nothing is bounded: there is no equal trip to compare.
+    time, nothing is bounded: there is no equal trip to compare. Bounded is what the plan burns on
+    the fine road, and with `optima` that both grids have the same least fuel.
     """
     road, grids = case.road, f"{case.road.step:g} m grid against {fine.step:g} m"
     other = solve(fine, case.config, case.vehicle.mass, case.parameters)
@@ -144,7 +145,7 @@ def convergence_checks(case: Case, fine: RoadProfile) -> list[Check]:
             f"fuel {what} the {grids}", 100.0 * (fuel / best.fuel - 1.0), "%", 0.0, must and bounds
         )
         for what, fuel, bounds in (
-            ("on", optimum, f"-{_CONVERGED:g} .. {_CONVERGED:g}"),
+            ("on", optimum, f"-{_CONVERGED:g} .. {_CONVERGED:g}" if optima else ""),
             ("when driven on the finer road: plan of", driven, must),
         )
     ]

@@ -117,7 +117,8 @@ def run_savings(config: ValidateConfig) -> Results:
     checks = list(table.checks)
     case = solved["72 km/h mean"]
     if case is not None:
-        judged = bound_checks(case) + energy_checks(case) + convergence_checks(case, fine)
+        judged = bound_checks(case) + energy_checks(case)
+        judged += convergence_checks(case, fine, optima=True)
         if not config.quick:
             elements = finite_elements(case)
             judged += element_checks(case, elements, must="-0.5 .. 0.5")

@@ -153,6 +153,16 @@ def test_quick_form_needs_no_files_and_demands_nothing_of_the_paper():
     assert [c.name for c in results.checks if not c.ok and not any(s in c.name for s in slow)] == []
 
 
+def test_a_plan_over_steep_hills_is_judged_by_what_it_burns_on_the_fine_road():
+    # The optima of both grids differ by more than the plan can be bettered.
+    steep = solve(hills(length=6_000.0, amplitude=0.05), BAND)
+    optimum, driven = convergence_checks(steep, hills(step=5.0, length=6_000.0, amplitude=0.05))
+    assert abs(optimum.value) > abs(driven.value)
+    assert not optimum.must
+    assert driven.must
+    assert driven.ok
+
+
 def test_a_trip_as_short_as_can_be_is_the_same_on_every_grid():
     # The cruise drives at the greatest speed already: there is only one drive in its time.
     fast = solve(hills(), PccConfig(v_ref=25.0, v_max=25.0))
