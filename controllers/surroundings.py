@@ -19,7 +19,10 @@ OTHER_LEVEL = 3.0
 WEAVING = 0.3
 
 
-_USED = ("station", "offset", "speed", "lateral_speed", "length", "width", "acceleration")
+_USED = (
+    *("station", "offset", "speed", "lateral_speed", "length", "width"),
+    *("acceleration", "yaw", "yaw_rate"),
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ EGO = EgoState(
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-@pytest.mark.parametrize("name", ["acceleration", "speed", "station", "width"])
+@pytest.mark.parametrize("name", ["acceleration", "speed", "station", "width", "yaw", "yaw_rate"])
 def test_a_vehicle_with_a_value_that_is_no_number_is_refused_not_overlooked(name, value):
     vehicle = dataclasses.replace(car(ROAD, "leader", 560.0, 0, 5.0), **{name: value})
     with pytest.raises(InputError, match=f"'leader': {name}"):
