@@ -90,7 +90,7 @@ def test_a_lane_change_of_the_laden_truck_is_tracked_and_completed():
 
 
 def test_the_laden_truck_stops_holds_and_restarts_on_a_5_percent_grade():
-    route = Route.straight(length=2000.0, grade=0.05)
+    route = Route.straight(length=2000.0, lanes=1, grade=0.05)
 
     def vehicles(time):
         gone = max(time - 22.0, 0.0)
