@@ -18,7 +18,7 @@ from controllers.following import braking_profile
 from controllers.predicted_boxes import Boxes, poses, touching
 from controllers.road_preview import LanePath, RoadPreview
 from controllers.surroundings import Surroundings
-from iits_mj.messages import EgoState
+from iits_mj.messages import EgoState, LightState
 from iits_mj.parameters import TruckParameters
 
 FloatArray = NDArray[np.float64]
@@ -39,6 +39,8 @@ _TIMES = np.linspace(0.0, 15.0, 31)
 # A stop line so near before the bend is waited at, so far from it [m].
 _LINE_NEAR = 12.0
 _TO_LINE = 0.5
+# Slower than this the truck has come to rest [m/s].
+_RESTS = 0.3
 # Who has gone this long before the truck comes is not waited for [s].
 _EARLY = 1.0
 # Braking towards the place to wait at, and towards the bend's speed, positive [m/s2].
@@ -112,10 +114,18 @@ class BendWait:
             return cap, math.inf, ""
         cap = np.minimum(cap, self.cap(sweep, path))
         who = self.waits_for(sweep, surroundings, path)
+        light = surroundings.scene.signals.light
+        closed = light is not None and light.state is not LightState.GREEN
+        if light is not None and closed and abs(sweep.begin - light.station) < _LINE_NEAR:
+            # The light's own stop rules: a second one beside it would not end as exactly.
+            if surroundings.front <= light.station:
+                return cap, math.inf, ""
+            if ego.station < sweep.first and ego.speed < _RESTS:
+                return cap, ego.station, "standing over the line of a light that is not green"
         if not who:
             return cap, math.inf, ""
         nearest = ego.station + ego.speed**2 / (2.0 * HARD)
-        begin, light = sweep.begin, surroundings.scene.signals.light
+        begin = sweep.begin
         if light is not None:
             # With a stop line shortly before, that is the place to wait at.
             line = light.station - surroundings.scene.footprint.front_overhang - _TO_LINE
