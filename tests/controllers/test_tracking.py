@@ -145,7 +145,7 @@ def test_speed_is_held_on_grades_within_the_power():
 
 
 def test_the_truck_stops_holds_and_starts_again_on_a_5_percent_grade():
-    route = Route.straight(length=3000.0, grade=0.05)
+    route = Route.straight(length=3000.0, lanes=1, grade=0.05)
 
     def vehicles(time):
         return (car(route, "block", 200.0 + 8.0 * max(time - 22.0, 0.0), 0, 8.0 * (time > 22.0)),)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from test_traffic_mirror import scene, vehicle
 
+from controllers.stack import Stack
 from iits_mj import Truck
 from iits_mj.messages import TrackedVehicle, VehicleCommand
 from iits_mj.road import Route
@@ -247,11 +248,18 @@ class _Crossing:
         return VehicleFrame.of([car])
 
 
+class _Blind(Stack):
+    """Sees nobody, so that it does not brake for who crosses."""
+
+    def plan(self, scene):
+        return super().plan(dataclasses.replace(scene, vehicles=()))
+
+
 def test_a_drive_ends_with_a_clip_between_two_traffic_steps():
     config = DriveConfig(
         duration=2.5, traffic_mode="none", speed=16.0, start_speed=16.0, decision="keep"
     )
-    with Simulation(config, visuals=False) as simulation:
+    with Simulation(config, driver=lambda route, truck: _Blind(route), visuals=False) as simulation:
         while simulation.time < 2.0:
             ego = simulation.cycle().ego
         # The car's flank passes before the bumper; its last 0.4 m are caught 0.04 s after a step.

@@ -29,7 +29,8 @@ def test_harmonic_finds_amplitude_and_phase_beside_a_drift():
 
 
 def test_commands_and_options_are_the_announced_ones():
-    assert set(COMMANDS) == {"lateral", "longitudinal", "standards", "step-size", "traffic"}
+    truck = {"lateral", "longitudinal", "standards", "step-size"}
+    assert set(COMMANDS) == truck | {"traffic", "planning"}
     assert ValidateConfig().step == 0.001
     assert ValidateConfig(quick=True).step == 0.002
     assert ValidateConfig(quick=True, timestep=0.005).step == 0.005
