@@ -90,10 +90,6 @@ class PointMass:
         """
         return np.asarray(self.mass * GRAVITY * (grade + self.rolling))
 
-    def force_max(self, speed: float) -> float:
-        """Greatest drive force at the wheels [N]."""
-        return self.efficiency * self.power_max / max(speed, _CRAWL)
-
     def net_force(self, speed: FloatArray, road: RoadProfile) -> FloatArray:
         """Drive minus brake force [N] of the intervals, shape (n,), for node speeds (n + 1,)."""
         b = speed**2

@@ -7,10 +7,9 @@ other run.
 
 from __future__ import annotations
 
-import csv
 import math
 import sys
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +18,12 @@ from controllers.pcc import Appointment, PccConfig, PccReference, RecedingConfig
 from controllers.pcc.fuel import FuelMap
 from controllers.pcc.planner import make_vehicle
 from controllers.pcc.schedule import level_worth
-from iits_mj.errors import InputError
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, Frame, Simulation
 from iits_mj.simulation.parts import make_stack, pcc_config
 from iits_mj.truck import Truck
+from iits_mj.validation import row_files
 from iits_mj.validation.kept_runs import drive_digest
 
 DENSITIES = ("dense", "medium", "sparse")
@@ -212,24 +211,7 @@ def read_rows(path: Path) -> list[TripRow]:
     Raises:
       InputError: the file is not one of ours.
     """
-    if not path.exists():
-        return []
-    names = [field.name for field in fields(TripRow)]
-    kinds = {"density": str, "planner": str, "seed": int, "changes": int, "failed": int}
-    kinds |= {"plans": int, "other_plans": int, "code": str}
-    rows = []
-    try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            reader = csv.DictReader(line for line in stream if not line.startswith("#"))
-            if reader.fieldnames != names:
-                raise InputError(f"{str(path)!r} is not a file of trips: its columns differ")
-            for row in reader:
-                # A kill in the middle of a write leaves a short last row: it is driven again.
-                if None not in row.values():
-                    rows.append(TripRow(**{n: kinds.get(n, float)(row[n]) for n in names}))
-    except (OSError, ValueError, csv.Error) as error:
-        raise InputError(f"file of trips {str(path)!r} cannot be read: {error}") from error
-    return rows
+    return row_files.read_rows(path, TripRow, "trips")
 
 
 def write_rows(path: Path, rows: list[TripRow]) -> None:
@@ -239,14 +221,4 @@ def write_rows(path: Path, rows: list[TripRow]) -> None:
       InputError: it cannot be written.
     """
     ordered = sorted(rows, key=lambda row: (DENSITIES.index(row.density), row.seed, row.planner))
-    beside = path.with_suffix(".part")
-    try:
-        with beside.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.DictWriter(stream, [field.name for field in fields(TripRow)])
-            writer.writeheader()
-            for row in ordered:
-                values = asdict(row).items()
-                writer.writerow({n: f"{v:.6g}" if isinstance(v, float) else v for n, v in values})
-        beside.replace(path)
-    except OSError as error:
-        raise InputError(f"file of trips {str(path)!r} cannot be written: {error}") from error
+    row_files.write_rows(path, TripRow, ordered, "trips")

@@ -13,7 +13,7 @@ from controllers import decision as decisions
 from controllers.decision.highway_config import CELLS
 from controllers.decision.highway_env import HighwayEnv, TripConfig, cell_trip
 from controllers.decision.training import TEST_SEEDS
-from iits_mj.errors import InputError
+from iits_mj.validation import row_files
 
 REFERENCE_SPEED = 60.0 / 3.6
 
@@ -124,36 +124,12 @@ def read_trials(path: Path) -> list[Trial]:
     Raises:
       InputError: the file is not one of ours.
     """
-    if not path.exists():
-        return []
-    names = [field.name for field in fields(Trial)]
-    kinds = {"density": str, "method": str, "world": str, "seed": int, "changes": int}
-    kinds |= {"refused": int, "collisions": int}
-    trials = []
-    try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            reader = csv.DictReader(stream)
-            if reader.fieldnames != names:
-                raise InputError(f"{str(path)!r} is not a file of trials: its columns differ")
-            for row in reader:
-                # A kill in the middle of a write leaves a short last row: it is driven again.
-                if None in row.values():
-                    continue
-                trials.append(Trial(**{n: kinds.get(n, float)(row[n]) for n in names}))
-    except (OSError, ValueError, csv.Error) as error:
-        raise InputError(f"file of trials {str(path)!r} cannot be read: {error}") from error
-    return trials
+    return row_files.read_rows(path, Trial, "trials")
 
 
 def rewrite_trials(path: Path, trials: list[Trial]) -> None:
     """Writes the file anew, with its header; InputError when it cannot be written."""
-    try:
-        with path.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.DictWriter(stream, [field.name for field in fields(Trial)])
-            writer.writeheader()
-            writer.writerows(asdict(trial) for trial in trials)
-    except OSError as error:
-        raise InputError(f"file of trials {str(path)!r} cannot be written: {error}") from error
+    row_files.write_rows(path, Trial, trials, "trials")
 
 
 def append_trial(path: Path, trial: Trial) -> None:
