@@ -29,20 +29,20 @@ LAUNCH_ACCELERATION = 1.5
 _LAUNCH_AHEAD = 200.0
 
 
-def _reference(path: LanePath, profile: SpeedProfile, ego: EgoState) -> SpeedProfile:
-    """The reference at the path's stations, between its nodes at constant acceleration.
+def _reference(station: FloatArray, profile: SpeedProfile, ego: EgoState) -> SpeedProfile:
+    """The reference at evenly spaced stations, between its nodes at constant acceleration.
 
     A profile that begins at the truck's own low speed would let it start only as fast as it says:
     a speed over station has no standing start. There the launch is the planner's.
     """
-    square = np.interp(path.station, profile.station, profile.speed**2)
+    square = np.interp(station, profile.station, profile.speed**2)
     if ego.speed < LAUNCH_SPEED:
-        ahead, step = path.station - ego.station, float(path.station[1] - path.station[0])
+        ahead, step = station - ego.station, float(station[1] - station[0])
         near = (ahead >= 0.0) & (ahead < _LAUNCH_AHEAD)
         most = float(square[near].max()) if near.any() else 0.0
         launch = ego.speed**2 + 2.0 * LAUNCH_ACCELERATION * np.maximum(ahead, step)
         square = np.maximum(square, np.minimum(launch, most))
-    return SpeedProfile(path.station, np.asarray(np.sqrt(square)))
+    return SpeedProfile(station, np.asarray(np.sqrt(square)))
 
 
 class SpeedCaps:
@@ -74,7 +74,7 @@ class SpeedCaps:
           InputError: the reference speed is not a number.
         """
         if profile is not None:
-            profile = _reference(path, profile, ego)
+            profile = _reference(path.station, profile, ego)
         cap = speed_cap(path, self.preview, self.config.speed, profile)
         if np.isnan(cap).any():
             raise InputError("the reference speed ahead is not a number")
@@ -82,14 +82,36 @@ class SpeedCaps:
         return np.minimum(cap, self._by_roll(margin)[first : first + len(cap)])
 
     def top(self, ego: EgoState, profile: SpeedProfile | None) -> float:
-        """Greatest speed that may be reached during a change [m/s]."""
-        wanted, longest = self.config.speed.cruise_speed, self.config.change.duration_max
-        if profile is not None:
-            # Over the way of the longest change: a rising profile is followed during it.
-            near = ego.station + np.linspace(0.0, max(ego.speed, 10.0) * longest, 10)
-            wanted = float(np.interp(near, profile.station, profile.speed).max())
-        gain = min(self.power_left(ego), self.config.speed.following.acceleration_max)
-        return max(ego.speed, min(ego.speed + gain * longest, wanted))
+        """Greatest speed that may be reached during a change [m/s].
+
+        A faster truck goes farther in a change, where reference and grade may let it be faster
+        still: the least speed that its own way allows, found from below.
+
+        Args:
+          ego: the truck.
+          profile: reference speed over station; None: the cruise speed.
+        """
+        preview, config = self.preview, self.config
+        longest, most = config.change.duration_max, config.speed.following.acceleration_max
+        here = preview.index(ego.station)
+        reach = max((ego.speed + most * longest) * longest, config.change.length_min)
+        ahead = slice(here, preview.index(ego.station + reach) + 2)
+        station = preview.station[ahead]
+        wanted = np.full(len(station), config.speed.cruise_speed)
+        if profile is not None and len(station) > 1:
+            wanted = _reference(station, profile, ego).speed
+        wanted = np.maximum.accumulate(wanted)
+        easiest = np.minimum.accumulate(preview.grade[ahead])
+        top = ego.speed
+        while True:
+            way = max(top * longest, config.change.length_min)
+            last = min(int(np.searchsorted(station, ego.station + way)), len(station) - 1)
+            power = power_acceleration(ego.speed, ego.mass, float(easiest[last]), config.speed)
+            gained = ego.speed + min(power, most) * longest
+            found = max(ego.speed, min(gained, float(wanted[last])))
+            if found <= top + 1e-3:
+                return found
+            top = found
 
     def power_left(self, ego: EgoState) -> float:
         """Acceleration that the engine has left now [m/s2]."""

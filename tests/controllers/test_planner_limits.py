@@ -78,6 +78,50 @@ def test_a_change_under_a_rising_reference_keeps_its_lateral_limit_to_the_end(ma
     assert greatest <= 1.01 * allowed
 
 
+def lateral_jerk_of_a_change(road, ego, profile):
+    """Greatest lateral jerk of a change to the left begun at once, as it is driven [m/s3]."""
+    planner, greatest = Planner(road), 0.0
+    for cycle in range(150):
+        decision = Decision.LEFT if cycle == 0 else Decision.KEEP
+        plan = planner.plan(Scene(ego.time, ego), decision, profile)
+        if plan.mode is PlanMode.LANE_CHANGE:
+            third = planner.maneuver.residual.evaluate(plan.station)[3]
+            greatest = max(greatest, float(np.abs(third * plan.speed**3).max()))
+        ego = dataclasses.replace(
+            ego,
+            time=round(ego.time + 0.1, 6),
+            station=float(plan.station[1]),
+            offset=float(plan.offset[1]),
+            speed=float(plan.speed[1]),
+        )
+    assert planner.lane_changes == 1
+    return greatest, planner.config.change.jerk
+
+
+@pytest.mark.parametrize("speed", [6.0, 7.4])
+def test_a_slow_truck_that_gains_speed_in_a_change_keeps_the_jerk_limit_to_the_end(speed):
+    # A launch uses the truck's power, whatever a straight line between the reference's nodes says.
+    profile = SpeedProfile(
+        np.array([0.0, 500.0, 900.0, 6000.0]), np.array([speed, speed, 20.0, 20.0])
+    )
+    ego = EgoState(station=500.0, offset=float(STRAIGHT.lane_offset(0, 0.0)), speed=speed)
+    driven, limit = lateral_jerk_of_a_change(STRAIGHT, ego, profile)
+    assert 0.3 * limit < driven <= 1.01 * limit
+
+
+def test_a_laden_truck_that_gains_speed_over_a_crest_keeps_the_jerk_limit():
+    station = np.arange(0.0, 3000.0, 5.0)
+    grade = np.interp(station, [560.0, 600.0], [0.05, -0.05])
+    height = np.append(0.0, np.cumsum(0.5 * (grade[1:] + grade[:-1]) * 5.0))
+    road = measured_route(station, height, lanes=Lanes(2, 4.0, 25.0))
+    ego = EgoState(
+        station=560.0, offset=float(road.lane_offset(0, 560.0)), speed=7.0, mass=55_000.0
+    )
+    profile = SpeedProfile(np.array([0.0, 3000.0]), np.array([22.0, 22.0]))
+    driven, limit = lateral_jerk_of_a_change(road, ego, profile)
+    assert 0.3 * limit < driven <= 1.01 * limit
+
+
 def test_a_change_is_refused_only_where_the_bend_takes_what_a_high_load_bears():
     station = np.arange(0.0, 2000.0, 5.0)
     knots, radius = [600.0, 680.0, 1200.0, 1280.0], 300.0
