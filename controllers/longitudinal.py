@@ -52,9 +52,11 @@ class LongitudinalConfig:
       coast_speed: [m/s].
       brake_enter: deceleration beyond engine brake and retarder that calls friction [m/s2].
       brake_leave: the same, below which it is released [m/s2].
+      build_up: of friction, from the demand to its force [s].
       dwell: least time in a phase [s].
       urgent: demanded deceleration that ends dwelling and brakes at once; brake control then
         has engine brake and retarder to itself, and leaves them while ABS works [m/s2].
+      calm: the same, below which brake control may be let go again [m/s2].
       pedal_rise, pedal_fall: rates of the pedal [1/s].
       kick_down_gain: speed to be gained within the plan for which a lower gear is worth its change
         [m/s].
@@ -80,8 +82,10 @@ class LongitudinalConfig:
     coast_speed: float = 10.0
     brake_enter: float = 0.15
     brake_leave: float = 0.02
+    build_up: float = 0.6
     dwell: float = 0.6
     urgent: float = 1.0
+    calm: float = 0.8
     pedal_rise: float = 1.0
     pedal_fall: float = 2.0
     kick_down_gain: float = 2.0
@@ -160,7 +164,7 @@ class LongitudinalController:
         engaged = not ego.shift_in_process and ego.gear >= 1
         endurance = inverse.endurance(ego.speed, ego.engine_speed, gear, engaged)
         shared = share_out(-force, endurance)
-        deficit = shared.short / ego.mass
+        deficit = max(shared.short, self._short_soon(ego, force, wanted, engaged)) / ego.mass
         beyond = max(-force - endurance.drag, 0.0) / ego.mass
         self._choose(torque + drag, beyond, deficit, wanted, engaged)
         self._pull(ego, torque, float(trajectory.speed.max()) - ego.speed)
@@ -168,6 +172,16 @@ class LongitudinalController:
         self._brake(ego, force, wanted)
         self._learn(ego, error)
         return self._output()
+
+    def _short_soon(self, ego: EgoState, force: float, wanted: float, engaged: bool) -> float:
+        """Force [N] that engine brake and retarder will lack when friction, asked now, is there.
+
+        Both give out as the truck gets slow; what takes their place has to be built up before.
+        """
+        speed = max(ego.speed + min(wanted, 0.0) * self.config.build_up, 0.0)
+        engine_speed = ego.engine_speed * speed / max(ego.speed, 0.1)
+        then = self.inverse.endurance(speed, engine_speed, self._gear, engaged)
+        return share_out(-force, then).short
 
     def _forgive(self, error: float, speed: float) -> float:
         """The error of speed [m/s] that is corrected: while coasting less than there is."""
@@ -231,9 +245,9 @@ class LongitudinalController:
         if (self._since < config.dwell or not engaged) and not urgent:
             return
         if self.phase is Phase.BRAKE:
-            if deficit < config.brake_leave:
+            if deficit < config.brake_leave and wanted > -config.calm:
                 self._enter(Phase.DRIVE if above > config.overrun_leave else Phase.OVERRUN)
-        elif deficit > config.brake_enter:
+        elif urgent or deficit > config.brake_enter:
             self._enter(Phase.BRAKE)
         elif self.phase is Phase.OVERRUN:
             if above > config.overrun_leave:

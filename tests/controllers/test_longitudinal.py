@@ -82,6 +82,35 @@ def test_hard_braking_is_left_to_brake_control_which_knows_about_slip():
     assert last.xbr_demand == pytest.approx(-4.0, abs=0.2)
 
 
+@pytest.mark.parametrize("wanted", [-1.2, -1.8])
+def test_whatever_is_wanted_beyond_coasting_somebody_is_asked_for_it(wanted):
+    # An empty truck in a low gear: its engine brake could do it alone, but hard braking is not its.
+    empty = EgoState(mass=19_000.0, speed=4.2, gear=4, engine_speed=160.0, engine_torque=-150.0)
+    controller = LongitudinalController(PARAMETERS)
+    run(controller, empty, plan(4.2, -0.7), 0.0, 1.0)
+    assert controller.phase is Phase.OVERRUN
+    last = run(controller, empty, plan(4.2, wanted), 0.0, 0.8)[-1]
+    assert last.xbr_mode is XbrMode.MAXIMUM
+    assert last.xbr_demand < 0.9 * wanted
+
+
+def test_friction_is_called_before_the_engine_brake_gives_out_not_after():
+    def asks(speed):
+        engine_speed = 110.0 * speed / 5.0
+        ego = EgoState(mass=19_000.0, speed=speed, gear=6, engine_speed=engine_speed)
+        controller = LongitudinalController(PARAMETERS)
+        last = run(controller, ego, plan(speed, -0.85), -0.06, 0.9)[-1]
+        return controller.phase, last
+
+    fast, slow = asks(7.0), asks(4.9)
+    assert fast[0] is Phase.OVERRUN
+    assert slow[0] is Phase.BRAKE
+    # The engine brake goes on meanwhile.
+    assert slow[1].engine_brake > 0.9
+    inverse = LongitudinalController(PARAMETERS).inverse
+    assert inverse.engine_brake_torque(110.0 * 4.9 / 5.0) > 0.0
+
+
 def test_hard_braking_does_not_wait_for_a_gear_change():
     controller = LongitudinalController(PARAMETERS)
     changing = dataclasses.replace(LADEN, shift_in_process=True)

@@ -29,7 +29,15 @@ def judge(speed, payload, grade, known, *, braking):
 def test_the_truck_crosses_no_red_line_brakes_gently_and_stands_before_it(
     speed, payload, grade, known
 ):
-    judge(speed, payload, grade, known, braking=2.0 if payload else 3.0)
+    judge(speed, payload, grade, known, braking=2.0)
+
+
+@pytest.mark.parametrize(("speed", "grade", "sight"), [(8.0, -0.06, 60.0), (12.0, 0.0, 100.0)])
+def test_an_empty_truck_brakes_no_harder_where_its_engine_brake_gives_out(speed, grade, sight):
+    drive = drive_to_red(speed, 0.0, grade, known=False, green=2.8 * sight / speed, sight=sight)
+    assert not drive.ran_red
+    assert drive.braking < 2.0
+    assert 0.0 < drive.place < 1.5
 
 
 @pytest.mark.slow
