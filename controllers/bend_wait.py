@@ -2,7 +2,10 @@
 
 Before such a bend the ground that the truck will sweep is held against everybody who is there or
 will be there by the time the trailer is through. While it is not free the truck stands before the
-bend, as its driver would.
+bend, as its driver would. Who stands counts with the ground under it only. Of those who come the
+truck asks nothing at first; the longer it has waited the harder, up to a comfortable deceleration,
+it expects them to brake for it, so that turns are taken. In the bend it stops before it touches
+whoever is in its way after all.
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ from numpy.typing import NDArray
 
 from controllers.crossing import ALONG, bodies_along
 from controllers.following import braking_profile
-from controllers.predicted_boxes import Boxes, poses, touching
+from controllers.predicted_boxes import Boxes, Poses, poses, touching
 from controllers.road_preview import LanePath, RoadPreview
 from controllers.surroundings import Surroundings
 from iits_mj.messages import EgoState, LightState
@@ -35,6 +38,22 @@ _AFTER = 45.0
 _BEFORE = 15.0
 _SIGHT = 80.0
 _ROOM = 0.5
+# Beside who stands [m].
+_ROOM_STANDING = 0.35
+# In the bend [m]: at rest, and more by this with each m/s, up to a bend's speed; it stops so short.
+_ROOM_INSIDE, _ROOM_GAIN, _SHORT = 0.1, 0.03, 0.5
+# Slower than this a vehicle stands [m/s].
+_STANDS = 0.5
+# What those who come are expected to brake with rises by this with each second waited [m/s3], up to
+# a gentle one [m/s2]; of a truck that has set out it is more, or it would stop half-way [m/s2].
+# They begin so long after they saw it [s].
+_ASKS, _ASKS_MOST, _ASKS_UNDER_WAY, _REACTION = 0.3, 0.75, 2.5, 0.75
+# Acceleration of the truck that sets out [m/s2].
+_SETS_OUT = 0.5
+# From so far before the place to wait at it has set out when nobody is in its way [m].
+_NEAR = 2.0
+# In the bend who comes is looked at so far ahead [s].
+_SOON = np.array([0.0, 0.5, 1.0])
 _TIMES = np.linspace(0.0, 15.0, 31)
 # A stop line so near before the bend is waited at, so far from it [m].
 _LINE_NEAR = 12.0
@@ -85,6 +104,13 @@ class BendWait:
                 begin = self._bends.pop()[0]
             self._bends.append((begin, over))
         self._known: dict[tuple[float, int], Sweep | None] = {}
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets how long the truck has waited."""
+        self._waited = 0.0
+        self._set_out = False
+        self._seen: float | None = None
 
     def ahead(self, path: LanePath, ego: EgoState) -> Sweep | None:
         """The next bend in which the trailer will leave the lane of a path, or is doing so."""
@@ -111,17 +137,22 @@ class BendWait:
         ego = surroundings.scene.ego
         sweep = self.ahead(path, ego)
         if sweep is None:
+            self.reset()
             return cap, math.inf, ""
         cap = np.minimum(cap, self.cap(sweep, path))
+        if ego.station > sweep.first - ego.speed**2 / (2.0 * HARD):
+            return cap, *self._inside(sweep, surroundings, path)
         who = self.waits_for(sweep, surroundings, path)
         light = surroundings.scene.signals.light
         closed = light is not None and light.state is not LightState.GREEN
+        self._count(surroundings.scene.time, waits=bool(who) and not closed and ego.speed < _RESTS)
         if light is not None and closed and abs(sweep.begin - light.station) < _LINE_NEAR:
             # The light's own stop rules: a second one beside it would not end as exactly.
             if surroundings.front <= light.station:
                 return cap, math.inf, ""
             if ego.station < sweep.first and ego.speed < _RESTS:
                 return cap, ego.station, "standing over the line of a light that is not green"
+        self._set_out = not who and ego.station > sweep.begin - _NEAR
         if not who:
             return cap, math.inf, ""
         nearest = ego.station + ego.speed**2 / (2.0 * HARD)
@@ -131,7 +162,7 @@ class BendWait:
             line = light.station - surroundings.scene.footprint.front_overhang - _TO_LINE
             begin = line if begin - _LINE_NEAR < line < begin else begin
         stop = max(begin, min(nearest, sweep.first))
-        return cap, stop, f"waiting for {who}, which is where the trailer will sweep in the bend"
+        return cap, stop, f"waiting for {who}: the trailer needs its ground in the bend"
 
     def cap(self, sweep: Sweep, path: LanePath) -> FloatArray:
         """Bound on the speed for a bend, shape of path.station [m/s]."""
@@ -142,32 +173,88 @@ class BendWait:
     def waits_for(self, sweep: Sweep, surroundings: Surroundings, path: LanePath) -> str:
         """Who is in the way of a bend that the truck has not entered yet, "" for nobody."""
         ego = surroundings.scene.ego
-        if ego.station > sweep.first - ego.speed**2 / (2.0 * HARD):
+        names, found = self._others(sweep, surroundings, path)
+        if not names:
             return ""
-        near = surroundings.here & (np.abs(surroundings.station - sweep.first) < 150.0)
-        if not near.any():
-            return ""
-        others = surroundings.scene.vehicles
-        chosen = [v for v, is_near in zip(others, near.tolist(), strict=True) if is_near]
-        found = poses(chosen, self.preview)
-        angle = np.abs(found.to_road)
-        own = (angle < ALONG) & (
-            np.abs(found.offset - path.offset_at(found.station)) < path.half_width
-        )
+        late = 0.5 * max(BEND_SPEED - ego.speed, 0.0) ** 2 / (_SETS_OUT * BEND_SPEED)
         enters = max(sweep.first - ego.station, 0.0) / BEND_SPEED
-        leaves = (sweep.last - ego.station) / BEND_SPEED
+        leaves = (sweep.last - ego.station) / BEND_SPEED + late
         times = _TIMES[: 1 + int(np.searchsorted(_TIMES, max(leaves + _EARLY, 1.0)))]
         matters = times >= min(max(enters - _EARLY, 0.0), times[-1])
-        coming = angle > np.pi - ALONG
-        for index in np.flatnonzero(~own):
-            one = found.only(np.arange(len(own)) == index)
-            guesses = [one.ahead(times)]
-            if coming[index]:
-                guesses.append(one.along_road(times, self.preview))
-            for guess in guesses:
-                if any(touching(u, guess, _ROOM)[:, matters, 0].any() for u in sweep.units):
-                    return chosen[int(index)].id
+        for index, name in enumerate(names):
+            one = found.only(np.arange(len(names)) == index)
+            if one.speed[0] < _STANDS:
+                there = one.ahead(np.zeros(1))
+                if any(touching(u, there, _ROOM_STANDING).any() for u in sweep.units):
+                    return f"{name}, which stands in the way"
+                continue
+            for guess in self._guesses(one, times):
+                touched = np.zeros(len(times), dtype=bool)
+                for unit in sweep.units:
+                    touched |= touching(unit, guess, _ROOM)[:, :, 0].any(axis=0)
+                if (touched & matters).any() and not self._yields(one, times, touched):
+                    return f"{name}, which comes"
         return ""
+
+    def _yields(self, one: Poses, times: FloatArray, touched: NDArray[np.bool_]) -> bool:
+        """Whether somebody can stop before the swept ground as gently as may be asked now."""
+        first = int(touched.argmax())
+        speed = float(one.speed[0])
+        asks = _ASKS_UNDER_WAY if self._set_out else min(_ASKS * self._waited, _ASKS_MOST)
+        left = float(one.ways(times[first : first + 1])[0, 0]) - _REACTION * speed
+        return first > 0 and speed**2 < 2.0 * asks * left
+
+    def _count(self, time: float, *, waits: bool) -> None:
+        """Adds up how long the truck has stood for others, over lights that change meanwhile."""
+        if waits and self._seen is not None:
+            self._waited += max(time - self._seen, 0.0)
+        self._seen = time
+
+    def _inside(
+        self, sweep: Sweep, surroundings: Surroundings, path: LanePath
+    ) -> tuple[float, str]:
+        """Where the steer axle has to stand in the bend (or infinity) [m], and why."""
+        ego = surroundings.scene.ego
+        names, found = self._others(sweep, surroundings, path)
+        if not names:
+            return math.inf, ""
+        ahead = np.arange(len(sweep.units[0].x)) * _STEP + sweep.first - ego.station
+        # The slower it creeps past somebody, the less room it needs.
+        room = _ROOM_INSIDE + _ROOM_GAIN * min(ego.speed, BEND_SPEED)
+        here = int(np.abs(ahead).argmin())
+        soon = (ahead > 0.0) & (ahead < ego.speed**2 / (2.0 * DECELERATION) + 4.0)
+        for index, name in enumerate(names):
+            one = found.only(np.arange(len(names)) == index)
+            for guess in self._guesses(one, _SOON):
+                touched = np.zeros(len(ahead), dtype=bool)
+                for unit in sweep.units:
+                    touched |= touching(unit, guess, room)[:, :, 0].any(axis=1)
+                rows = np.flatnonzero(touched & soon)
+                # Who is at the truck's very place is not let pass by stopping.
+                if rows.size and not touched[here]:
+                    stop = ego.station + max(float(ahead[rows[0]]) - _SHORT, 0.0)
+                    return stop, f"{name} is where the trailer has to go in the bend"
+        return math.inf, ""
+
+    def _guesses(self, one: Poses, times: FloatArray) -> list[Boxes]:
+        """Where somebody will be: as it turns now, and who comes along the road, along it."""
+        guesses = [one.ahead(times)]
+        if abs(float(one.to_road[0])) > np.pi - ALONG:
+            guesses.append(one.along_road(times, self.preview))
+        return guesses
+
+    def _others(
+        self, sweep: Sweep, surroundings: Surroundings, path: LanePath
+    ) -> tuple[list[str], Poses]:
+        """Who is near a bend and not in the truck's own lane, with their names."""
+        near = surroundings.here & (np.abs(surroundings.station - sweep.first) < 150.0)
+        chosen = [surroundings.scene.vehicles[int(i)] for i in np.flatnonzero(near)]
+        found = poses(chosen, self.preview)
+        own = (np.abs(found.to_road) < ALONG) & (
+            np.abs(found.offset - path.offset_at(found.station)) < path.half_width
+        )
+        names = [v.id for v, is_own in zip(chosen, own.tolist(), strict=True) if not is_own]
+        return names, found.only(~own)
 
     def _sweep(self, path: LanePath, begin: float, over: float) -> Sweep | None:
         first, last = begin - _BEFORE, min(over + _AFTER, self.preview.route.length)

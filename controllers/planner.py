@@ -96,6 +96,7 @@ class Planner:
         """Forgets plan, manoeuvre and counters."""
         self.maneuver.reset()
         self._light.reset()
+        self._bends.reset()
         self.emergencies = 0
         self._emergency = False
         self._crossing: list[str] = []
@@ -271,7 +272,9 @@ class Planner:
         ego, config = surroundings.scene.ego, self.config.pull_out
         beside = (path.lane - 1, path.lane + 1)
         usable = [lane for lane in beside if lane in self.config.lanes]
-        if self.changing or not any(self.preview.lane_exists(i, ego.station) for i in usable):
+        change = self.maneuver.change
+        under_way = change is not None and not (change.pull_out and change.aborted)
+        if under_way or not any(self.preview.lane_exists(i, ego.station) for i in usable):
             return math.inf
         leader = blocker(surroundings, path, config, self.config.speed.preview)
         return stop_behind(leader, ego.speed, surroundings.front, config)

@@ -63,17 +63,36 @@ def test_a_start_is_held_to_the_bends_ahead():
         assert not simulation.failed
 
 
-@pytest.mark.slow
-def test_no_oncoming_vehicle_is_touched_in_a_turn_on_green():
-    config = DriveConfig(
+def turn(seed, duration, payload=0.0):
+    """A turn to the left with a light, oncoming cars stopping where the trailer will sweep."""
+    return DriveConfig(
         map=needed("esmini_fabriksgatan_traffic_lights.xodr"),
-        payload=0.0,
+        payload=payload,
         start_speed=12.0,
         traffic_scope="both",
-        duration=60.0,
-        seed=5,
+        duration=duration,
+        seed=seed,
     )
-    with Simulation(config) as simulation:
+
+
+@pytest.mark.slow
+def test_no_oncoming_vehicle_is_touched_in_a_turn_on_green():
+    with Simulation(turn(seed=5, duration=60.0)) as simulation:
         summary = simulation.run()
         assert not summary.failed
+        assert summary.red_lights_run == 0
         assert simulation.frame.ego.station > 100.0
+        # A car stands on the ground that the trailer needs: there is no way, and it is said.
+        assert "stands in the way" in simulation.frame.trajectory.reason
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "payload", "duration"), [(6, 0.0, 65.0), (6, 36e3, 70.0), (1, 0.0, 160.0)]
+)
+def test_the_turn_is_driven_as_soon_as_its_ground_is_free(seed, payload, duration):
+    with Simulation(turn(seed, duration, payload)) as simulation:
+        summary = simulation.run()
+        assert not summary.failed
+        assert summary.red_lights_run == 0
+        assert simulation.frame.ego.station > 150.0
