@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from controllers.breakdown import Breakdown
 from controllers.lane_change import lateral_limit, quintic_back, quintic_change
+from controllers.lane_choice import LaneChoice
 from controllers.lateral_limits import RollMargin
 from controllers.pull_out import blocker, way_past
 from controllers.quintic import Quintic
@@ -25,7 +27,6 @@ from iits_mj.parameters import TruckParameters
 if TYPE_CHECKING:
     from controllers.planner_config import PlannerConfig
 
-BEHIND = 150.0
 # Places at which the road is looked at along a change [m].
 _SAMPLE = 15.0
 
@@ -34,7 +35,7 @@ _SAMPLE = 15.0
 class Change:
     """A lane change under way: direction, the lane it left, its size [m], given up or not.
 
-    `pull_out`: from low speed, past somebody who stands.
+    `passes`: pulling out from low speed past who stands there, "" for an ordinary change.
     """
 
     direction: Decision
@@ -42,7 +43,12 @@ class Change:
     size: float
     aborted: bool = False
     mandatory: bool = False
-    pull_out: bool = False
+    passes: str = ""
+
+    @property
+    def pull_out(self) -> bool:
+        """Whether it passes somebody who stands."""
+        return bool(self.passes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +83,8 @@ class Maneuver:
         self.preview = preview
         self._parameters = parameters
         self.config = config
+        self._lanes = LaneChoice(preview, config)
+        self._breakdown = Breakdown(preview, config)
         self.reset()
 
     def reset(self) -> None:
@@ -86,7 +94,7 @@ class Maneuver:
         self.residual: Quintic | None = None
         self._middle: float | None = None
         self._changed_at = -math.inf
-        self._stands_since: float | None = None
+        self._breakdown.reset()
 
     @property
     def mode(self) -> PlanMode:
@@ -98,8 +106,10 @@ class Maneuver:
     @property
     def pulls_out_until(self) -> float:
         """Station up to which the truck pulls out slowly [m]; minus infinity when it does not."""
-        pulls_out = self.change is not None and self.change.pull_out and self.residual is not None
-        return self.residual.end if pulls_out and self.residual is not None else -math.inf
+        change, residual = self.change, self.residual
+        if change is None or residual is None or not change.pull_out or change.aborted:
+            return -math.inf
+        return residual.end
 
     def lane(self, ego: EgoState) -> int:
         """Index of the lane being kept or changed to."""
@@ -130,18 +140,19 @@ class Maneuver:
           margin: of the truck with its load.
         """
         ego = scene.ego
-        path = self._follow(self.lane(ego), ego)
+        path = self._lanes.follow(self.lane(ego), ego)
         self._middle = float(path.offset_at(ego.station))
         self._recover(ego, path, margin)
         self._progress(scene, path)
+        stands = ego.speed <= self.config.pull_out.lead_speed
+        if stands and self.change is not None and self.change.pull_out and self.change.aborted:
+            # Given up and standing again: what is left of the way back is driven with the lane.
+            self._changed_at, self.change = scene.time, None
         if self.change is None:
             return self._decide(scene, surroundings, path, decision, top, margin)
         if self._must_abort(ego, surroundings, path):
             return Step(self._abort(ego, path, margin))
         return Step(path)
-
-    def _follow(self, lane: int, ego: EgoState) -> LanePath:
-        return self.preview.follow(lane, ego.station, self.config.speed.preview, BEHIND)
 
     def _state(self, ego: EgoState) -> tuple[float, float, float]:
         """Planned offset from the path [m], slope and bend, where the truck is."""
@@ -190,28 +201,35 @@ class Maneuver:
         margin: RollMargin,
     ) -> Step:
         """Begins a change where one is wanted and possible; else says why not."""
-        must = self._mandatory(scene.ego, path)
+        must = self._lanes.mandatory(scene.ego, path)
         wanted = decision if must is Decision.KEEP else must
-        own = wanted is Decision.KEEP and self._stands_behind(scene, surroundings, path)
-        wanted = self._way_around(scene.ego, path) if own else wanted
+        passes, stays = self._breakdown.passes(surroundings, path)
+        own = wanted is Decision.KEEP and passes
+        wanted = self._lanes.around(scene.ego, path) if own else wanted
         if wanted is Decision.KEEP:
-            return Step(path)
+            return Step(path, stays)
         forced = must is not Decision.KEEP
         slow = scene.ego.speed < self.config.change.speed_min and not forced
-        pull_out = slow and blocker(surroundings, path, self.config.pull_out, 60.0) is not None
-        target, why = self._target(scene, path, wanted, forced, pull_out)
+        who = blocker(surroundings, path, self.config.pull_out, 60.0) if slow else None
+        target, why = self._lanes.target(
+            scene.ego,
+            path,
+            wanted,
+            forced=forced,
+            pull_out=who is not None,
+            since=scene.time - self._changed_at,
+            finding=self.residual is not None,
+        )
         unsafe = False
         if target is not None and not why:
             here = float(np.interp(scene.ego.station, target.station, target.speed_limit))
             limit = self.config.safety.unlimited_speed if math.isinf(here) else here
             why = conflict(surroundings, target, self.config.safety, limit=limit) or ""
             unsafe = bool(why)
-        if target is not None and not why and pull_out:
-            why = self._pull_out(surroundings, path, target, wanted)
+        if target is not None and not why and who is not None:
+            why = self._pull_out(surroundings, path, target, wanted, who.vehicle.id)
             if not why:
-                who = blocker(surroundings, path, self.config.pull_out, 60.0)
-                name = who.vehicle.id if who is not None else "who stands there"
-                return Step(target, f"pulling out past {name}")
+                return Step(target, f"pulling out past {who.vehicle.id}")
         elif target is not None and not why:
             why = self._begin(scene.ego, path, target, wanted, top, margin, forced)
             if not why:
@@ -253,27 +271,13 @@ class Maneuver:
         self.change = Change(wanted, origin, abs(size), mandatory=forced)
         return ""
 
-    def _stands_behind(self, scene: Scene, surroundings: Surroundings, path: LanePath) -> bool:
-        """Whether the truck has long been standing behind somebody who stands, too."""
-        config = self.config.pull_out
-        reach = config.gap + 10.0
-        if scene.ego.speed > config.lead_speed or not blocker(surroundings, path, config, reach):
-            self._stands_since = None
-            return False
-        if self._stands_since is None:
-            self._stands_since = scene.time
-        return scene.time - self._stands_since >= config.patience
-
-    def _way_around(self, ego: EgoState, path: LanePath) -> Decision:
-        """The side with a lane that the truck may use, the left one first."""
-        for side in (Decision.LEFT, Decision.RIGHT):
-            lane = path.lane - int(side)
-            if lane in self.config.lanes and self.preview.lane_exists(lane, ego.station):
-                return side
-        return Decision.KEEP
-
     def _pull_out(
-        self, surroundings: Surroundings, path: LanePath, target: LanePath, wanted: Decision
+        self,
+        surroundings: Surroundings,
+        path: LanePath,
+        target: LanePath,
+        wanted: Decision,
+        who: str,
     ) -> str:
         """Takes up the way past somebody who stands; else says why there is none."""
         ego = surroundings.scene.ego
@@ -287,54 +291,15 @@ class Maneuver:
         self.residual = found
         origin = float(path.offset_at(ego.station))
         self._middle = float(target.offset_at(ego.station))
-        self.change = Change(wanted, origin, abs(size), pull_out=True)
+        self.change = Change(wanted, origin, abs(size), passes=who)
         return ""
-
-    def _target(
-        self, scene: Scene, path: LanePath, wanted: Decision, forced: bool, pull_out: bool
-    ) -> tuple[LanePath | None, str]:
-        """Path of the wanted lane and why it may not be taken, apart from traffic."""
-        ego, change = scene.ego, self.config.change
-        lane = path.lane - int(wanted)
-        if not self.preview.lane_exists(lane, ego.station):
-            return None, f"there is no lane to the {wanted.name.lower()}"
-        if not forced and lane not in self.config.lanes:
-            return None, f"lane {lane} is not one the truck may use"
-        if ego.speed < change.speed_min and not forced and not pull_out:
-            return None, f"speed {ego.speed:.1f} m/s is below {change.speed_min:g} m/s"
-        target = self._follow(lane, ego)
-        if self.residual is not None:
-            return target, "the truck is still finding its lane"
-        since = scene.time - self._changed_at
-        if since < change.pause and not forced:
-            return target, f"the last change was {since:.1f} s ago, {change.pause:g} s must pass"
-        needed = max(ego.speed, 10.0) * change.duration_max + change.lane_left
-        if target.end - ego.station < needed and not forced:
-            left = target.end - ego.station
-            return target, f"the lane ends in {left:.0f} m, {needed:.0f} m are needed"
-        return target, ""
-
-    def _mandatory(self, ego: EgoState, path: LanePath) -> Decision:
-        """The way out of a lane that ends, when it is near."""
-        change = self.config.change
-        # Not of the speed alone: who slows down for a gap is still about to leave the lane.
-        speed = max(ego.speed, self.config.speed.cruise_speed)
-        reach = max(speed * change.merge_time, change.merge_distance)
-        if path.end - ego.station > reach or path.end >= self.preview.station[-1]:
-            return Decision.KEEP
-        best, choice = path.end, Decision.KEEP
-        for side in (Decision.LEFT, Decision.RIGHT):
-            lane = path.lane - int(side)
-            if self.preview.lane_exists(lane, ego.station):
-                end = self._follow(lane, ego).end
-                if end > best:
-                    best, choice = end, side
-        return choice
 
     def _must_abort(self, ego: EgoState, surroundings: Surroundings, path: LanePath) -> bool:
         change, residual = self.change, self.residual
-        if change is None or residual is None or change.aborted or change.pull_out:
+        if change is None or residual is None or change.aborted:
             return False
+        if change.pull_out:
+            return self._drives_on(surroundings, change)
         left = abs(self._state(ego)[0])
         if left < (1.0 - self.config.change.abort_share) * change.size:
             return False
@@ -348,9 +313,26 @@ class Maneuver:
         back = surroundings.leader(origin)
         return surroundings.beside(origin) is None and (back is None or back.gap > safety.margin)
 
+    def _drives_on(self, surroundings: Surroundings, change: Change) -> bool:
+        """Whether who stood drives on while the truck is still in its lane, with a way back."""
+        scene, config = surroundings.scene, self.config
+        who = next((v for v in scene.vehicles if v.id == change.passes), None)
+        if who is None or who.speed <= config.pull_out.moves:
+            return False
+        origin = self._origin(scene.ego)
+        aside = abs(scene.ego.offset - float(origin.offset_at(scene.ego.station)))
+        if aside + 0.5 * scene.footprint.width > origin.half_width:
+            return False
+        ahead = surroundings.leader(origin)
+        return surroundings.beside(origin) is None and (
+            ahead is None or ahead.gap > config.safety.margin
+        )
+
     def _origin(self, ego: EgoState) -> LanePath:
         assert self.change is not None
-        return self._follow(self.preview.nearest_lane(ego.station, self.change.origin_offset), ego)
+        return self._lanes.follow(
+            self.preview.nearest_lane(ego.station, self.change.origin_offset), ego
+        )
 
     def _abort(self, ego: EgoState, target: LanePath, margin: RollMargin) -> LanePath:
         assert self.change is not None

@@ -30,8 +30,13 @@ class PullOutConfig:
         4 m has a radius of 16 m, more than the truck's least.
       room: beside and behind who stands [m].
       gap: kept to who stands, from the front bumper, for the pull-out [m].
-      patience: after standing behind it so long the truck passes it of itself: a decision maker
-        that weighs accelerations sees no gain while there is room ahead [s].
+      patience: after standing so long behind somebody who stands alone the truck passes it of
+        itself: a decision maker that weighs accelerations sees no gain while there is room ahead
+        [s].
+      free: road ahead of who stands, and beside, that a jam would fill [m].
+      creep_speed: who is slower there is in a queue [m/s].
+      sight: how far lanes beside are looked along [m].
+      moves: who is faster has driven on, which ends the reason to pull out [m/s].
       deceleration: to that place, positive [m/s2]; who is nearer already stops nearer.
       light_near: a vehicle within this of a traffic light's line waits there [m].
       reach: from a vehicle on this far, the trailer is past it [m].
@@ -43,6 +48,10 @@ class PullOutConfig:
     room: float = 0.35
     gap: float = 16.0
     patience: float = 5.0
+    free: float = 40.0
+    creep_speed: float = 2.0
+    sight: float = 150.0
+    moves: float = 1.0
     deceleration: float = 1.0
     light_near: float = 150.0
     reach: float = 35.0
