@@ -172,6 +172,7 @@ class Shifting:
     adaptive_reserve: float
     adaptive_gain: float
     adaptive_speed_max: float
+    adaptive_horizon: float
 
 
 @dataclass(frozen=True)

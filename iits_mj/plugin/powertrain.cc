@@ -45,6 +45,7 @@ const char* const kAttributes[] = {
     "floored_pedal", "kick_down_pedal", "kick_down_rise", "kick_down_speed", "skip_up_max",
     "skip_down_max", "braking_speed_low", "braking_speed_high", "braking_deceleration",
     "adaptive_period", "adaptive_reserve", "adaptive_gain", "adaptive_speed_max",
+    "adaptive_horizon",
     // clutch and driveline
     "clutch_engagement_time", "clutch_opening_time", "clutch_torque_max", "clutch_launch_range",
     "clutch_alike_range", "clutch_release_share", "clutch_release_share_coast",

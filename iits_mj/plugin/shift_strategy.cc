@@ -54,6 +54,7 @@ bool ShiftStrategy::Read(const mjModel* m, int instance, int gear_count, double 
       {"adaptive_reserve", 1, 3, &adaptive_reserve_},
       {"adaptive_gain", 0, 1, &adaptive_gain_},
       {"adaptive_speed_max", 0.1, 1, &adaptive_speed_max_},
+      {"adaptive_horizon", 1, 120, &adaptive_horizon_},
   };
   if (!ReadAttributes(m, instance, attributes)) return false;
   start_gear_ = static_cast<int>(start_gear);

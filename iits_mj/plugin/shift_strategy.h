@@ -95,6 +95,8 @@ class ShiftStrategy {
   double PowerWanted(const Situation& now) const;
   double FuelFor(const Situation& now, int gear, double shaft_speed, double power) const;
   double AvailablePower(const Situation& now, int gear, double shaft_speed) const;
+  double WorkAhead(const Situation& now, int gear) const;
+  int StrongestGear(const Situation& now) const;
 
   bool adaptive_;
   int start_gear_, skip_up_max_, skip_down_max_;
@@ -108,7 +110,8 @@ class ShiftStrategy {
   double stuck_acceleration_, first_gear_delay_, engage_speed_max_;
   double floored_pedal_, kick_down_pedal_, kick_down_rise_, kick_down_speed_;
   double braking_speed_low_, braking_speed_high_, braking_deceleration_;
-  double adaptive_period_, adaptive_reserve_, adaptive_gain_, adaptive_speed_max_;
+  double adaptive_period_, adaptive_reserve_, adaptive_gain_, adaptive_speed_max_,
+      adaptive_horizon_;
   Map upshift_, downshift_;
 };
 

@@ -80,3 +80,21 @@ def test_adaptive_strategy_uses_the_engine_power_at_full_pedal_that_the_tables_l
         for name in ("tables", "adaptive")
     ]
     assert speeds[1] > speeds[0]
+
+
+def test_laden_truck_on_a_long_climb_gets_four_fifths_of_the_engine_changes_included():
+    cases = [Case(55_000.0, grade, 80 * KMH) for grade in (0.025, 0.03, 0.04, 0.05)]
+    traces = drive(cases, constant(len(cases), 60.0, np.ones(len(cases))), changes=ADAPTIVE)
+    power = (traces["engine_torque"] * traces["engine_speed"]).mean(axis=1)
+    greatest = (ENGINE.full_load_speed * ENGINE.full_load_torque).max()
+    assert (power > 0.8 * greatest).all(), power
+
+
+def test_no_change_is_made_that_would_not_pay_within_the_horizon():
+    """Torque comes back so slowly that a lower gear would do no more work in the time ahead."""
+    case, controls = Case(55_000.0, 0.04, 80 * KMH), constant(1, 30.0, [1.0])
+    lowest = [
+        drive([case], controls, changes=ADAPTIVE | {"adaptive_horizon": horizon})["gear"][0].min()
+        for horizon in ("5", "30")
+    ]
+    assert lowest[1] < lowest[0]
