@@ -121,6 +121,11 @@ def _braking(speed: FloatArray) -> float:
     return float(lost[moving].max()) if moving.any() else 0.0
 
 
+def _quick_green(speed: float) -> float:
+    """A change to green some seconds after a truck stands that brakes at 1 m/s2 [s]."""
+    return (_SIGHT - 0.5 * speed**2) / speed + speed + 5.0
+
+
 def cases(quick: bool) -> list[tuple[float, float, float, bool]]:
     """Speed [m/s], payload [kg], grade, and whether the change is known."""
     if quick:
@@ -131,7 +136,11 @@ def cases(quick: bool) -> list[tuple[float, float, float, bool]]:
 def run_red_light(config: ValidateConfig) -> Results:
     """The matrix; the quick form is its hardest case."""
     results, lines = Results("red light"), []
-    drives = {case: drive_to_red(*case[:3], known=case[3]) for case in cases(config.quick)}
+    # The quick form does not wait at the line for longer than shows that the truck stays there.
+    greens = {case: _quick_green(case[0]) if config.quick else None for case in cases(config.quick)}
+    drives = {
+        case: drive_to_red(*case[:3], known=case[3], green=green) for case, green in greens.items()
+    }
     stops = [drive for case, drive in drives.items() if not case[3]]
     places = np.array([drive.place for drive in stops])
     ran = sum(drive.ran_red for drive in drives.values())
