@@ -101,16 +101,27 @@ def crossing_leads(
         return []
     stations = ego.station + np.arange(0.0, reach, _STEP)
     units = bodies_along(parameters, preview, path, residual, stations)
+    # All at once: rows along the truck's way, columns over time, then vehicles.
+    touch = np.zeros((len(stations), len(_TIMES), len(angle)), dtype=bool)
+    if across.any():
+        touch[:, :, across] = _touched(units, found.only(across).ahead(_TIMES))
+    if wrong_way.any():
+        guess = found.only(wrong_way).along_road(_TIMES, preview)
+        touch[:, :, wrong_way] = _touched(units, guess)
     leads = []
-    for index in np.flatnonzero(matters):
+    for index in np.flatnonzero(matters & touch.any(axis=(0, 1))):
         one = found.only(np.arange(len(angle)) == index)
-        guess = one.along_road(_TIMES, preview) if wrong_way[index] else one.ahead(_TIMES)
-        tractor, trailer = (touching(unit, guess, _ROOM)[:, :, 0] for unit in units)
-        touch = np.asarray(tractor | trailer)
-        lead = _head_on(touch, one, ego) if wrong_way[index] else _crosses(touch, one, ego)
+        judge = _head_on if wrong_way[index] else _crosses
+        lead = judge(touch[:, :, index], one, ego)
         if lead is not None:
             leads.append((lead, chosen[int(index)].id))
     return leads
+
+
+def _touched(units: tuple[Boxes, Boxes], others: Boxes) -> NDArray[np.bool_]:
+    """Where and when tractor or trailer touches whom, shape (rows, times, vehicles)."""
+    tractor, trailer = (touching(unit, others, _ROOM) for unit in units)
+    return np.asarray(tractor | trailer)
 
 
 def _head_on(touch: NDArray[np.bool_], one: Poses, ego: EgoState) -> Lead | None:

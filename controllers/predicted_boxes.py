@@ -134,14 +134,14 @@ def touching(truck: Boxes, others: Boxes, room: float) -> NDArray[np.bool_]:
     dx = others.x[None] - truck.x[(slice(None), *extra)]
     dy = others.y[None] - truck.y[(slice(None), *extra)]
     yaw = truck.yaw[(slice(None), *extra)]
-    turned = others.yaw[None] - yaw
-    cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
     own = 0.5 * truck.length + room, 0.5 * truck.width + room
     half = 0.5 * others.length, 0.5 * others.width
     c, s = np.cos(yaw), np.sin(yaw)
+    other_c, other_s = np.cos(others.yaw)[None], np.sin(others.yaw)[None]
+    cos, sin = np.abs(c * other_c + s * other_s), np.abs(c * other_s - s * other_c)
     meets = np.abs(c * dx + s * dy) <= own[0] + half[0] * cos + half[1] * sin
     meets &= np.abs(c * dy - s * dx) <= own[1] + half[0] * sin + half[1] * cos
-    c, s = np.cos(others.yaw)[None], np.sin(others.yaw)[None]
+    c, s = other_c, other_s
     meets &= np.abs(c * dx + s * dy) <= half[0] + own[0] * cos + own[1] * sin
     meets &= np.abs(c * dy - s * dx) <= half[1] + own[0] * sin + own[1] * cos
     return np.asarray(meets)
