@@ -40,10 +40,11 @@ def run_replay(config: ValidateConfig) -> Results:
     folder = runs_folder(config, _PART, *drivers)
     cases = [valley_case(_QUICK_LENGTH, _QUICK_STEP)] if config.quick else full_cases(config)
     drives = 1 if config.quick else replay_drives.DRIVES
-    known: dict[float, PointMass] = {}
+    known: dict[tuple[float, str], PointMass] = {}
     for case in cases:
-        replay = replay_drives.run(case, folder, drives, known.get(case.payload))
-        known.setdefault(case.payload, replay.vehicle)
+        truck = case.payload, repr(case.overlay)
+        replay = replay_drives.run(case, folder, drives, known.get(truck))
+        known.setdefault(truck, replay.vehicle)
         results.checks += checks(replay, equal=not config.quick)
         if not config.quick:
             results.checks += explanation(replay)
@@ -69,7 +70,7 @@ def checks(replay: Replay, *, equal: bool = True) -> list[Check]:
     """
     cruise_, plan, name = replay.cruise, replay.plan, title(replay.case)
     road = plan.record
-    reference = reference_profile(replay.case, replay.vehicle, replay.schedule)
+    reference = reference_profile(replay.case, replay.vehicle, replay.schedule, replay.vehicle_max)
     wanted = np.interp(road["station"], reference.station, reference.speed)
     follows = actuation.within_power(road)
     distortion = _rms((road["planned"] - wanted)[follows])
@@ -196,7 +197,7 @@ def note(replay: Replay) -> str:
 def panels(replay: Replay) -> list[Panel]:
     """Speed planned and driven, gear, power and fuel over station."""
     case = replay.case
-    reference = reference_profile(case, replay.vehicle, replay.schedule)
+    reference = reference_profile(case, replay.vehicle, replay.schedule, replay.vehicle_max)
     cruise_, plan = replay.cruise.record, replay.plan.record
 
     def lines(kind: str) -> tuple[Line, ...]:

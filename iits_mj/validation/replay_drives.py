@@ -27,7 +27,7 @@ from iits_mj.messages import SpeedProfile
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.validation.closed_loop import Record, Task, drive
-from iits_mj.validation.replay_match import mean_gained, set_speed, with_power_of
+from iits_mj.validation.replay_match import set_speed, with_all_power, with_power_of
 
 FloatArray = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ _ONSET = 1.0
 # is left is priced.
 TIME_TOLERANCE, DRIVES = 9e-4, 3
 # Mean speeds that are as good as the wanted one [1], and drives to find the set speed for it.
-MEAN_TOLERANCE, MEAN_DRIVES = 1e-3, 2
+MEAN_TOLERANCE, MEAN_DRIVES = 1e-3, 3
 _GRID = 10.0
 
 
@@ -181,7 +181,7 @@ def run(
     mass = parameters.gross_mass(case.payload)
     strongest = make_vehicle(parameters, fuel_map, mass, case.config)
     if case.config.mean_speed:
-        case = _at_mean_speed(case, known or strongest, folder)
+        case = _at_mean_speed(case, strongest, known or strongest, folder)
     config = case.config
     cruise = Trip.of(_driven(case, None, folder), case)
     vehicle = with_power_of(
@@ -198,7 +198,7 @@ def run(
             arrival=budget,
             end_speed=cruise.end_speed,
         )
-        profile = reference_profile(case, vehicle, schedule)
+        profile = reference_profile(case, vehicle, schedule, strongest)
         plan = Trip.of(_driven(case, profile, folder), case)
         if best is None or abs(plan.time - cruise.time) < abs(best[1].time - cruise.time):
             best = schedule, plan
@@ -220,27 +220,37 @@ def run(
     )
 
 
-def _at_mean_speed(case: Case, vehicle: PointMass, folder: Path | None) -> Case:
+def _at_mean_speed(case: Case, strongest: PointMass, guess: PointMass, folder: Path | None) -> Case:
     """The case with the set speed for which the *truck's* mean is v_ref: guess, drive, correct."""
     config, road = case.config, case.road
     wanted = config.v_ref
-    v_set = set_speed(vehicle, road, wanted, config.v_max)
+    v_set = set_speed(guess, road, wanted, config.v_max)
     best, least = case, np.inf
     for _ in range(MEAN_DRIVES):
         found = dataclasses.replace(config, v_ref=v_set, mean_speed=False)
         tried = dataclasses.replace(case, config=found)
-        mean = road.length / Trip.of(_driven(tried, None, folder), tried).time
+        trip = Trip.of(_driven(tried, None, folder), tried)
+        mean = road.length / trip.time
         if abs(mean - wanted) < least:
             best, least = tried, abs(mean - wanted)
         if least <= MEAN_TOLERANCE * wanted:
             break
-        v_set += (wanted - mean) / mean_gained(vehicle, road, v_set)
+        # By as much as in the model that takes as long as the truck did.
+        alike = with_power_of(strongest, road, trip.record, v_set, trip.start_speed, trip.time)
+        v_set += set_speed(alike, road, wanted, config.v_max)
+        v_set -= set_speed(alike, road, mean, config.v_max)
         v_set = min(max(v_set, config.v_min), config.v_max)
     return best
 
 
-def reference_profile(case: Case, vehicle: PointMass, schedule: Schedule) -> SpeedProfile:
+def reference_profile(
+    case: Case, vehicle: PointMass, schedule: Schedule, strongest: PointMass | None = None
+) -> SpeedProfile:
     """The plan over the route's stations every 10 m; beyond its end the speed there is kept.
+
+    Where the plan takes all the power that it counts on, the mean of a whole climb, the truck is to
+    give all it has: less than that after a gear change, more later. `strongest` has the engine's
+    greatest power; without it the plan stands as it is.
 
     Between the plan's nodes its forces are held, on the heights that the truck drives. The run-in
     is the cruise's, at the set speed: truck, engine and gearbox begin the plan as they do that.
@@ -261,6 +271,8 @@ def reference_profile(case: Case, vehicle: PointMass, schedule: Schedule) -> Spe
         road.name,
     )
     speed = on_finer_road(vehicle, road, schedule.speed, fine, case.config.v_max)
+    if strongest is not None:
+        speed = with_all_power(vehicle, strongest, fine, speed, case.config.v_max)
     begin = case.origin + station[0]
     return SpeedProfile(
         np.concatenate([[begin - RUN_IN, begin - _ONSET], case.origin + station]),

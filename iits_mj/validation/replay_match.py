@@ -11,19 +11,23 @@ import dataclasses
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.pcc.profile import RoadProfile
-from controllers.pcc.vehicle import PointMass, cruise, durations
+from controllers.pcc.vehicle import PointMass, brakeable, cruise, durations, fastest_below
 from iits_mj.errors import PlanningError
 from iits_mj.validation.closed_loop import CONTROL_PERIOD, Record
+
+FloatArray = NDArray[np.float64]
 
 _FLOORED = 0.99
 # Time in which the engine's torque builds up, and climbing that is needed to judge [s].
 _BUILD_UP, _CLIMBING = 6.0, 30.0
 # Least power over that with the torque built up; other causes of delay are not to pass for it [1].
 _LEAST_SHARE = 0.6
+# Of the power that a plan counts on: so much is all of it [1].
+_ALL = 0.98
 _HALVINGS = 30
-_SPEED_STEP = 0.1  # [m/s]
 
 
 def climbing_power(record: Record) -> float | None:
@@ -69,6 +73,29 @@ def with_power_of(
     return with_power(high)
 
 
+def with_all_power(
+    vehicle: PointMass, strongest: PointMass, road: RoadProfile, planned: FloatArray, v_max: float
+) -> FloatArray:
+    """Node speeds (n + 1,) [m/s] of a plan, raised where it takes all the power it counts on.
+
+    From the plan's speed at the stretch's begin with the engine's greatest power, and back to the
+    plan behind its end by coasting.
+
+    Args:
+      vehicle: for which the plan was made.
+      strongest: the same with the engine's greatest power.
+      road: its profile.
+      planned: node speeds (n + 1,) [m/s].
+      v_max: of the band [m/s].
+    """
+    full = vehicle.power(planned, road) >= _ALL * vehicle.power_max
+    raised = np.concatenate([[False], full])
+    cap = np.where(raised, np.maximum(np.minimum(road.v_limit, v_max), planned), planned) ** 2
+    fastest = fastest_below(strongest, road, cap)
+    coasting = np.sqrt(np.maximum(brakeable(strongest, road, fastest**2, 0.0), 0.0))
+    return np.where(raised, np.maximum(planned, np.minimum(fastest, coasting)), planned)
+
+
 def set_speed(vehicle: PointMass, road: RoadProfile, mean: float, top: float) -> float:
     """Set speed with which the model's cruise has a mean speed, `top` at most [m/s]."""
     low, high = mean, max(top, mean)
@@ -79,15 +106,6 @@ def set_speed(vehicle: PointMass, road: RoadProfile, mean: float, top: float) ->
         else:
             high = middle
     return high
-
-
-def mean_gained(vehicle: PointMass, road: RoadProfile, v_set: float) -> float:
-    """By how much the mean speed of the model's cruise rises with its set speed [1]."""
-    slow, fast = (
-        road.length / cruise_time(vehicle, road, v, v)
-        for v in (v_set - _SPEED_STEP, v_set + _SPEED_STEP)
-    )
-    return (fast - slow) / (2.0 * _SPEED_STEP)
 
 
 def cruise_time(vehicle: PointMass, road: RoadProfile, v_set: float, v_start: float) -> float:

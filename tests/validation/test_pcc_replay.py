@@ -1,6 +1,7 @@
 """Plan against cruise on the truck: what is compared, and how it is corrected."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,17 +10,24 @@ from controllers.pcc.fuel import FuelMap
 from controllers.pcc.planner import evaluate, make_vehicle
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.schedule import make_schedule
+from controllers.pcc.vehicle import cruise
 from iits_mj.errors import InputError
 from iits_mj.validation import replay_drives
 from iits_mj.validation.closed_loop import COLUMNS, Record
 from iits_mj.validation.config import ValidateConfig
 from iits_mj.validation.pcc_replay import run_replay
-from iits_mj.validation.replay_cases import highway_case, paper_case, valley_case
+from iits_mj.validation.replay_cases import (
+    full_cases,
+    highway_case,
+    paper_case,
+    valley_case,
+)
 from iits_mj.validation.replay_drives import Replay, Trip, reference_profile
 from iits_mj.validation.replay_match import (
     climbing_power,
     cruise_time,
     set_speed,
+    with_all_power,
     with_power_of,
 )
 
@@ -168,6 +176,43 @@ def test_the_trucks_mean_speed_is_corrected_by_a_second_cruise(tmp_path, monkeyp
     assert len(driven) == 3
 
 
+def test_the_set_speed_is_corrected_as_a_truck_with_the_driven_ones_power_needs_it(monkeypatch):
+    """The stronger a truck is thought to be, the less a higher set speed seems to be needed."""
+    weaker, road = climber(0.7)
+    driven = []
+
+    def drive(task, parameters):
+        driven.append(task.cruise_speed)
+        mean = road.length / cruise_time(weaker, road, task.cruise_speed, task.cruise_speed)
+        return record(mean, pedal=1.0, torque=0.9 * weaker.power_max / 0.7 / 130.0)
+
+    monkeypatch.setattr(replay_drives, "drive", drive)
+    mean = dataclasses.replace(CASE.config, v_ref=19.0, mean_speed=True)
+    case = valley_case(4_000.0, 0.005, depth=0.02)
+    case = dataclasses.replace(case, config=mean, payload=36_000.0, road=road)
+    monkeypatch.setitem(globals(), "CASE", case)
+    found = replay_drives.run(case, None, drives=1)
+    assert road.length / found.cruise.time == pytest.approx(19.0, rel=1e-3)
+    assert len(set(driven)) == 2
+
+
+def test_where_a_plan_takes_all_power_the_truck_is_to_give_all_it_has():
+    weaker, road = climber(0.75)
+    strongest, _ = climber(1.0)
+    planned = cruise(weaker, road, 20.0, 20.0)
+    told = with_all_power(weaker, strongest, road, planned, 25.0)
+    climb = (road.station > 1_100.0) & (road.station < 2_900.0)
+    assert (told >= planned).all()
+    assert (told[climb] > planned[climb] + 0.1).all()
+    # Up to the climb and behind it, where the planned power does, nothing changes.
+    assert told[road.station <= 1_000.0] == pytest.approx(planned[road.station <= 1_000.0])
+    power = strongest.power(told, road)
+    assert power.max() <= 1.001 * strongest.power_max
+    # Back to the plan by coasting, without brakes.
+    assert strongest.net_force(told, road).min() > -1.0
+    assert told.max() <= 25.0
+
+
 def test_the_profile_lies_on_the_plan_over_the_stations_of_the_route():
     replay = replay_of(record(20.0), record(20.0))
     profile = reference_profile(CASE, replay.vehicle, replay.schedule)
@@ -209,6 +254,16 @@ def test_planner_and_truck_see_the_same_heights():
         height = np.asarray(case.route.evaluate(station).z)
         difference = height - case.road.height
         assert np.ptp(difference) < 0.25
+
+
+def test_the_papers_saving_must_be_reached_at_its_set_and_at_its_mean_speed():
+    config = ValidateConfig(roads=Path(__file__).parents[3] / "shared/data")
+    if paper_case(config) is None:
+        pytest.skip("the paper's road is not at hand")
+    must = [case for case in full_cases(config) if case.paper]
+    assert [case.config.mean_speed for case in must] == [False, True]
+    assert all(case.config.v_ref == pytest.approx(20.0) for case in must)
+    assert [case.parameters().gearbox.shift_strategy for case in must] == ["tables", "adaptive"]
 
 
 def test_without_its_file_the_papers_road_is_left_out():
