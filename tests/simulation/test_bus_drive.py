@@ -120,11 +120,14 @@ def test_a_minute_with_two_lane_changes_stays_together(payload: float) -> None:
         found = ", ".join(f"{apart(other, straight, c):.2g} {c}" for c in COMPARED)
         print(f"\n{payload:g} kg, {name}: {found}")
     assert straight.column("lane_changes [-]")[-1] == 2
-    assert 0.0 < apart(steps, straight, "station [m]") < 0.1
-    assert apart(steps, straight, "offset [m]") < 0.005
-    assert apart(steps, straight, "yaw [rad]") < 3e-4
-    assert apart(rates, straight, "station [m]") < 0.25
-    assert apart(rates, straight, "offset [m]") < 0.005
+    # A wheel that rests in the steering's play by a signal's step elsewhere lets the truck drift by
+    # some centimeters before crossing the play is worth it.
+    assert 0.0 < apart(steps, straight, "station [m]") < 0.25
+    for other in (steps, rates):
+        assert apart(other, straight, "station [m]") < 0.25
+        assert apart(other, straight, "offset [m]") < 0.05
+        assert apart(other, straight, "yaw [rad]") < 2.5e-3
+        assert apart(other, straight, "speed [m/s]") < 0.06
 
 
 def test_drive_through_bytes_repeats_bit_for_bit_and_logging_leaves_no_trace(
