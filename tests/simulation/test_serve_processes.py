@@ -137,8 +137,8 @@ def test_controller_in_another_process_keeps_60_kmh_for_60_s(
 ) -> None:
     server = _serve(port, "--start-speed", "16.67", "--start-station", "950")
     processes.append(server)
-    # The laden truck loses some speed at first, until the pedal is found.
-    code, told = _drive(example, port, 65, "--settle", "5")
+    # Put on a grade without power the laden truck loses 3.2 km/h, which it gains at full pedal.
+    code, told = _drive(example, port, 70, "--settle", "10")
     assert code == 0, told
     speed, line = _figures(told)
     assert speed < 3.0
