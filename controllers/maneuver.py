@@ -7,12 +7,12 @@ a quintic residual over station, so that the plans of successive cycles are one 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from controllers.breakdown import Breakdown
+from controllers.change_state import Change, Step
 from controllers.lane_change import lateral_limit, quintic_back, quintic_change
 from controllers.lane_choice import LaneChoice
 from controllers.lateral_limits import RollMargin
@@ -29,43 +29,6 @@ if TYPE_CHECKING:
 
 # Places at which the road is looked at along a change [m].
 _SAMPLE = 15.0
-
-
-@dataclass(slots=True)
-class Change:
-    """A lane change under way: direction, the lane it left, its size [m], given up or not.
-
-    `passes`: pulling out from low speed past who stands there, "" for an ordinary change.
-    """
-
-    direction: Decision
-    origin_offset: float
-    size: float
-    aborted: bool = False
-    mandatory: bool = False
-    passes: str = ""
-
-    @property
-    def pull_out(self) -> bool:
-        """Whether it passes somebody who stands."""
-        return bool(self.passes)
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """What the state machine says in one cycle.
-
-    Attributes:
-      path: of the lane kept or changed to; reason: why not as decided, "" for nothing to say.
-      refused: the decision refused; unsafe: because of a vehicle.
-      wanted: path of the lane that must be reached but is not free, None for none.
-    """
-
-    path: LanePath
-    reason: str = ""
-    refused: Decision = Decision.KEEP
-    unsafe: bool = False
-    wanted: LanePath | None = None
 
 
 class Maneuver:

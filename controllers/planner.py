@@ -7,27 +7,23 @@ half across the road, this module the half along it: limits, leaders, lights, em
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.bend_wait import DECELERATION, BendWait
+from controllers.change_state import Step
 from controllers.crossing import crossing_leads
-from controllers.crossing_traffic import is_free
 from controllers.following import Lead
 from controllers.lateral_limits import RollMargins
-from controllers.maneuver import Maneuver, Step
+from controllers.maneuver import Maneuver
 from controllers.merging import GapChoice, choose_gap
 from controllers.placement import lane_shift
 from controllers.planner_config import PlannerConfig
-from controllers.pull_out import blocker, stop_behind
 from controllers.road_preview import LanePath, RoadPreview
 from controllers.speed_caps import SpeedCaps
 from controllers.speed_plan import (
-    HOLD_REACH,
     SpeedConfig,
     SpeedState,
     most_urgent,
@@ -36,10 +32,10 @@ from controllers.speed_plan import (
 )
 from controllers.speed_zones import with_zones
 from controllers.state_check import StateCheck, named_decision
-from controllers.stop_line import LightDemand, LightStop
+from controllers.stops import Stops
 from controllers.surroundings import Neighbor, Surroundings
 from controllers.trajectory import lead_of, lead_while_passing, on_road
-from iits_mj.messages import Decision, EgoState, PlanMode, Scene, SpeedProfile, Trajectory
+from iits_mj.messages import Decision, PlanMode, Scene, SpeedProfile, Trajectory
 from iits_mj.parameters import TruckParameters
 
 if TYPE_CHECKING:
@@ -47,8 +43,6 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-# Slower than this the truck is at rest before a stop [m/s].
-_RESTS = 0.3
 # The last metres before a stop [m], driven slower than this [m/s]; how far the plan may there be
 # below the truck's speed [m/s].
 _LAST_WAY, _LAST_SPEED, _LAST_REACH = 30.0, 8.0, 0.1
@@ -86,23 +80,18 @@ class Planner:
         self.preview.shift = lane_shift(
             self.preview, parameters, laden, self.config.speed.curve_acceleration
         )
-        self._bends = BendWait(self.preview, parameters)
+        self._stops = Stops(self.preview, self.config, parameters)
         self.maneuver = Maneuver(self.preview, self.config, parameters)
         self._caps = SpeedCaps(self.preview, self.config)
-        self._light = LightStop(self.config.light)
         self.reset()
 
     def reset(self) -> None:
         """Forgets plan, manoeuvre and counters."""
         self.maneuver.reset()
-        self._light.reset()
-        self._bends.reset()
+        self._stops.reset()
         self.emergencies = 0
         self._emergency = False
         self._crossing: list[str] = []
-        self._bend_stop, self._bend_reason = math.inf, ""
-        self._room_stop = math.inf
-        self._held: float | None = None
         self._gap: GapChoice | None = None
         self._last: Trajectory | None = None
 
@@ -167,36 +156,27 @@ class Planner:
         )
         path = with_zones(step.path, scene.signals.zones)
         leads, follows = self._leads(scene, surroundings, path)
-        front = ego.station + scene.footprint.front_overhang
-        light = self._light.demand(
-            scene.signals.light,
-            front,
-            ego.speed,
-            scene.time,
-            lambda line: is_free(scene, self.preview, line),
-        )
         cap = self._caps.cap(path, profile, margin, ego)
         slow = path.station < self.maneuver.pulls_out_until
         cap = np.where(slow, np.minimum(cap, self.config.pull_out.speed), cap)
-        self._room_stop = self._keeps_room(surroundings, path)
-        cap, self._bend_stop, self._bend_reason = self._bends.demand(surroundings, path, cap)
+        cap = self._stops.look(surroundings, path, cap, self.maneuver.change)
         self._gap = self._seek(step, surroundings, cap, path)
         if self._gap is not None:
             bound = self._gap.cap(path, ego.station, ego.speed)
             cap = cap if bound is None else np.minimum(cap, bound)
-        trajectory = self._assemble(scene, path, leads, cap, light, waits=step.wanted is not None)
+        trajectory = self._assemble(scene, path, leads, cap, waits=step.wanted is not None)
         self._last = replace(
             trajectory,
             mode=PlanMode.EMERGENCY if self._emergency else self.maneuver.mode,
-            reason=self._reason(step, light, follows),
+            reason=self._reason(step, follows),
             target_lane=path.lane,
             refused=step.refused,
             extra={**trajectory.extra, "unsafe": float(step.unsafe)},
         )
         return self._last
 
-    def _reason(self, step: Step, light: LightDemand, follows: Neighbor | None) -> str:
-        reason = step.reason or light.reason or self._bend_reason
+    def _reason(self, step: Step, follows: Neighbor | None) -> str:
+        reason = step.reason or self._stops.light.reason or self._stops.bend_reason
         if step.wanted is not None and self._gap is not None:
             ahead, behind = self._gap.ends
             reason += f"; aiming for the gap ahead of {behind}" if behind else ""
@@ -267,32 +247,6 @@ class Planner:
             acceleration = max(acceleration, 0.0)
         return SpeedState(ego.station, max(speed, 0.0), acceleration)
 
-    def _keeps_room(self, surroundings: Surroundings, path: LanePath) -> float:
-        """Where the front bumper stops behind who stands, to pull out later [m]."""
-        ego, config = surroundings.scene.ego, self.config.pull_out
-        beside = (path.lane - 1, path.lane + 1)
-        usable = [lane for lane in beside if lane in self.config.lanes]
-        change = self.maneuver.change
-        under_way = change is not None and not (change.pull_out and change.aborted)
-        if under_way or not any(self.preview.lane_exists(i, ego.station) for i in usable):
-            return math.inf
-        leader = blocker(surroundings, path, config, self.config.speed.preview)
-        return stop_behind(leader, ego.speed, surroundings.front, config)
-
-    def _stops(
-        self, scene: Scene, path: LanePath, light: LightDemand, waits: bool
-    ) -> list[tuple[float, float]]:
-        """Where the steer axle has to stand [m] and how hard to brake for it, nearest first."""
-        overhang, speed = scene.footprint.front_overhang, self.config.speed
-        end = (path.end - speed.stop_gap - overhang, speed.following.preview_deceleration)
-        if waits:
-            merge = self.config.merge
-            end = (path.end - merge.room - overhang, merge.stop_deceleration)
-        stops = [end, (light.stop - overhang, light.deceleration)]
-        stops.append((self._bend_stop, DECELERATION))
-        stops.append((self._room_stop - overhang, 0.8 * self.config.pull_out.deceleration))
-        return sorted(stop for stop in stops if math.isfinite(stop[0])) or [(math.inf, end[1])]
-
     def _demand(self, urgency: float) -> float:
         """Deceleration of the last layer now, positive [m/s2]; 0 while it rests."""
         speed = self.config.speed
@@ -301,23 +255,12 @@ class Planner:
         graded = max(speed.emergency_share * urgency, speed.emergency_onset)
         return min(graded, speed.emergency_deceleration)
 
-    def _holds(self, stop: float, ego: EgoState) -> bool:
-        """Whether the truck has come to rest at a stop, which it then does not creep on from."""
-        if self._held is not None and stop > self._held + HOLD_REACH:
-            self._held = None
-        left = stop - ego.station
-        rests = left < HOLD_REACH and ego.speed < (_RESTS if left > 0.0 else 2.0 * _RESTS)
-        if self._held is None and rests:
-            self._held = stop
-        return self._held is not None
-
     def _assemble(
         self,
         scene: Scene,
         path: LanePath,
         leads: list[Lead],
         cap: FloatArray,
-        light: LightDemand,
         *,
         waits: bool,
     ) -> Trajectory:
@@ -326,17 +269,7 @@ class Planner:
         was = self._emergency
         self._emergency = urgency > (speed.emergency_release if was else speed.emergency_onset)
         self.emergencies += self._emergency and not was
-        ego = scene.ego
-        (stop, deceleration), *further = self._stops(scene, path, light, waits)
-        for place, braking in further:
-            left = np.maximum(place - path.station, 0.0)
-            cap = np.minimum(cap, np.sqrt(2.0 * braking * left))
-        if math.isfinite(light.speed):
-            way = np.maximum(path.station - ego.station, 0.0)
-            square = ego.speed**2 - 2.0 * config.light.arrival_deceleration * way
-            arriving = np.sqrt(np.maximum(square, light.speed**2))
-            before = path.station < light.stop - scene.footprint.front_overhang
-            cap = np.minimum(cap, np.where(before, arriving, np.inf))
+        stop, deceleration, cap = self._stops.nearest(scene, path, cap, waits=waits)
         steps = round(config.horizon / config.step)
         station, v, a = roll_out(
             self._start(scene, stop),
@@ -350,7 +283,7 @@ class Planner:
             _braking_at(speed, deceleration),
             stop,
             self._demand(urgency),
-            self._holds(stop, ego),
+            self._stops.holds(stop, scene.ego),
         )
         return on_road(
             self.preview,
