@@ -261,9 +261,9 @@ def test_the_papers_saving_must_be_reached_at_its_set_and_at_its_mean_speed():
     if paper_case(config) is None:
         pytest.skip("the paper's road is not at hand")
     must = [case for case in full_cases(config) if case.paper]
-    assert [case.config.mean_speed for case in must] == [False, True]
+    assert [case.config.mean_speed for case in must] == [True, False]
     assert all(case.config.v_ref == pytest.approx(20.0) for case in must)
-    assert [case.parameters().gearbox.shift_strategy for case in must] == ["tables", "adaptive"]
+    assert {case.parameters().gearbox.shift_strategy for case in must} == {"adaptive"}
 
 
 def test_without_its_file_the_papers_road_is_left_out():
