@@ -153,7 +153,7 @@ class RecedingPlanner:
         sight = self.receding.horizon
         if leader is not None:
             begin, sight = Begin(station, speed, time), min(sight, self.receding.fence.horizon)
-        road = self.trip.horizon(begin.station, begin.speed, sight)
+        road = self.trip.horizon(begin, sight, free=leader is None)
         price, lag = self.trip.price(begin)
         status, reason, solve_time = "optimal", "", 0.0
         try:

@@ -87,11 +87,12 @@ class Schedule:
     def price_at(self, vehicle: PointMass, station: float, time: float) -> float:
         """Price of a second for a truck that is here now [kg/s].
 
-        What is left of the trip must be driven faster by the share of its time that was lost; the
-        price changes by as much as on the level between these two mean speeds.
+        What is left of the trip must be driven faster by the share of its time that was lost, or
+        that the schedule itself is late; the price changes by as much as on the level between these
+        two mean speeds.
         """
         planned = max(float(self.clock[-1]) - self.due(station), 1e-3)
-        left = max(float(self.clock[-1]) - time, 1e-3)
+        left = max(float(self.clock[-1]) - self.late - time, 1e-3)
         mean = (self.end - station) / planned
         faster = mean * float(np.clip(planned / left, *_FASTER))
         change = level_price(vehicle, faster) - level_price(vehicle, mean)

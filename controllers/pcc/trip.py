@@ -251,11 +251,28 @@ class Trip:
         cap = easing_speeds(road, speed, max(top, LEAST_SPEED), _EASE)
         return replace(road, v_limit=np.minimum(road.v_limit, cap))
 
-    def horizon(self, station: float, speed: float, sight: float) -> RoadProfile:
-        """The road of a plan over `sight` [m], at most to the end of the trip."""
-        schedule = self.ahead_of(station)
+    def horizon(self, begin: Begin, sight: float, *, free: bool) -> RoadProfile:
+        """The road of a plan over `sight` [m], at most to the end of the trip.
+
+        Args:
+          begin: of the plan.
+          sight: how far it looks [m].
+          free: whether nobody is ahead in the truck's lane.
+        """
+        schedule = self.ahead_of(begin.station)
         if schedule is not None:
-            sight = min(sight, schedule.end - station)
-        road = self.grid(station, math.floor(sight / self.receding.step + 1e-6))
+            sight = min(sight, schedule.end - begin.station)
+        road = self.grid(begin.station, math.floor(sight / self.receding.step + 1e-6))
         top = math.inf if schedule is None else schedule.top
-        return self._below(road, speed, min(self.flow, top))
+        flow = max(self.flow, self._needed(begin)) if free else self.flow
+        return self._below(road, begin.speed, min(flow, top))
+
+    def _needed(self, begin: Begin) -> float:
+        """Mean speed that the appointment still asks for [m/s]; 0 where none was made.
+
+        Who is late through others may be faster than they are while none of them is in the way.
+        """
+        if self.appointment.time is None:
+            return 0.0
+        left = max(self.appointment.time - begin.time, 1e-3)
+        return min(max(self.end - begin.station, 0.0) / left, self.config.v_max)

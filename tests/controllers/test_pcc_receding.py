@@ -275,6 +275,23 @@ def test_traffics_speed_limits_schedule_and_plan_and_is_come_down_to_gently():
     assert again.profile.speed.max() > 17.0
 
 
+def test_who_is_late_for_an_appointment_is_faster_than_the_others_while_nobody_is_in_the_way():
+    """6 km are left and 350 s: 17.1 m/s on average, where the others drive 15."""
+    appointment = Appointment(8_000.0, 400.0)
+    planner = RecedingPlanner(LEVEL, PARAMETERS, receding=PATIENT, appointment=appointment)
+    free = planner.plan(2000.0, 15.0, 50.0, flow=15.0)
+    assert free.profile.speed[30:].min() > 16.5
+    needed = 6_000.0 / 350.0
+    assert planner._last.speed.max() < needed + 0.05
+    planner.reset()
+    behind = planner.plan(2000.0, 15.0, 50.0, Leader(2150.0, 15.0), flow=15.0)
+    assert behind.profile.speed.max() < 15.0 + planner.receding.surplus + 1e-6
+    # Who is in time drives as the others do.
+    planner.reset()
+    early = planner.plan(2000.0, 15.0, -50.0, flow=15.0)
+    assert early.profile.speed.max() < 15.0 + planner.receding.surplus + 1e-6
+
+
 def test_where_a_plan_takes_full_power_the_truck_is_asked_for_a_surplus():
     hurry = Appointment(8_000.0, 100.0)
     planner = RecedingPlanner(ROAD, PARAMETERS, 55_000.0, PccConfig(), PATIENT, hurry)
