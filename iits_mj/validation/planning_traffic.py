@@ -1,26 +1,14 @@
-r"""Fuel saved in traffic by predictive cruise control, full stack, against constant-speed cruise.
+"""Fuel saved in traffic by predictive cruise control, full stack, against constant-speed cruise.
 
-Sixty trips take the better part of an hour of one core, so that they can be driven beforehand by a
-runner, which goes on where it was stopped:
-
-    python -m iits_mj.validation.planning_traffic --seeds 10 --jobs 2 --runs DIR --out FILE.csv
-
-`run_traffic` takes what its `--runs DIR` holds and drives the rest. A trip belongs to the code that
-drove it: those of another version are not taken, neither from the folder nor from the table.
+Sixty trips take the better part of an hour of one core, so that they can be driven beforehand by
+`traffic_runner`. `run_traffic` takes what its `--runs DIR` holds and drives the rest. A trip
+belongs to the code that drove it: those of another version are not taken.
 """
 
 from __future__ import annotations
 
-import argparse
-import math
-import multiprocessing
-import sys
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from pathlib import Path
-
 import numpy as np
 
-from iits_mj.errors import Error, InputError
 from iits_mj.parameters import TruckParameters
 from iits_mj.results import Check, Line, Panel, Results
 from iits_mj.units import KMH
@@ -36,16 +24,13 @@ from iits_mj.validation.traffic_trips import (
     TRAFFIC_SPEED,
     TripRow,
     drive_pair,
-    read_rows,
-    trip_code,
     worth_of_energy,
-    write_rows,
 )
 
 SEEDS = 10
 FIRST_SEED = 100  # lower ones were looked at while the planner was made
 FEWEST = 3  # seeds a density that say anything
-_PART = "planning-traffic"
+PART = "planning-traffic"
 _MASS = 55_000.0
 
 
@@ -59,12 +44,18 @@ def run_traffic(config: ValidateConfig) -> Results:
     if config.quick:
         results.notes.append("traffic: left out of the quick form, as its trips take minutes each")
         return results
-    folder = runs_folder(config, _PART, traffic_trips)
+    folder = runs_folder(config, PART, traffic_trips)
     rows: list[TripRow] = []
-    for density, seed in _jobs(SEEDS):
+    for density, seed in all_pairs(SEEDS):
         rows += drive_pair(density, seed, folder)
     summarize(results, rows)
     return results
+
+
+def all_pairs(seeds: int) -> list[tuple[str, int]]:
+    """Density and seed of every pair."""
+    wanted = range(FIRST_SEED, FIRST_SEED + seeds)
+    return [(density, seed) for seed in wanted for density in DENSITIES]
 
 
 def pairs_of(rows: list[TripRow], density: str) -> list[tuple[TripRow, TripRow]]:
@@ -148,75 +139,3 @@ def summarize(results: Results, rows: list[TripRow]) -> None:
         "and PCC is asked to arrive when it did, neither later nor earlier, as fast as it was; "
         "fuel corrected for kinetic energy at the end; ± is the 95 % interval of the paired mean"
     )
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Drives the trips that folder and table lack; see the module."""
-    parser = argparse.ArgumentParser(description="fuel in traffic, with and without PCC")
-    parser.add_argument("--seeds", type=int, default=SEEDS, help="a density")
-    parser.add_argument("--jobs", type=int, default=1, help="processes at a time")
-    parser.add_argument("--runs", type=Path, help="folder that keeps every finished pair")
-    parser.add_argument("--out", type=Path, help="table of the trips, which is read as well")
-    asked = parser.parse_args(arguments)
-    try:
-        if not 1 <= asked.seeds <= 1_000 or not 1 <= asked.jobs <= 256:
-            raise InputError("seeds must be 1 to 1000, jobs 1 to 256")
-        folder = runs_folder(ValidateConfig(runs=asked.runs), _PART, traffic_trips)
-        rows = _drive(_jobs(asked.seeds), asked.jobs, folder, asked.out)
-    except Error as error:
-        print(f"planning_traffic: {error}", file=sys.stderr)
-        return 2
-    results = Results("validate planning traffic")
-    summarize(results, rows)
-    print(results.to_table())
-    return 0
-
-
-def _drive(
-    jobs: list[tuple[str, int]], processes: int, folder: Path | None, out: Path | None
-) -> list[TripRow]:
-    """The trips of densities and seeds; what is not in the table of this code is driven."""
-    found = [] if out is None else read_rows(out)
-    rows = [row for row in found if row.code == trip_code()]
-    if len(rows) < len(found):
-        print(f"{len(found) - len(rows)} trips of the table are of other code: left out")
-    known = {row.key for row in rows}
-    missing = [
-        (density, seed)
-        for density, seed in jobs
-        if any((density, seed, name, LENGTH) not in known for name in PLANNERS)
-    ]
-    redone = set(missing)
-    rows = [row for row in rows if (row.density, row.seed) not in redone]
-    # SUMO is one to a process.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(processes, mp_context=context) as pool:
-        futures = [pool.submit(drive_pair, *job, folder) for job in missing]
-        for count, future in enumerate(as_completed(futures), start=1):
-            pair = future.result()
-            rows += pair
-            if out is not None:
-                write_rows(out, rows)
-            print(f"{count}/{len(missing)}: {_sentence(*pair)}", flush=True)
-    return rows
-
-
-def _jobs(seeds: int) -> list[tuple[str, int]]:
-    """Density and seed of every pair."""
-    wanted = range(FIRST_SEED, FIRST_SEED + seeds)
-    return [(density, seed) for seed in wanted for density in DENSITIES]
-
-
-def _sentence(cruise: TripRow, pcc: TripRow) -> str:
-    saved = saving_percent(cruise, pcc, worth_of_energy(TruckParameters.load()))
-    late = 100.0 * (pcc.time / cruise.time - 1.0)
-    if math.isnan(saved):
-        return f"{cruise.density}, seed {cruise.seed}: a trip failed"
-    return (
-        f"{cruise.density}, seed {cruise.seed}: {saved:.1f} % saved, {late:+.2f} % of time, "
-        f"{cruise.changes} and {pcc.changes} changes"
-    )
-
-
-if __name__ == "__main__":
-    sys.exit(main())
