@@ -104,10 +104,14 @@ def _draw_panel(ax: Axes, panel: Panel) -> None:
 
 
 def _open_flat_range(ax: Axes) -> None:
-    """Gives a constant quantity a range of its own, so that rounding noise is not blown up."""
+    """Gives a constant quantity a range of its own, so that rounding noise is not blown up.
+
+    What is nowhere below 0, such as a pressure, gets no range there.
+    """
     low, high = ax.dataLim.intervaly
     if np.isfinite([low, high]).all() and high - low < 1e-6 * max(1.0, abs(low), abs(high)):
-        ax.set_ylim(0.5 * (low + high) - 1.0, 0.5 * (low + high) + 1.0)
+        middle = 0.5 * (low + high)
+        ax.set_ylim(max(middle - 1.0, min(low, 0.0)), middle + 1.0)
 
 
 def _check(line: Line, panel: Panel) -> None:

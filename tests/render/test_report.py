@@ -52,6 +52,17 @@ def test_units_stand_on_both_axes() -> None:
     assert figure.axes[0].get_ylabel() == "speed [m/s]"
 
 
+@pytest.mark.parametrize(("value", "below"), [(0.0, False), (0.4, False), (-2.0, True)])
+def test_a_constant_that_is_not_negative_gets_no_range_below_zero(
+    value: float, below: bool
+) -> None:
+    x = np.array([0.0, 1.0])
+    panel = Panel("Brakes", "time [s]", "pressure [kPa]", (Line("", x, np.full(2, value)),))
+    low, high = plots.draw([panel]).axes[0].get_ylim()
+    assert low <= value < high
+    assert (low < 0.0) == below
+
+
 def test_plan_views_are_drawn_to_scale() -> None:
     plan = Panel("path", "x [m]", "y [m]", PANEL.lines)
     assert plots.draw([plan]).axes[0].get_aspect() == 1.0
