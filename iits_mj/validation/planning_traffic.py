@@ -7,6 +7,8 @@ belongs to the code that drove it: those of another version are not taken.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from iits_mj.parameters import TruckParameters
@@ -115,8 +117,15 @@ def summarize(results: Results, rows: list[TripRow]) -> None:
             Check(name + "collisions and trips not ended", float(failed), "1", None, "<= 0"),
             Check(name + "plans by the optimizer", 100.0 * planned / max(planned + others, 1), "%"),
             Check(
-                name + "friction brakes on, pcc over cruise",
-                sum(p.friction for _, p in driven) / max(sum(c.friction for c, _ in driven), 0.1),
+                name + "friction brakes on, pcc, a trip (reference: cruise)",
+                float(np.mean([p.friction for _, p in driven])),
+                "s",
+                float(np.mean([c.friction for c, _ in driven])),
+            ),
+            # These are the same drive on each of the three stretches.
+            Check(
+                name + "trips that had nobody ahead",
+                float(sum(math.isinf(c.closest) for c, _ in driven)),
                 "1",
             ),
             Check(
