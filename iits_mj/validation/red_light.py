@@ -18,16 +18,16 @@ from controllers.stack import Stack
 from iits_mj.messages import LightState, RoadSignals, Scene, TrafficLight
 from iits_mj.results import Check, Line, Panel, Results
 from iits_mj.road import Route
+from iits_mj.simulation.signals import BEHIND
 from iits_mj.truck import Truck
+from iits_mj.validation.closed_loop import CONTROL_PERIOD, PLAN_PERIOD
 from iits_mj.validation.config import ValidateConfig
 
 FloatArray = NDArray[np.float64]
 
-_CONTROL, _PLAN = 0.02, 5
+_CALLS = round(PLAN_PERIOD / CONTROL_PERIOD)
 _START = 500.0
 _SIGHT = 200.0
-# The light is told of until the front is this far behind its line [m].
-_TOLD = 4.0
 SPEEDS = (8.0, 12.0, 16.67, 22.0)
 GRADES = (-0.06, 0.0, 0.04)
 
@@ -93,30 +93,30 @@ def drive_to_red(
     line = _START + truck.footprint.front_overhang + sight
     rows: list[tuple[float, float, float]] = []
     crossed = math.inf
-    for tick in range(round((green + 8.0) / _CONTROL)):
+    for tick in range(round((green + 8.0) / CONTROL_PERIOD)):
         ego = truck.observe()
         left = line - ego.station - truck.footprint.front_overhang
         crossed = ego.time if left < 0.0 and math.isinf(crossed) else crossed
-        if tick % _PLAN == 0:
+        if tick % _CALLS == 0:
             red = ego.time < green
             told = RoadSignals()
-            if left > -_TOLD:
+            if left > -BEHIND:
                 state = LightState.RED if red else LightState.GREEN
                 after = (green - ego.time, LightState.GREEN) if red and known else (None, None)
                 told = RoadSignals(TrafficLight(line, state, *after))
             stack.plan(Scene(ego.time, ego, (), truck.footprint, told))
         rows.append((ego.time, left, ego.speed))
-        if left < -_TOLD:
+        if left < -BEHIND:
             break
         truck.command(stack.control(ego))
-        truck.step(round(_CONTROL / truck.model.opt.timestep))
+        truck.step(round(CONTROL_PERIOD / truck.model.opt.timestep))
     time, way, speeds = np.array(rows).T
     return RedLight(time, way, speeds, crossed, green, _braking(speeds))
 
 
 def _braking(speed: FloatArray) -> float:
-    window = round(0.5 / _CONTROL)
-    lost = (speed[:-window] - speed[window:]) / (window * _CONTROL)
+    window = round(0.5 / CONTROL_PERIOD)
+    lost = (speed[:-window] - speed[window:]) / (window * CONTROL_PERIOD)
     moving = speed[window:] > 0.5
     return float(lost[moving].max()) if moving.any() else 0.0
 
