@@ -12,11 +12,6 @@ from iits_mj.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
-# The paper's spawn probabilities; see `HighwayConfig.spawn_period` for the clock they tick by.
-SPAWN_PROBABILITY = {"dense": 0.05, "medium": 0.02, "sparse": 0.005}
-TRAFFIC_SPEEDS = (12.5, 15.0)
-CELLS = tuple((density, speed) for density in SPAWN_PROBABILITY for speed in TRAFFIC_SPEEDS)
-
 
 @dataclass(frozen=True)
 class Kind:
@@ -81,14 +76,6 @@ class HighwayConfig:
                 raise InputError(f"{name} = {value!r} is not allowed: use a number above 0")
         if not 0.0 <= self.spawn_probability <= 1.0:
             raise InputError(f"spawn_probability = {self.spawn_probability!r}: use 0 to 1")
-
-    @classmethod
-    def cell(cls, density: str, traffic_speed: float) -> HighwayConfig:
-        """One of the paper's six cells: density "dense", "medium" or "sparse", speed [m/s]."""
-        if density not in SPAWN_PROBABILITY:
-            allowed = ", ".join(SPAWN_PROBABILITY)
-            raise InputError(f"density {density!r} is unknown; allowed are: {allowed}")
-        return cls(spawn_probability=SPAWN_PROBABILITY[density], traffic_speed=traffic_speed)
 
     @property
     def mean_headway(self) -> float:

@@ -1,8 +1,4 @@
-"""Trips of the truck through the fast world, one decision a step.
-
-The decision maker is asked once a second while the truck keeps its lane, and not while a change
-runs: a step lasts 1 s, or as long as the change. Rewards are discounted by the second inside it.
-"""
+"""Trips of the truck through the fast world of `controllers.decision.highway`."""
 
 from __future__ import annotations
 
@@ -18,7 +14,8 @@ from controllers.decision.highway_config import HighwayConfig, Obstacle
 from controllers.decision.highway_road import LANE_WIDTH, LANES, HighwayRoad
 from controllers.decision.highway_truck import HighwayTruck
 from controllers.decision.observation import ObservationHistory, observe_frame
-from controllers.decision.reward import RewardConfig, RewardTerms, decision_charge, speed_charge
+from controllers.decision.reward import RewardTerms, decision_charge, speed_charge
+from controllers.decision.trip import TripConfig, TripStep, TripSummary
 from controllers.safety import SafetyConfig, front_gap_needed, rear_gap_needed
 from iits_mj.errors import InputError
 from iits_mj.messages import Decision, EgoFootprint, EgoState, Scene
@@ -29,102 +26,62 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class TripConfig:
-    """One trip of the truck.
+class HighwaySettings:
+    """What of the fast world is the same in every trip.
 
     Attributes:
-      traffic: of the world.
-      length: of the trip [m]; duration: it is cut off (truncated) after this time [s].
-      payload: of the truck [kg].
-      reference_speed: [m/s], the paper's 60 km/h.
+      traffic: how the others drive; a trip gives its density and speed.
       change_duration: of a lane change of the truck [s].
       grade_max: greatest grade of the hills; 0 for a flat road.
       safety: gaps without which a change is refused.
-      reward: weights.
     """
 
     traffic: HighwayConfig = field(default_factory=HighwayConfig)
-    length: float = 15_000.0
-    duration: float = 3_000.0
-    payload: float = 36_000.0
-    reference_speed: float = 60.0 / 3.6
     change_duration: float = 6.0
     grade_max: float = 0.045
     safety: SafetyConfig = field(default_factory=SafetyConfig)
-    reward: RewardConfig = field(default_factory=RewardConfig)
-
-
-@dataclass
-class TripSummary:
-    """What a trip came to; `speed_loss` is the paper's mean of (v_ref - v) / v_ref."""
-
-    distance: float = 0.0
-    time: float = 0.0
-    decisions: int = 0
-    changes: int = 0
-    refused: int = 0
-    dangerous: int = 0
-    collisions: int = 0
-    time_gap_min: float = math.inf
-    loss_integral: float = 0.0
-    reward: RewardTerms = field(default_factory=RewardTerms)
-
-    @property
-    def speed_loss(self) -> float:
-        """Mean over time of (v_ref - v) / v_ref."""
-        return self.loss_integral / self.time if self.time > 0.0 else 0.0
-
-
-@dataclass(frozen=True)
-class TripStep:
-    """Outcome of a decision.
-
-    Attributes:
-      observation: after it; reward: its terms; seconds: how long it took.
-      terminated: the trip ended in a collision; truncated: it was over without one.
-    """
-
-    observation: Observation
-    reward: RewardTerms
-    seconds: float
-    terminated: bool
-    truncated: bool
 
 
 class HighwayEnv:
     """The fast world with the truck in it. Everything random comes from `reset`'s generator."""
 
     def __init__(
-        self, config: TripConfig | None = None, parameters: TruckParameters | None = None
+        self, settings: HighwaySettings | None = None, parameters: TruckParameters | None = None
     ) -> None:
-        self.config = config or TripConfig()
+        self.settings = settings or HighwaySettings()
         self._parameters = parameters or TruckParameters.load()
         self._footprint = EgoFootprint()
         self._history = ObservationHistory()
         self.summary = TripSummary()
         self._ready = False
 
-    def reset(
-        self, generator: np.random.Generator, config: TripConfig | None = None
-    ) -> Observation:
+    def reset(self, generator: np.random.Generator, trip: TripConfig | None = None) -> Observation:
         """Starts a trip at the traffic's speed in the right lane; returns the observation."""
-        if config is not None:
-            self.config = config
-        trip = self.config
-        self.road = HighwayRoad(generator, trip.length, trip.grade_max)
+        self.config = trip = trip or TripConfig()
+        settings = self.settings
+        self._end = trip.start_station + trip.length
+        self.road = HighwayRoad(generator, self._end, settings.grade_max)
         self.truck = HighwayTruck(self._parameters, trip.payload)
-        self.truck.front = 50.0
-        self.truck.speed = min(trip.traffic.traffic_speed, trip.reference_speed)
+        self.truck.front = trip.start_station + self._footprint.front_overhang
+        self.truck.speed = min(trip.traffic_speed, trip.reference_speed)
         self.lane, self._source = 0, 0
         self._change_left = 0.0
         self.time = 0.0
-        self.traffic = HighwayTraffic(trip.traffic, generator)
+        traffic = replace(
+            settings.traffic,
+            spawn_probability=trip.spawn_probability,
+            traffic_speed=trip.traffic_speed,
+        )
+        self.traffic = HighwayTraffic(traffic, generator)
         self.traffic.fill(self._obstacles()[0])
         self.summary = TripSummary()
         self._history.reset()
         self._ready = True
         self._observe()
         return self._history.observation()
+
+    def close(self) -> None:
+        """Holds nothing."""
 
     def context(self) -> DecisionContext:
         """What a decision maker is given now."""
@@ -139,7 +96,7 @@ class HighwayEnv:
 
     def safe(self, target: int) -> bool:
         """True when the lane has the room that the planner asks for at both ends."""
-        truck, safety, traffic = self.truck, self.config.safety, self.traffic
+        truck, safety, traffic = self.truck, self.settings.safety, self.traffic
         rear = truck.front - self._footprint.length
         lead, follow = traffic.neighbors(truck.front, target)
         if lead >= 0:
@@ -172,7 +129,7 @@ class HighwayEnv:
         elif changes:
             self.summary.changes += 1
             self._source, self.lane = self.lane, target
-            self._change_left = seconds = self.config.change_duration
+            self._change_left = seconds = self.settings.change_duration
         terminated = False
         elapsed = 0.0
         while elapsed < seconds - 1e-9 and not terminated and not self._over():
@@ -194,11 +151,12 @@ class HighwayEnv:
         return TripStep(observation, reward, elapsed, terminated, over and not terminated)
 
     def _over(self) -> bool:
-        return self.truck.front >= self.config.length or self.time >= self.config.duration
+        station = self.truck.front - self._footprint.front_overhang
+        return station >= self._end or self.time >= self.config.duration
 
     def _second(self) -> bool:
         """Advances one second and observes; True after a collision."""
-        dt = self.config.traffic.timestep
+        dt = self.settings.traffic.timestep
         reference = self.config.reference_speed
         collided = False
         for _ in range(round(1.0 / dt)):
@@ -221,7 +179,7 @@ class HighwayEnv:
         """Progress of the change, 0 to 1."""
         if self._source == self.lane:
             return 1.0
-        return 1.0 - self._change_left / self.config.change_duration
+        return 1.0 - self._change_left / self.settings.change_duration
 
     def _obstacles(self) -> list[Obstacle]:
         """The lanes the truck's body is in: its own, and the one it leaves for 70 % of a change."""
@@ -256,7 +214,7 @@ class HighwayEnv:
         blend = phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2)
         step = (self.lane - self._source) * LANE_WIDTH
         offset = self._source * LANE_WIDTH + step * blend
-        rate = 30.0 * phase**2 * (1.0 - phase) ** 2 / self.config.change_duration
+        rate = 30.0 * phase**2 * (1.0 - phase) ** 2 / self.settings.change_duration
         station = self.truck.front - self._footprint.front_overhang
         ego = EgoState(
             time=self.time,
@@ -273,8 +231,3 @@ class HighwayEnv:
         self._scene = Scene(self.time, ego, self.traffic.tracked(), self._footprint)
         route = cast("Route", self.road)
         self._history.add(self.time, observe_frame(self._scene, route, self.config.reference_speed))
-
-
-def cell_trip(density: str, traffic_speed: float, base: TripConfig | None = None) -> TripConfig:
-    """The trip of one of the paper's six cells."""
-    return replace(base or TripConfig(), traffic=HighwayConfig.cell(density, traffic_speed))

@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from controllers.decision.highway_config import CELLS, HighwayConfig
-from controllers.decision.highway_env import HighwayEnv, TripConfig, cell_trip
+from controllers.decision.highway_env import HighwayEnv
 from controllers.decision.network import ACTIONS, OBSERVATION_SIZE, QNetwork
 from controllers.decision.replay import Replay, Returns, Transition
+from controllers.decision.trip import CELLS, TripConfig, cell_trip
 from iits_mj.errors import InputError
 
 TRAINING_SEEDS, VALIDATION_SEEDS, TEST_SEEDS = 1_000_000, 2_000_000, 3_000_000
@@ -129,12 +129,12 @@ def sample_trip(config: TrainConfig, generator: np.random.Generator) -> TripConf
     density, speed = CELLS[int(generator.integers(len(CELLS)))]
     trip = cell_trip(density, speed, TripConfig(duration=config.trip_duration))
     if generator.random() < config.random_share:
-        probability = math.exp(generator.uniform(math.log(0.005), math.log(0.12)))
-        traffic = HighwayConfig(
-            spawn_probability=probability, traffic_speed=float(generator.uniform(11.0, 16.0))
+        trip = replace(
+            trip,
+            spawn_probability=math.exp(generator.uniform(math.log(0.005), math.log(0.12))),
+            traffic_speed=float(generator.uniform(11.0, 16.0)),
+            payload=float(generator.uniform(0.0, 36_000.0)),
         )
-        payload = float(generator.uniform(0.0, 36_000.0))
-        trip = replace(trip, traffic=traffic, payload=payload)
     return trip
 
 

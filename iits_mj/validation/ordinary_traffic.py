@@ -16,6 +16,7 @@ from controllers.decision.highway import HighwayTraffic
 from controllers.decision.highway_config import HighwayConfig, Obstacle
 from controllers.decision.highway_road import LANE_WIDTH
 from controllers.decision.mobil import Mobil
+from controllers.decision.trip import SPAWN_PROBABILITY
 from iits_mj.messages import Decision, EgoState, Scene, TrackedVehicle
 from iits_mj.road import Route
 from iits_mj.validation.ideal_drive import STEP, IdealDrive
@@ -49,7 +50,7 @@ def ordinary_drive(density: str, duration: float, seed: int = 0) -> Ordinary:
       seed: of the traffic.
     """
     route = Route.straight(length=30_000.0, lanes=2, lane_width=LANE_WIDTH)
-    config = dataclasses.replace(HighwayConfig.cell(density, 12.5), timestep=STEP)
+    config = HighwayConfig(SPAWN_PROBABILITY[density], traffic_speed=12.5, timestep=STEP)
     traffic = HighwayTraffic(config, np.random.default_rng(seed))
     drive = IdealDrive(route, 400.0, 0, 12.5)
     traffic.fill(_obstacles(drive.ego, route)[0])

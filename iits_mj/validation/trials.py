@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from controllers import decision as decisions
-from controllers.decision.highway_config import CELLS
-from controllers.decision.highway_env import HighwayEnv, TripConfig, cell_trip
+from controllers.decision.highway_env import HighwayEnv
 from controllers.decision.training import TEST_SEEDS
+from controllers.decision.trip import CELLS, TripConfig, cell_trip
 from iits_mj.validation import row_files
 
 REFERENCE_SPEED = 60.0 / 3.6

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from controllers.decision import make
-from controllers.decision.highway_env import HighwayEnv, TripConfig, cell_trip
+from controllers.decision.highway_env import HighwayEnv
 from controllers.decision.network import LAYERS, QNetwork
 from controllers.decision.observation import OBSERVATION_SIZE
 from controllers.decision.policy import SHIPPED, GreedyPolicy
+from controllers.decision.trip import TripConfig, cell_trip
 from iits_mj.errors import InputError
 from iits_mj.messages import Decision
 

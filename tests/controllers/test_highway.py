@@ -5,10 +5,11 @@ import pytest
 
 from controllers.decision import make
 from controllers.decision.highway import HighwayTraffic
-from controllers.decision.highway_config import CELLS, HighwayConfig, Obstacle, idm_acceleration
-from controllers.decision.highway_env import HighwayEnv, TripConfig, cell_trip
+from controllers.decision.highway_config import HighwayConfig, Obstacle, idm_acceleration
+from controllers.decision.highway_env import HighwayEnv
 from controllers.decision.highway_truck import HighwayTruck
 from controllers.decision.reward import RewardConfig, decision_charge, speed_charge
+from controllers.decision.trip import CELLS, TripConfig, cell_trip
 from iits_mj.errors import InputError
 from iits_mj.messages import Decision
 from iits_mj.parameters import TruckParameters
@@ -121,8 +122,8 @@ def test_overtaking_loses_less_speed_than_keeping_in_medium_traffic():
 
 
 def test_a_change_takes_six_seconds_and_costs_ten():
-    env = HighwayEnv(TripConfig(traffic=HighwayConfig(spawn_probability=0.0)), PARAMETERS)
-    env.reset(np.random.default_rng(0))
+    env = HighwayEnv(parameters=PARAMETERS)
+    env.reset(np.random.default_rng(0), TripConfig(spawn_probability=0.0))
     step = env.step(Decision.LEFT)
     assert step.seconds == 6.0
     assert step.reward.change == -10.0
@@ -131,16 +132,16 @@ def test_a_change_takes_six_seconds_and_costs_ten():
 
 
 def test_a_change_to_a_missing_lane_is_refused_and_still_costs_ten():
-    env = HighwayEnv(TripConfig(traffic=HighwayConfig(spawn_probability=0.0)), PARAMETERS)
-    env.reset(np.random.default_rng(0))
+    env = HighwayEnv(parameters=PARAMETERS)
+    env.reset(np.random.default_rng(0), TripConfig(spawn_probability=0.0))
     step = env.step(Decision.RIGHT)
     assert (step.seconds, step.reward.change, step.reward.danger) == (1.0, -10.0, 0.0)
     assert (env.lane, env.summary.refused, env.summary.changes) == (0, 1, 0)
 
 
 def test_a_change_beside_a_vehicle_is_refused_and_costs_thirty():
-    env = HighwayEnv(TripConfig(traffic=HighwayConfig(spawn_probability=0.0)), PARAMETERS)
-    env.reset(np.random.default_rng(0))
+    env = HighwayEnv(parameters=PARAMETERS)
+    env.reset(np.random.default_rng(0), TripConfig(spawn_probability=0.0))
     env.traffic._spawn(1, env.truck.front - 5.0)
     step = env.step(Decision.LEFT)
     assert (step.reward.change, step.reward.danger) == (-10.0, -20.0)
@@ -148,8 +149,8 @@ def test_a_change_beside_a_vehicle_is_refused_and_costs_thirty():
 
 
 def test_the_end_of_time_is_a_truncation():
-    env = HighwayEnv(TripConfig(duration=5.0), PARAMETERS)
-    env.reset(np.random.default_rng(0))
+    env = HighwayEnv(parameters=PARAMETERS)
+    env.reset(np.random.default_rng(0), TripConfig(duration=5.0))
     for _ in range(4):
         step = env.step(Decision.KEEP)
         assert not step.terminated
@@ -162,8 +163,8 @@ def test_the_end_of_time_is_a_truncation():
 
 
 def test_a_collision_is_a_termination_with_its_charge():
-    env = HighwayEnv(TripConfig(traffic=HighwayConfig(spawn_probability=0.0)), PARAMETERS)
-    env.reset(np.random.default_rng(0))
+    env = HighwayEnv(parameters=PARAMETERS)
+    env.reset(np.random.default_rng(0), TripConfig(spawn_probability=0.0))
     env.traffic._spawn(0, env.truck.front + 1.0)
     env.traffic.change_time[0] = 0.0  # it has just changed lanes and will not get away
     step = env.step(Decision.KEEP)
@@ -182,4 +183,4 @@ def test_rewards_have_the_right_signs():
 
 def test_unknown_density_is_refused():
     with pytest.raises(InputError, match="density 'packed' is unknown"):
-        HighwayConfig.cell("packed", 15.0)
+        cell_trip("packed", 15.0)
