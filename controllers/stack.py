@@ -110,6 +110,13 @@ class Stack:
         """Speed asked for at a station now [m/s]."""
         return self.reference.at(station)
 
+    def asks_at(self, time: float) -> bool:
+        """Whether a plan at a time [s] would ask the decision maker, as things are now."""
+        if self.planner.changing:
+            return False
+        last = self._decided_at
+        return last is None or time - last >= self.decision_period - _HALF_STEP
+
     def plan(self, scene: Scene) -> Trajectory:
         """A new trajectory from a scene, every 100 ms.
 
@@ -122,11 +129,7 @@ class Stack:
         reference = self.reference.free(scene.ego.station)
         self.history.add(scene.time, observe_frame(scene, self.route, reference))
         decision = Decision.KEEP
-        due = (
-            self._decided_at is None
-            or scene.time - self._decided_at >= self.decision_period - _HALF_STEP
-        )
-        if due and not self.planner.changing:
+        if self.asks_at(scene.time):
             self._decided_at = scene.time
             decision = self._decide(scene, reference)
         self.last_trajectory = self.planner.plan(scene, decision, profile, surroundings)

@@ -30,6 +30,8 @@ class TripConfig:
     Attributes:
       spawn_probability: of a vehicle appearing, per second and lane.
       traffic_speed: speed limit of the traffic [m/s].
+      keeps_right: whether the traffic keeps to the right lane; the paper's table can only come from
+        traffic that fills both.
       length: of the trip [m]; duration: it is cut off (truncated) after this time [s].
       start_station: where it begins on the route [m].
       payload: of the truck [kg].
@@ -42,6 +44,7 @@ class TripConfig:
 
     spawn_probability: float = 0.05
     traffic_speed: float = 12.5
+    keeps_right: bool = False
     length: float = 15_000.0
     duration: float = 3_000.0
     start_station: float = 60.0
