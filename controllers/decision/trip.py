@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from controllers.decision.base import Observation
+from controllers.decision.base import DecisionContext, Observation
 from controllers.decision.reward import RewardConfig, RewardTerms
 from iits_mj.errors import InputError
 from iits_mj.messages import Decision
@@ -124,6 +124,9 @@ class World(Protocol):
 
     def reset(self, generator: np.random.Generator, trip: TripConfig) -> Observation:
         """Starts a trip; everything random comes from the generator. (216,) float32."""
+
+    def context(self) -> DecisionContext:
+        """What a decision maker is given now, for rules to drive in the world."""
 
     def step(self, decision: Decision) -> TripStep:
         """Carries out a decision, or refuses it, until the next one is due."""

@@ -123,6 +123,15 @@ class TruckWorld(Closing):
         self.summary = TripSummary()
         return simulation.stack.history.observation()
 
+    def context(self) -> DecisionContext:
+        """What a decision maker is given now.
+
+        Raises:
+          InputError: no trip was begun.
+        """
+        simulation = self._running()
+        return simulation.stack.context(simulation.scene)
+
     def step(self, decision: Decision) -> TripStep:
         """Carries out a decision, or refuses it, until the next one is due.
 
@@ -130,9 +139,9 @@ class TruckWorld(Closing):
           InputError: no trip was begun, or it is over.
           DivergedError, TrafficError: the simulation failed.
         """
-        simulation = self.simulation
-        if simulation is None or self._over(simulation):
-            raise InputError("the trip has not begun or is over: call reset first")
+        simulation = self._running()
+        if self._over(simulation):
+            raise InputError("the trip is over: call reset first")
         stack, reward = simulation.stack, self.trip.reward
         before = (stack.lane_changes, stack.refused, stack.unsafe)
         self._asked.pending = decision
@@ -178,6 +187,11 @@ class TruckWorld(Closing):
         if self.simulation is not None:
             self.simulation.close()
             self.simulation = None
+
+    def _running(self) -> Simulation:
+        if self.simulation is None:
+            raise InputError("the trip has not begun: call reset first")
+        return self.simulation
 
     def _over(self, simulation: Simulation) -> bool:
         return bool(simulation.ended) or simulation.frame.distance >= self.trip.length

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from controllers.decision import make
 from controllers.decision.trip import TripConfig, cell_trip
 from iits_mj.errors import InputError
 from iits_mj.messages import Decision
@@ -76,6 +77,16 @@ def test_a_change_off_the_road_is_refused_without_danger(world):
     assert step.seconds == pytest.approx(1.0)
     assert (step.reward.change, step.reward.danger) == (-10.0, 0.0)
     assert (world.summary.refused, world.summary.dangerous, world.summary.changes) == (1, 0, 0)
+
+
+def test_rules_drive_in_it_by_what_they_are_given(world):
+    trip = cell_trip("dense", 12.5, SHORT)
+    observation = world.reset(np.random.default_rng(0), trip)
+    context = world.context()
+    np.testing.assert_array_equal(context.observation, observation)
+    assert (context.lane, context.lanes) == (0, (0, 1))
+    assert context.reference_speed == pytest.approx(trip.reference_speed)
+    assert make("mobil").decide(context) in Decision
 
 
 def test_speed_is_charged_by_its_distance_from_the_reference(world):
