@@ -11,7 +11,10 @@ steer axle.
 
 from __future__ import annotations
 
+import functools
 import math
+import operator
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,21 +96,14 @@ class LateralController:
             return self._wheel
         speed = math.hypot(ego.speed, ego.lateral_speed)
         gains = self._gains_for(ego.mass).at(speed)
-        motion = np.array(
-            [
-                ego.lateral_speed,
-                ego.yaw_rate,
-                ego.trailer_yaw_rate,
-                math.sin(ego.articulation),
-                math.sin(ego.road_wheel_angle),
-            ]
-        )
+        angle = math.sin(ego.road_wheel_angle)
+        swing = math.sin(ego.articulation)
+        rates = ego.lateral_speed, ego.yaw_rate, ego.trailer_yaw_rate
+        motion = np.array([*rates, swing, angle])
         drift = ego.lateral_speed / speed
         heading += math.asin(drift) - drift
         error = min(max(self.error, -config.error_max), config.error_max)
-        state = np.array(
-            [*motion[:4], error, heading, motion[4], self._demand, self._integral], dtype=float
-        )
+        state = np.array([*rates, swing, error, heading, angle, self._demand, self._integral])
         ahead = self._view.curvature(ego.station + speed * self._ages)
         rate = -float(gains.feedback @ state) - float(gains.preview @ ahead)
         push = self._trust(speed) * self._observer.update(motion, gains)
@@ -163,7 +159,14 @@ def check_finite(ego: EgoState, names: tuple[str, ...] = USED) -> None:
     Raises:
       InputError: one of them is not.
     """
+    if all(map(math.isfinite, _reader(names)(ego))):
+        return
     for name in names:
         value = getattr(ego, name)
         if not math.isfinite(value):
             raise InputError(f"ego state: {name} is {value}: must be finite")
+
+
+@functools.cache
+def _reader(names: tuple[str, ...]) -> Callable[[EgoState], tuple[float, ...]]:
+    return operator.attrgetter(*names)

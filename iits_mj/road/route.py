@@ -129,6 +129,10 @@ class Route:
     def smoothed_grade(self, station: float | FloatArray) -> float | FloatArray:
         """Mean grade over 40 m about a station, for planning."""
         half = 0.5 * GRADE_WINDOW
+        if isinstance(station, float):
+            return (self.line.height(station + half) - self.line.height(station - half)) / (
+                GRADE_WINDOW
+            )
         ahead = self.line.evaluate(station + half).z
         return (ahead - self.line.evaluate(station - half).z) / GRADE_WINDOW
 
