@@ -1,73 +1,138 @@
-"""Double DQN (van Hasselt, Guez and Silver 2016) in one file.
+"""Double DQN in one file, with its two extensions by flag: dueling heads and quantiles.
 
-The online network chooses the next action, the target network values it (the paper's eq. 4):
-`Y = R + discount * Q_target(s', argmax_a Q_online(s', a))`. The target network is a separate copy
-that is renewed every `target_interval` updates. Durations of decisions differ (1 s, or a whole lane
-change), so each transition carries its own discount, which is 0 after a termination only.
+The online network chooses the next action, the target network values it (van Hasselt, Guez and
+Silver 2016, eq. 4): `Y = R + discount * Q_target(s', argmax_a Q_online(s', a))`. The target network
+is a separate copy that is renewed every `target_interval` updates. Durations of decisions differ
+(1 s, or a whole lane change), so each transition carries its own discount, which is 0 after a
+termination only.
+
+- dueling (Wang et al. 2016, eq. 9): `Q = V + A - mean_a A`, two linear heads on one trunk.
+- quantiles (Dabney et al. 2018): each value is the mean of N quantiles of the return, learned with
+  the quantile Huber loss; actions are chosen by the means.
+
+Heads are linear, so both fold exactly into the one last layer of the network that is shipped.
 """
 
 from __future__ import annotations
 
 import copy
 import itertools
-from dataclasses import dataclass
-from typing import Any
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from controllers.decision.network import LAYERS, QNetwork
 from controllers.decision.replay import Batch
+from controllers.decision.train_config import LearnerConfig
+from iits_mj.errors import Error
+
+ACTION_COUNT = LAYERS[-1]
 
 
-@dataclass(frozen=True)
-class LearnerConfig:
-    """Settings of the learner; the first two are the paper's.
+class Update(NamedTuple):
+    """One gradient step: loss, mean value of the actions taken, absolute TD errors (n,).
 
-    Attributes:
-      learning_rate: of Adam; batch_size: transitions an update.
-      target_interval: updates between two copies to the target network.
-      gradient_norm: the gradient is shortened to this length.
-      reward_scale: rewards are multiplied by it; it changes no policy, only the numbers' size.
+    Values and errors are in units of the scaled reward.
     """
 
-    learning_rate: float = 5e-4
-    batch_size: int = 64
-    target_interval: int = 1000
-    gradient_norm: float = 10.0
-    reward_scale: float = 0.05
+    loss: float
+    value: float
+    error: NDArray[np.float32]
 
 
-def build_network() -> nn.Sequential:
-    """The paper's 216-256-512-256-3 with ReLU."""
-    layers: list[nn.Module] = []
-    for inputs, outputs in itertools.pairwise(LAYERS):
-        layers += [nn.Linear(inputs, outputs), nn.ReLU()]
-    return nn.Sequential(*layers[:-1])
+class ValueNetwork(nn.Module):
+    """The paper's 216-256-512-256-3 with ReLU; its last layer may be two heads of quantiles.
+
+    Args:
+      dueling: heads for value and advantage; quantiles: of each value, 0 for the value itself.
+    """
+
+    def __init__(self, dueling: bool, quantiles: int) -> None:
+        super().__init__()
+        self.width = max(1, quantiles)
+        layers: list[nn.Module] = []
+        for inputs, outputs in itertools.pairwise(LAYERS[:-1]):
+            layers += [nn.Linear(inputs, outputs), nn.ReLU()]
+        self.trunk = nn.Sequential(*layers)
+        self.advantage = nn.Linear(LAYERS[-2], ACTION_COUNT * self.width)
+        self.value = nn.Linear(LAYERS[-2], self.width) if dueling else None
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Quantiles of the return, (n, 3, width), of observations (n, 216)."""
+        hidden = self.trunk(observation)
+        advantage = self.advantage(hidden).unflatten(1, (ACTION_COUNT, self.width))
+        if self.value is None:
+            return advantage
+        return self.value(hidden)[:, None] + advantage - advantage.mean(dim=1, keepdim=True)
+
+    def layers(self) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+        """Weights and biases of the four layers, the heads folded into the last one; copies."""
+        pairs = [_arrays(layer) for layer in self.trunk if isinstance(layer, nn.Linear)]
+        # The mean over quantiles is linear, and so is V + A - mean A: one matrix does it all.
+        last = [a.reshape(ACTION_COUNT, self.width, -1).mean(1) for a in _arrays(self.advantage)]
+        if self.value is not None:
+            value = [a.reshape(1, self.width, -1).mean(1) for a in _arrays(self.value)]
+            last = [v + a - a.mean(0) for v, a in zip(value, last, strict=True)]
+        pairs.append((last[0], last[1].ravel()))
+        return [(weight.astype(np.float32), bias.astype(np.float32)) for weight, bias in pairs]
+
+
+def _arrays(layer: nn.Linear) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    weight, bias = layer.weight.detach().numpy(), layer.bias.detach().numpy()
+    return weight.astype(np.float64), bias.astype(np.float64)
 
 
 def double_q_target(
     reward: Tensor, discount: Tensor, online_next: Tensor, target_next: Tensor
 ) -> Tensor:
-    """Targets of shape (n,) from rewards and discounts (n,) and next values (n, 3) of both nets."""
-    chosen = online_next.argmax(dim=1, keepdim=True)
-    return reward + discount * target_next.gather(1, chosen).squeeze(1)
+    """Targets (n, width) from rewards and discounts (n,) and next values (n, 3, width) of both."""
+    chosen = online_next.mean(dim=2).argmax(dim=1)
+    return reward[:, None] + discount[:, None] * _of_action(target_next, chosen)
+
+
+def quantile_huber(taken: Tensor, wanted: Tensor) -> Tensor:
+    """Loss (n,) of quantiles (n, N) against samples (n, M) of the return.
+
+    Dabney et al. (2018) eq. 9 and 10 with kappa = 1: the sum over quantiles `i` of the mean over
+    samples `j` of `|tau_i - 1{u < 0}| huber(u)`, `u = wanted_j - taken_i`, `tau_i = (i + 1/2) / N`.
+    """
+    count = taken.shape[1]
+    tau = (torch.arange(count) + 0.5) / count
+    low, high = torch.broadcast_tensors(taken[:, :, None], wanted[:, None, :])
+    weight = (tau[None, :, None] - (high < low).to(taken.dtype)).abs()
+    loss = weight * nn.functional.smooth_l1_loss(low, high, reduction="none")
+    return loss.mean(dim=2).sum(dim=1)
+
+
+def _of_action(values: Tensor, action: Tensor) -> Tensor:
+    """(n, width) of (n, 3, width)."""
+    return values[torch.arange(len(action)), action]
 
 
 class DoubleDqn:
     """The learner: online and target network, optimizer, and how often they were updated."""
 
     def __init__(self, config: LearnerConfig, seed: int) -> None:
-        torch.manual_seed(seed)
         self.config = config
-        self.online = build_network()
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            self.online = ValueNetwork(config.dueling, config.quantiles)
         self.target = copy.deepcopy(self.online).requires_grad_(False)
-        self.optimizer = torch.optim.Adam(self.online.parameters(), lr=config.learning_rate)
+        self.optimizer = torch.optim.Adam(
+            self.online.parameters(), lr=config.learning_rate, fused=True
+        )
         self.updates = 0
 
-    def update(self, batch: Batch) -> float:
-        """One gradient step on a batch; returns the loss (Huber)."""
+    def update(self, batch: Batch, weight: NDArray[np.float32] | None = None) -> Update:
+        """One gradient step on a batch, whose losses may be weighted, (n,).
+
+        Raises:
+          Error: the loss is not finite.
+        """
         reward = torch.from_numpy(batch.reward) * self.config.reward_scale
         following = torch.from_numpy(batch.following)
         with torch.no_grad():
@@ -78,8 +143,19 @@ class DoubleDqn:
                 self.target(following),
             )
         values = self.online(torch.from_numpy(batch.observation))
-        taken = values.gather(1, torch.from_numpy(batch.action)[:, None]).squeeze(1)
-        loss = nn.functional.smooth_l1_loss(taken, wanted)
+        taken = _of_action(values, torch.from_numpy(batch.action))
+        if self.config.quantiles:
+            losses = quantile_huber(taken, wanted)
+        else:
+            losses = nn.functional.smooth_l1_loss(taken, wanted, reduction="none").squeeze(1)
+        if weight is not None:
+            losses = losses * torch.from_numpy(weight)
+        loss = losses.mean()
+        if not math.isfinite(loss.item()):
+            raise Error(
+                f"training diverged: the loss of update {self.updates + 1} is {loss.item()}; "
+                "use a smaller learning-rate"
+            )
         self.optimizer.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(self.online.parameters(), self.config.gradient_norm)
@@ -87,16 +163,14 @@ class DoubleDqn:
         self.updates += 1
         if self.updates % self.config.target_interval == 0:
             self.target.load_state_dict(self.online.state_dict())
-        return float(loss.item())
+        mean = taken.detach().mean(dim=1)
+        error = (wanted.mean(dim=1) - mean).abs().numpy()
+        return Update(float(loss.item()), float(mean.mean().item()), error)
 
     def network(self, **metadata: Any) -> QNetwork:
         """The online network as numpy arrays, a copy."""
-        linear = [layer for layer in self.online if isinstance(layer, nn.Linear)]
-        return QNetwork(
-            tuple(np.array(layer.weight.detach().numpy(), np.float32) for layer in linear),
-            tuple(np.array(layer.bias.detach().numpy(), np.float32) for layer in linear),
-            dict(metadata),
-        )
+        weights, biases = zip(*self.online.layers(), strict=True)
+        return QNetwork(tuple(weights), tuple(biases), dict(metadata))
 
     def state(self) -> dict[str, Any]:
         """Everything that evolves, for a checkpoint; a copy."""
@@ -113,7 +187,4 @@ class DoubleDqn:
         self.online.load_state_dict(state["online"])
         self.target.load_state_dict(state["target"])
         self.optimizer.load_state_dict(state["optimizer"])
-        # A resumed training may ask for another rate than the stored one.
-        for group in self.optimizer.param_groups:
-            group["lr"] = self.config.learning_rate
         self.updates = int(state["updates"])

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controllers.decision.base import Observation
+from controllers.decision.priorities import Priorities
 from iits_mj.errors import InputError
 
 
@@ -31,7 +33,7 @@ class Transition(NamedTuple):
 
 @dataclass(frozen=True)
 class Batch:
-    """Arrays of a draw: observations (n, 216) float32, the rest (n,)."""
+    """Transitions as arrays: observations (n, 216) float32, the rest (n,)."""
 
     observation: NDArray[np.float32]
     action: NDArray[np.int64]
@@ -39,52 +41,107 @@ class Batch:
     discount: NDArray[np.float32]
     following: NDArray[np.float32]
 
+    def __len__(self) -> int:
+        return len(self.action)
+
+    @classmethod
+    def of(cls, transitions: Sequence[Transition]) -> Batch:
+        """Stacks one or more transitions."""
+        columns = list(zip(*transitions, strict=True))
+        return cls(
+            np.stack(columns[0]).astype(np.float32),
+            np.array(columns[1], np.int64),
+            np.array(columns[2], np.float32),
+            np.array(columns[3], np.float32),
+            np.stack(columns[4]).astype(np.float32),
+        )
+
+
+class Draw(NamedTuple):
+    """A batch from the memory: where it lay (n,), and its importance weights (n,)."""
+
+    batch: Batch
+    indices: NDArray[np.int64]
+    weight: NDArray[np.float32]
+
 
 class Replay:
-    """A ring of transitions; observations are kept as float16, whose error of 5e-4 is harmless."""
+    """A ring of transitions; observations are kept as float16, whose error of 5e-4 is harmless.
 
-    def __init__(self, capacity: int, size: int) -> None:
+    Args:
+      capacity: transitions kept; size: of an observation.
+      priority_exponent: alpha of prioritized draws; None draws uniformly.
+    """
+
+    def __init__(self, capacity: int, size: int, priority_exponent: float | None = None) -> None:
         if capacity < 1:
             raise InputError(f"replay capacity {capacity!r}: use 1 or more")
         self.capacity = capacity
-        self._observation = np.zeros((capacity, size), np.float16)
-        self._following = np.zeros((capacity, size), np.float16)
-        self._action = np.zeros(capacity, np.int64)
-        self._reward = np.zeros(capacity, np.float32)
-        self._discount = np.zeros(capacity, np.float32)
+        self._columns: dict[str, NDArray[Any]] = {
+            "observation": np.zeros((capacity, size), np.float16),
+            "action": np.zeros(capacity, np.int64),
+            "reward": np.zeros(capacity, np.float32),
+            "discount": np.zeros(capacity, np.float32),
+            "following": np.zeros((capacity, size), np.float16),
+        }
+        self._priorities = (
+            None if priority_exponent is None else Priorities(capacity, priority_exponent)
+        )
         self._next = 0
         self._count = 0
 
     def __len__(self) -> int:
         return self._count
 
-    def add(self, transition: Transition) -> None:
-        """Stores a transition in place of the oldest one."""
-        i = self._next
-        self._observation[i] = transition.observation
-        self._following[i] = transition.following
-        self._action[i] = transition.action
-        self._reward[i] = transition.reward
-        self._discount[i] = transition.discount
-        self._next = (i + 1) % self.capacity
-        self._count = min(self._count + 1, self.capacity)
+    def add(self, batch: Batch) -> None:
+        """Stores transitions in place of the oldest ones; of too many, the last ones."""
+        index = (self._next + np.arange(len(batch))) % self.capacity
+        kept = slice(max(0, len(batch) - self.capacity), None)
+        for name, column in self._columns.items():
+            column[index[kept]] = getattr(batch, name)[kept]
+        if self._priorities is not None:
+            self._priorities.add(index[kept])
+        self._next = (self._next + len(batch)) % self.capacity
+        self._count = min(self._count + len(batch), self.capacity)
 
-    def sample(self, count: int, generator: np.random.Generator) -> Batch:
-        """Draws `count` transitions with replacement.
+    def sample(self, count: int, generator: np.random.Generator, beta: float = 1.0) -> Draw:
+        """Draws `count` transitions with replacement; `beta` is the importance exponent.
 
         Raises:
           InputError: the memory is empty.
         """
         if self._count == 0:
             raise InputError("replay memory is empty: add transitions before sampling")
-        index = generator.integers(0, self._count, count)
-        return Batch(
-            self._observation[index].astype(np.float32),
-            self._action[index],
-            self._reward[index],
-            self._discount[index],
-            self._following[index].astype(np.float32),
-        )
+        if self._priorities is None:
+            index = generator.integers(0, self._count, count)
+            weight = np.ones(count, np.float32)
+        else:
+            index, weight = self._priorities.draw(count, self._count, beta, generator)
+        columns = {name: column[index] for name, column in self._columns.items()}
+        for name in ("observation", "following"):
+            columns[name] = columns[name].astype(np.float32)
+        return Draw(Batch(**columns), index, weight)
+
+    def renew(self, index: NDArray[np.int64], error: NDArray[np.floating[Any]]) -> None:
+        """Takes up the absolute TD errors of drawn transitions; nothing where draws are uniform."""
+        if self._priorities is not None:
+            self._priorities.renew(index, error)
+
+    def state(self) -> dict[str, Any]:
+        """Everything that is stored, as arrays, for a checkpoint."""
+        state: dict[str, Any] = {n: c[: self._count] for n, c in self._columns.items()}
+        if self._priorities is not None:
+            state["priorities"] = self._priorities.state(self._count)
+        return {**state, "next": self._next}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Takes up what `state` gave."""
+        self._count = len(state["action"])
+        for field in fields(Batch):
+            self._columns[field.name][: self._count] = state[field.name]
+        self._next = int(state["next"])
+        if self._priorities is not None:
+            self._priorities.restore(state["priorities"])
 
 
 class Returns:

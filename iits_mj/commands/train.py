@@ -1,13 +1,16 @@
-"""Train the decision maker ("ddqn") in the fast highway world.
+"""Train the decision maker ("ddqn").
 
-Leaves in --out: ddqn.npz (the best policy so far, for 'iits-mj drive --decision ddqn'),
-training.csv and a checkpoint that --resume continues from. Needs torch: pip install
+Leaves in --out: ddqn.npz (the best policy so far, for 'iits-mj drive --decision ddqn'), the policy
+of every validation, training.csv, event files for TensorBoard, and a checkpoint that --resume
+continues from, given the same settings; Ctrl-C writes one too. Needs torch: pip install
 'iits-mj[train]'.
 """
 
 from __future__ import annotations
 
+import importlib
 import json
+import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,68 +18,73 @@ from typing import NoReturn
 
 from tqdm import tqdm
 
-from controllers.decision.training import TrainConfig, train
-from iits_mj import options as option_fields
+from controllers.decision.collection import WorldFactory
+from controllers.decision.train_config import TrainConfig
+from controllers.decision.training import train
 from iits_mj.commands.output import prepare_folder
 from iits_mj.options import option
 
-_DEFAULTS = TrainConfig()
-
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
-    """Flags of `iits-mj train`."""
+class Options(TrainConfig):
+    """Flags of `iits-mj train`: the settings of training, and these."""
 
     out: Path = option(Path("out/train"), help="folder for weights and log", metavar="DIR")
-    decisions: int = option(
-        _DEFAULTS.decisions, help="decisions of the truck, one a second", low=1, high=10**9
+    world: str = option(
+        "fast",
+        help="point masses alone, or the MuJoCo truck in SUMO traffic after them",
+        choices=("fast", "truck"),
     )
-    trip_duration: float = option(
-        _DEFAULTS.trip_duration, help="length of a trip", unit="s", low=10.0, high=1e5, metavar="S"
-    )
-    learning_rate: float = option(
-        _DEFAULTS.learning_rate, help="of Adam", low=1e-8, high=1.0, metavar="RATE"
-    )
-    seed: int = option(_DEFAULTS.seed, help="the one seed of everything", low=0, high=2**31 - 1)
-    resume: bool = option(False, help="continue from the checkpoint in --out")
     json: bool = option(False, help="print the outcome as one JSON object")
-
-    def __post_init__(self) -> None:
-        option_fields.check(self)
 
 
 def run(options: Options) -> int:
     """Trains and says where the weights are."""
     prepare_folder(options.out)
-    config = TrainConfig(
-        decisions=options.decisions,
-        seed=options.seed,
-        trip_duration=options.trip_duration,
-        learning_rate=options.learning_rate,
-        resume=options.resume,
-    )
     with tqdm(total=options.decisions, unit=" decisions", disable=None) as bar:
-        summary = train(
-            config,
-            options.out,
-            progress=lambda done, _: _move(bar, done),
-            command=" ".join(["iits-mj", *sys.argv[1:]]),
-        )
+        try:
+            summary = train(
+                options,
+                options.out,
+                progress=lambda done, _: _move(bar, done),
+                command=" ".join(["iits-mj", *sys.argv[1:]]),
+                world=_world(options.world),
+                note=_note,
+            )
+        except KeyboardInterrupt:
+            _note(f"the checkpoint is in {options.out}; --resume continues from it")
+            raise
+    score = summary.score if math.isfinite(summary.score) else None
     outcome = {
-        "weights": str(summary.weights),
+        "weights": None if summary.weights is None else str(summary.weights),
         "log": str(summary.log),
-        "score": summary.score,
+        "score": score,
         "decisions": summary.decisions,
         "wall_time_s": summary.wall_time,
     }
     if options.json:
         print(json.dumps({"command": "train", "seed": options.seed, **outcome}))
+        return 0
+    print(f"{summary.decisions} decisions in {summary.wall_time:.0f} s")
+    if summary.weights is None:
+        print("no policy is the best: each collided in its validation")
     else:
-        print(f"{summary.decisions} decisions in {summary.wall_time:.0f} s")
         print(f"best validation score: {summary.score:.3f}")
         print(f"weights: {summary.weights}")
-        print(f"log: {summary.log}")
+    print(f"log: {summary.log}")
     return 0
+
+
+def _world(name: str) -> WorldFactory | None:
+    """What makes the world of the second stage; None where there is no such stage."""
+    if name == "fast":
+        return None
+    world: WorldFactory = importlib.import_module("iits_mj.simulation.truck_world").TruckWorld
+    return world
+
+
+def _note(text: str) -> None:
+    tqdm.write(f"iits-mj: {text}", file=sys.stderr)
 
 
 def _move(bar: tqdm[NoReturn], done: int) -> None:

@@ -1,16 +1,24 @@
-"""The learner: double-Q target, target network, replay, n-step returns, training and resuming."""
+"""The learner: double-Q target, target network, dueling heads, quantiles, restoring."""
+
+import itertools
 
 import numpy as np
 import pytest
 
+from controllers.decision.network import LAYERS
 from controllers.decision.observation import OBSERVATION_SIZE
-from controllers.decision.replay import Batch, Replay, Returns, Transition
-from iits_mj.errors import InputError
+from controllers.decision.replay import Batch
+from iits_mj.errors import Error
 
 torch = pytest.importorskip("torch", reason="torch is not installed (the train extra)")
 
-from controllers.decision.ddqn import DoubleDqn, LearnerConfig, double_q_target  # noqa: E402
-from controllers.decision.training import TrainConfig, sample_trip, train  # noqa: E402
+from controllers.decision.ddqn import (  # noqa: E402
+    DoubleDqn,
+    LearnerConfig,
+    ValueNetwork,
+    double_q_target,
+    quantile_huber,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -20,11 +28,6 @@ def one_thread():
     torch.set_num_threads(1)
     yield
     torch.set_num_threads(threads)
-
-
-def transition(reward=0.0, discount=0.5, action=1, mark=0.0):
-    first = np.full(OBSERVATION_SIZE, mark, np.float32)
-    return Transition(first, action, reward, discount, first + 0.5)
 
 
 def batch(count=64, seed=0, discount=0.9):
@@ -41,31 +44,120 @@ def batch(count=64, seed=0, discount=0.9):
 
 def test_double_q_target_by_hand():
     # Online prefers actions 2 and 0; the target net values them 5 and 7, its own best are 9 and 8.
-    online = torch.tensor([[1.0, 2.0, 3.0], [4.0, 0.0, 1.0]])
-    target = torch.tensor([[9.0, 0.0, 5.0], [7.0, 8.0, 0.0]])
+    online = torch.tensor([[1.0, 2.0, 3.0], [4.0, 0.0, 1.0]])[:, :, None]
+    target = torch.tensor([[9.0, 0.0, 5.0], [7.0, 8.0, 0.0]])[:, :, None]
     reward = torch.tensor([1.0, -1.0])
     wanted = double_q_target(reward, torch.tensor([0.5, 0.0]), online, target)
-    assert wanted.tolist() == [1.0 + 0.5 * 5.0, -1.0]
+    assert wanted.tolist() == [[1.0 + 0.5 * 5.0], [-1.0]]
+
+
+def test_double_q_chooses_by_the_mean_of_the_quantiles():
+    # Means online: 2, 3, 2.5, so the middle action, though the first has the greatest quantile.
+    online = torch.tensor([[[0.0, 4.0], [3.0, 3.0], [2.0, 3.0]]])
+    target = torch.tensor([[[9.0, 9.0], [-1.0, 2.0], [9.0, 9.0]]])
+    wanted = double_q_target(torch.tensor([1.0]), torch.tensor([0.5]), online, target)
+    assert wanted.tolist() == [[1.0 - 0.5, 1.0 + 1.0]]
+
+
+def test_quantile_huber_loss_by_hand():
+    # tau = 1/4 and 3/4. Quantile 0: u = 2 and -1/2, huber 3/2 and 1/8, weights 1/4 and 3/4.
+    # Quantile 1: u = 1 and -3/2, huber 1/2 and 1, weights 3/4 and 1/4.
+    loss = quantile_huber(torch.tensor([[0.0, 1.0]]), torch.tensor([[2.0, -0.5]]))
+    first = (0.25 * 1.5 + 0.75 * 0.125) / 2
+    second = (0.75 * 0.5 + 0.25 * 1.0) / 2
+    assert loss.tolist() == [first + second]
+
+
+def test_quantiles_learned_from_coin_throws_are_those_of_the_coin():
+    # Return 0 or 8 with equal odds, quantiles at 1/8, 3/8, 5/8, 7/8: two near 0, two near 8.
+    quantiles = torch.tensor([[1.0, 3.0, 5.0, 7.0]], requires_grad=True)
+    optimizer = torch.optim.SGD([quantiles], lr=0.05)
+    for _ in range(2000):
+        optimizer.zero_grad()
+        quantile_huber(quantiles, torch.tensor([[0.0, 8.0]])).sum().backward()
+        optimizer.step()
+    low, lower, higher, high = quantiles.detach()[0].tolist()
+    assert low < lower < 1.0
+    assert 7.0 < higher < high
+    assert quantiles.mean().item() == pytest.approx(4.0, abs=1e-3)
+
+
+def test_advantages_of_dueling_heads_do_not_move_the_mean_value():
+    network = ValueNetwork(dueling=True, quantiles=0)
+    data = torch.from_numpy(batch(5).observation)
+    with torch.no_grad():
+        before = network(data).mean(dim=1)
+        network.advantage.bias += 3.0
+        network.advantage.weight *= 2.0
+        assert torch.allclose(network(data).mean(dim=1), before, atol=1e-6)
+        network.value.bias += 3.0
+        assert torch.allclose(network(data).mean(dim=1), before + 3.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("dueling", [False, True])
+@pytest.mark.parametrize("quantiles", [0, 1, 5])
+def test_shipped_network_gives_what_torch_gives(dueling, quantiles):
+    learner = DoubleDqn(LearnerConfig(dueling=dueling, quantiles=quantiles), seed=3)
+    for seed in range(3):
+        learner.update(batch(seed=seed))
+    data = batch(50, seed=9).observation
+    with torch.no_grad():
+        wanted = learner.online(torch.from_numpy(data)).mean(dim=2).numpy()
+    shipped = learner.network()
+    assert [w.shape for w in shipped.weights] == [(n, m) for m, n in itertools.pairwise(LAYERS)]
+    assert np.abs(shipped.values(data) - wanted).max() < 1e-6
 
 
 def test_target_network_is_separate_and_is_renewed_on_time():
     learner = DoubleDqn(LearnerConfig(target_interval=3), seed=0)
-    start = learner.target[0].weight.clone()
-    assert learner.target[0].weight.data_ptr() != learner.online[0].weight.data_ptr()
+    online, target = learner.online.trunk[0].weight, learner.target.trunk[0].weight
+    start = target.clone()
+    assert target.data_ptr() != online.data_ptr()
     learner.update(batch())
     learner.update(batch())
-    assert torch.equal(learner.target[0].weight, start)
-    assert not torch.equal(learner.online[0].weight, start)
+    assert torch.equal(target, start)
+    assert not torch.equal(online, start)
     learner.update(batch())
-    assert torch.equal(learner.target[0].weight, learner.online[0].weight)
-    assert not torch.equal(learner.target[0].weight, start)
+    assert torch.equal(target, online)
+    assert not torch.equal(target, start)
 
 
-def test_update_moves_values_towards_the_target():
-    learner = DoubleDqn(LearnerConfig(target_interval=10_000, reward_scale=1.0), seed=0)
+@pytest.mark.parametrize("options", [{}, {"dueling": True}, {"quantiles": 8, "dueling": True}])
+def test_update_moves_values_towards_the_return(options):
+    config = LearnerConfig(target_interval=10_000, reward_scale=1.0, **options)
+    learner = DoubleDqn(config, seed=0)
     data = batch(discount=0.0)
-    losses = [learner.update(data) for _ in range(150)]
-    assert losses[-1] < 0.1 * losses[0]
+    errors = [learner.update(data).error.mean() for _ in range(150)]
+    assert errors[-1] < 0.3 * errors[0]
+
+
+def test_update_tells_its_errors_and_the_mean_value():
+    learner = DoubleDqn(LearnerConfig(reward_scale=0.5), seed=0)
+    data = batch(discount=0.0)
+    values = learner.network().values(data.observation)[np.arange(64), data.action]
+    update = learner.update(data)
+    assert update.error == pytest.approx(np.abs(0.5 * data.reward - values), abs=1e-5)
+    assert update.value == pytest.approx(values.mean(), abs=1e-5)
+
+
+def test_a_transition_of_weight_zero_teaches_nothing():
+    weight = np.ones(64, np.float32)
+    weight[10:] = 0.0
+    results = []
+    for reward in (0.0, 50.0):
+        learner = DoubleDqn(LearnerConfig(), seed=0)
+        data = batch()
+        data.reward[10:] = reward
+        learner.update(data, weight)
+        results.append(learner.network().weights[0])
+    assert np.array_equal(*results)
+
+
+def test_a_loss_that_is_not_finite_is_refused():
+    data = batch()
+    data.reward[0] = np.nan
+    with pytest.raises(Error, match="diverged: the loss of update 1 is nan"):
+        DoubleDqn(LearnerConfig(), seed=0).update(data)
 
 
 def test_learner_is_restored_to_the_bit():
@@ -73,102 +165,13 @@ def test_learner_is_restored_to_the_bit():
     for seed in range(3):
         learner.update(batch(seed=seed))
     other.restore(learner.state())
-    assert learner.update(batch(seed=9)) == other.update(batch(seed=9))
-    assert torch.equal(learner.online[0].weight, other.online[0].weight)
+    assert learner.update(batch(seed=9)).loss == other.update(batch(seed=9)).loss
+    assert torch.equal(learner.online.trunk[0].weight, other.online.trunk[0].weight)
 
 
-def test_n_step_return_by_hand():
-    returns = Returns(3)
-    assert returns.add(transition(1.0, 0.5, mark=0.1), over=False) == []
-    assert returns.add(transition(2.0, 0.25, mark=0.2), over=False) == []
-    (joined,) = returns.add(transition(4.0, 0.5, mark=0.3), over=False)
-    assert joined.reward == 1.0 + 0.5 * 2.0 + 0.125 * 4.0
-    assert joined.discount == 0.5 * 0.25 * 0.5
-    assert joined.observation[0] == np.float32(0.1)
-    assert joined.following[0] == np.float32(0.8)
-
-
-def test_end_of_an_episode_releases_the_rest():
-    returns = Returns(3)
-    returns.add(transition(1.0), over=False)
-    joined = returns.add(transition(2.0, discount=0.0), over=True)
-    assert [t.reward for t in joined] == [1.0 + 0.5 * 2.0, 2.0]
-    assert [t.discount for t in joined] == [0.0, 0.0]
-
-
-def test_truncation_keeps_the_value_of_what_follows():
-    returns = Returns(3)
-    (joined,) = returns.add(transition(1.0, discount=0.99), over=True)
-    assert joined.discount == 0.99
-
-
-def test_replay_forgets_the_oldest_and_draws_by_the_generator():
-    replay = Replay(3, OBSERVATION_SIZE)
-    for reward in (1.0, 2.0, 3.0, 4.0):
-        replay.add(transition(reward))
-    assert len(replay) == 3
-    drawn = replay.sample(200, np.random.default_rng(0))
-    assert set(drawn.reward.tolist()) == {2.0, 3.0, 4.0}
-    again = replay.sample(200, np.random.default_rng(0))
-    assert np.array_equal(drawn.reward, again.reward)
-
-
-def test_an_empty_replay_says_so():
-    with pytest.raises(InputError, match="empty"):
-        Replay(3, OBSERVATION_SIZE).sample(1, np.random.default_rng(0))
-
-
-def test_training_trips_mix_the_six_cells_with_randomized_traffic():
-    random = np.random.default_rng(0)
-    trips = [sample_trip(TrainConfig(), random).traffic for _ in range(200)]
-    cells = {(t.spawn_probability, t.traffic_speed) for t in trips if t.traffic_speed in (12.5, 15)}
-    assert len(cells) == 6
-    assert len({t.spawn_probability for t in trips}) > 40
-
-
-SMALL = {
-    "warm_up": 50,
-    "trip_duration": 20.0,
-    "evaluate_interval": 100,
-    "checkpoint_interval": 60,
-    "validation_trips": 1,
-    "epsilon_decisions": 100,
-}
-
-
-def test_training_leaves_weights_log_and_checkpoint_and_resumes(tmp_path):
-    first = train(TrainConfig(decisions=100, **SMALL), tmp_path, command="iits-mj train")
-    assert first.decisions >= 100
-    assert (tmp_path / "checkpoint.pt").is_file()
-    second = train(TrainConfig(decisions=220, resume=True, **SMALL), tmp_path)
-    assert second.decisions >= 220
-    rows = (tmp_path / "training.csv").read_text().splitlines()
-    done = [int(row.split(",")[0]) for row in rows[1:]]
-    assert done == sorted(done)
-    assert len(done) >= 2
-
-
-def test_training_repeats_itself_to_the_bit(tmp_path):
-    logs = []
-    for name in ("a", "b"):
-        train(TrainConfig(decisions=90, **SMALL), tmp_path / name)
-        row = (tmp_path / name / "training.csv").read_text().splitlines()[-1].split(",")
-        logs.append([row[0], *row[2:]])  # without the wall time
-    assert logs[0] == logs[1]
-
-
-def test_resuming_without_or_with_a_damaged_checkpoint_is_refused(tmp_path):
-    with pytest.raises(InputError, match="no checkpoint"):
-        train(TrainConfig(decisions=10, resume=True), tmp_path)
-    (tmp_path / "checkpoint.pt").write_bytes(b"nonsense")
-    with pytest.raises(InputError, match="not usable"):
-        train(TrainConfig(decisions=10, resume=True), tmp_path)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [{"decisions": 0}, {"epsilon_end": 2.0}, {"warm_up": 10**9}, {"learning_rate": np.nan}],
-)
-def test_bad_settings_are_refused_by_name(change):
-    with pytest.raises(InputError, match=next(iter(change))):
-        TrainConfig(**change)
+def test_the_seed_of_the_network_leaves_others_draws_alone():
+    torch.manual_seed(5)
+    wanted = torch.rand(3)
+    torch.manual_seed(5)
+    DoubleDqn(LearnerConfig(), seed=0)
+    assert torch.equal(torch.rand(3), wanted)

@@ -1,0 +1,116 @@
+"""Settings of training: each a field with its help and bounds, each a flag of `iits-mj train`.
+
+No torch here: the command line and the driving processes read these settings too.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+from iits_mj import options as option_fields
+from iits_mj.errors import InputError
+from iits_mj.options import option
+
+# What a resumed training may be asked for differently.
+CHANGEABLE = frozenset(
+    {"decisions", "jobs", "evaluate_interval", "checkpoint_interval", "checkpoint_seconds"}
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearnerConfig:
+    """Settings of the learner; learning rate and batch size are the paper's.
+
+    Raises:
+      InputError: a value is out of bounds; the message names it.
+    """
+
+    learning_rate: float = option(5e-4, help="of Adam", low=1e-8, high=1.0, metavar="RATE")
+    batch_size: int = option(64, help="transitions an update", low=1, high=65536)
+    target_interval: int = option(
+        1000, help="updates between two copies to the target network", low=1, high=10**7
+    )
+    gradient_norm: float = option(
+        10.0, help="longer gradients are shortened to this length", low=1e-6, high=1e9
+    )
+    reward_scale: float = option(
+        0.05, help="rewards are multiplied by it; changes no policy", low=1e-6, high=1e6
+    )
+    dueling: bool = option(False, help="heads for value and advantage (Wang et al. 2016)")
+    quantiles: int = option(
+        0, help="quantiles of the return (Dabney et al. 2018), 0 for its mean", low=0, high=256
+    )
+
+    def __post_init__(self) -> None:
+        """Refuses numbers that cannot work."""
+        option_fields.check(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig(LearnerConfig):
+    """What `train` is asked for. Intervals are counted in decisions of the truck.
+
+    Raises:
+      InputError: a value is out of bounds, or two do not fit; the message names it.
+    """
+
+    decisions: int = option(300_000, help="decisions of the truck, one a second", low=1, high=10**9)
+    fast_decisions: int = option(
+        150_000, help="of these in the fast world, before another one", low=0, high=10**9
+    )
+    seed: int = option(0, help="the one seed of everything", low=0, high=2**31 - 1)
+    jobs: int = option(
+        2, help="processes that drive; the outcome does not depend on it", low=1, high=256
+    )
+    trips_per_round: int = option(
+        4, help="trips driven on one state of the network", low=1, high=1024
+    )
+    trip_duration: float = option(
+        300.0, help="length of a trip", unit="s", low=10.0, high=1e5, metavar="S"
+    )
+    random_share: float = option(
+        0.4, help="share of trips with randomized traffic and load", low=0.0, high=1.0
+    )
+    updates_per_decision: float = option(0.5, help="gradient steps a decision", low=0.0, high=64.0)
+    steps: int = option(3, help="n of the n-step returns, 1 for none", low=1, high=64)
+    replay_capacity: int = option(100_000, help="transitions kept", low=1, high=10**8)
+    warm_up: int = option(4_000, help="transitions before the first update", low=1, high=10**8)
+    prioritized: bool = option(False, help="prioritized replay (Schaul et al. 2016)")
+    priority_exponent: float = option(
+        0.6, help="alpha: 0 draws uniformly, 1 in proportion to the error", low=0.0, high=1.0
+    )
+    importance_exponent: float = option(
+        0.4, help="beta at the start; it rises to 1", low=0.0, high=1.0
+    )
+    importance_decisions: int = option(300_000, help="beta rises over these", low=1, high=10**9)
+    epsilon_start: float = option(1.0, help="share of random decisions", low=0.0, high=1.0)
+    epsilon_stage: float = option(0.2, help="the same after the fast world", low=0.0, high=1.0)
+    epsilon_end: float = option(0.03, help="the same in the end", low=0.0, high=1.0)
+    epsilon_decisions: int = option(80_000, help="it falls over these", low=1, high=10**9)
+    evaluate_interval: int = option(20_000, help="between two validations", low=1, high=10**9)
+    validation_trips: int = option(3, help="in each of the six cells", low=1, high=1000)
+    validation_duration: float = option(
+        600.0, help="length of a validation trip", unit="s", low=10.0, high=1e5, metavar="S"
+    )
+    checkpoint_interval: int = option(10_000, help="between two checkpoints", low=1, high=10**9)
+    checkpoint_seconds: float = option(
+        120.0, help="also after this time", unit="s", low=0.0, high=1e6, metavar="S"
+    )
+    resume: bool = option(False, help="continue from the checkpoint in --out")
+
+    def __post_init__(self) -> None:
+        """Refuses numbers that cannot work."""
+        super().__post_init__()
+        if self.warm_up > self.replay_capacity:
+            raise InputError(
+                f"warm-up {self.warm_up} is not allowed; use {self.replay_capacity} "
+                "(replay-capacity) or less"
+            )
+
+
+def settings(config: TrainConfig) -> dict[str, Any]:
+    """What makes a training what it is: all fields but `resume`."""
+    names = [field.name for field in dataclasses.fields(TrainConfig) if field.name != "resume"]
+    return {name: getattr(config, name) for name in names}

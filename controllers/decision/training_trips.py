@@ -1,0 +1,54 @@
+"""The trips of training and validation: their seeds, traffic, load and place on the road."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from controllers.decision.train_config import TrainConfig
+from controllers.decision.trip import CELLS, TripConfig, cell_trip
+
+TRAINING_SEEDS, VALIDATION_SEEDS, TEST_SEEDS = 1_000_000, 2_000_000, 3_000_000
+ROAD_LENGTH = 15_000.0
+# Road beyond what the reference speed covers: a trip is over by its duration, not by the road.
+_MARGIN = 200.0
+
+
+def sample_trip(config: TrainConfig, generator: np.random.Generator) -> TripConfig:
+    """A trip of the training mixture: one of the six cells, or a randomized traffic and load."""
+    density, speed = CELLS[int(generator.integers(len(CELLS)))]
+    trip = cell_trip(density, speed, TripConfig(duration=config.trip_duration))
+    if generator.random() < config.random_share:
+        trip = replace(
+            trip,
+            spawn_probability=math.exp(generator.uniform(math.log(0.005), math.log(0.12))),
+            traffic_speed=float(generator.uniform(11.0, 16.0)),
+            payload=float(generator.uniform(0.0, 36_000.0)),
+        )
+    return start_anywhere(trip, generator)
+
+
+def start_anywhere(trip: TripConfig, generator: np.random.Generator) -> TripConfig:
+    """The trip with a random start from which its duration fits the 15 km road."""
+    start, room = trip.start_station, ROAD_LENGTH - trip.start_station
+    length = min(room, trip.reference_speed * trip.duration + _MARGIN)
+    shift = float(generator.uniform(0.0, room - length))
+    return replace(trip, start_station=start + shift, length=length)
+
+
+def training_generator(config: TrainConfig, round_index: int, trip: int) -> np.random.Generator:
+    """Of one trip of one round, whoever drives it."""
+    return np.random.default_rng([config.seed, TRAINING_SEEDS, round_index, trip])
+
+
+def validation_trips(config: TrainConfig) -> Iterator[tuple[str, TripConfig, np.random.Generator]]:
+    """Name, trip and generator of every validation trip: the same in each validation."""
+    for cell, (density, speed) in enumerate(CELLS):
+        for trip in range(config.validation_trips):
+            generator = np.random.default_rng(VALIDATION_SEEDS + 1000 * cell + trip)
+            base = cell_trip(density, speed, TripConfig(duration=config.validation_duration))
+            name = f"validation trip {trip} in {density} traffic at {speed:g} m/s"
+            yield name, start_anywhere(base, generator), generator

@@ -1,0 +1,31 @@
+"""Score of a policy on the validation trips, driven by the workers of a training."""
+
+from __future__ import annotations
+
+from controllers.decision.collection import Drive, Workers
+from controllers.decision.interruption import Interruption
+from controllers.decision.network import QNetwork
+from controllers.decision.train_config import TrainConfig
+from controllers.decision.train_log import trip_figures
+from controllers.decision.training_trips import validation_trips
+
+
+def validate(
+    network: QNetwork,
+    config: TrainConfig,
+    workers: Workers,
+    world: int,
+    interruption: Interruption,
+) -> dict[str, float]:
+    """Drives the greedy policy over the six cells; means over all trips, see `trip_figures`.
+
+    Args:
+      network: of the policy.
+      config: says how many trips, and how long.
+      workers: who drive.
+      world: which of theirs.
+      interruption: of the wait for them.
+    """
+    drives = [Drive(name, world, trip, seed) for name, trip, seed in validation_trips(config)]
+    outcomes = workers.submit(drives, network)
+    return trip_figures([interruption.wait(outcome).summary for outcome in outcomes])

@@ -1,0 +1,165 @@
+"""Replay memory: the ring, uniform and prioritized draws, n-step returns."""
+
+import numpy as np
+import pytest
+
+from controllers.decision.observation import OBSERVATION_SIZE
+from controllers.decision.priorities import Priorities, SumTree
+from controllers.decision.replay import Batch, Replay, Returns, Transition
+from iits_mj.errors import InputError
+
+
+def transition(reward=0.0, discount=0.5, action=1, mark=0.0):
+    first = np.full(OBSERVATION_SIZE, mark, np.float32)
+    return Transition(first, action, reward, discount, first + 0.5)
+
+
+def batch(*rewards):
+    return Batch.of([transition(reward) for reward in rewards])
+
+
+def random(seed=0):
+    return np.random.default_rng(seed)
+
+
+def test_n_step_return_by_hand():
+    returns = Returns(3)
+    assert returns.add(transition(1.0, 0.5, mark=0.1), over=False) == []
+    assert returns.add(transition(2.0, 0.25, mark=0.2), over=False) == []
+    (joined,) = returns.add(transition(4.0, 0.5, mark=0.3), over=False)
+    assert joined.reward == 1.0 + 0.5 * 2.0 + 0.125 * 4.0
+    assert joined.discount == 0.5 * 0.25 * 0.5
+    assert joined.observation[0] == np.float32(0.1)
+    assert joined.following[0] == np.float32(0.8)
+
+
+def test_end_of_an_episode_releases_the_rest():
+    returns = Returns(3)
+    returns.add(transition(1.0), over=False)
+    joined = returns.add(transition(2.0, discount=0.0), over=True)
+    assert [t.reward for t in joined] == [1.0 + 0.5 * 2.0, 2.0]
+    assert [t.discount for t in joined] == [0.0, 0.0]
+
+
+def test_truncation_keeps_the_value_of_what_follows():
+    returns = Returns(3)
+    (joined,) = returns.add(transition(1.0, discount=0.99), over=True)
+    assert joined.discount == 0.99
+
+
+@pytest.mark.parametrize("parts", [(4,), (1, 3), (3, 1), (2, 2)])
+def test_replay_forgets_the_oldest_and_draws_by_the_generator(parts):
+    replay, rewards = Replay(3, OBSERVATION_SIZE), iter((1.0, 2.0, 3.0, 4.0))
+    for part in parts:
+        replay.add(batch(*[next(rewards) for _ in range(part)]))
+    assert len(replay) == 3
+    drawn = replay.sample(200, random()).batch
+    assert set(drawn.reward.tolist()) == {2.0, 3.0, 4.0}
+    assert np.array_equal(drawn.reward, replay.sample(200, random()).batch.reward)
+
+
+def test_uniform_draws_have_weight_one_and_know_no_priorities():
+    replay = Replay(3, OBSERVATION_SIZE)
+    replay.add(batch(1.0, 2.0))
+    replay.renew(np.array([0]), np.array([100.0]))
+    drawn = replay.sample(1000, random())
+    assert (drawn.weight == 1.0).all()
+    assert 400 < (drawn.indices == 0).sum() < 600
+
+
+def test_an_empty_replay_says_so():
+    with pytest.raises(InputError, match="empty"):
+        Replay(3, OBSERVATION_SIZE).sample(1, random())
+
+
+@pytest.mark.parametrize("size", [1, 2, 5, 64, 100])
+def test_sum_tree_finds_where_the_running_sum_exceeds(size):
+    mass = random().uniform(0.0, 2.0, size)
+    mass[size // 2 + 1 :: 3] = 0.0
+    tree = SumTree(size)
+    tree.set(np.arange(size), 7.0)
+    tree.set(np.arange(size), mass)
+    assert tree.total == pytest.approx(mass.sum(), abs=1e-12)
+    wanted = random(1).uniform(0.0, tree.total, 500)
+    found = np.searchsorted(np.cumsum(mass), wanted, side="right")
+    assert np.array_equal(tree.find(wanted), found)
+
+
+def test_sum_tree_keeps_its_sums_when_single_masses_change():
+    tree = SumTree(37)
+    mass = np.zeros(37)
+    for seed in range(200):
+        index = random(seed).integers(0, 37, 5)
+        mass[index] = seed + 1.0
+        tree.set(index, seed + 1.0)
+    assert tree.total == mass.sum()
+
+
+def test_sum_tree_never_finds_a_leaf_without_mass():
+    tree = SumTree(8)
+    tree.set(np.array([0, 1, 2]), np.array([0.1, 0.2, 0.3]))
+    assert tree.find(np.array([tree.total, 10.0])).tolist() == [2, 2]
+
+
+def priorities(*p, exponent=1.0):
+    """Priorities of the given values; the floor of 1e-3 is taken off the errors."""
+    made = Priorities(len(p), exponent)
+    made.add(np.arange(len(p)))
+    made.renew(np.arange(len(p)), np.array(p) - 1e-3)
+    return made
+
+
+def test_shares_of_the_draws_are_the_priorities():
+    # One draw in each of 400 equal parts of the sum: shares are exact where parts do not mix.
+    index, _ = priorities(1.0, 2.0, 5.0).draw(400, 3, 1.0, random())
+    assert np.bincount(index).tolist() == [50, 100, 250]
+
+
+@pytest.mark.parametrize(("exponent", "shares"), [(0.0, [100, 100]), (0.5, [50, 150])])
+def test_exponent_levels_the_priorities(exponent, shares):
+    index, _ = priorities(1.0, 9.0, exponent=exponent).draw(200, 2, 1.0, random())
+    assert np.bincount(index).tolist() == shares
+
+
+def test_importance_weights_by_hand():
+    # P = 1/4 and 3/4 of N = 2: (N P)^-1/2 = sqrt 2 and sqrt 2/3, their ratio sqrt 1/3.
+    index, weight = priorities(1.0, 3.0).draw(4, 2, 0.5, random())
+    assert index.tolist() == [0, 1, 1, 1]
+    assert weight == pytest.approx([1.0, *[np.sqrt(1.0 / 3.0)] * 3], abs=1e-6)
+
+
+def test_full_importance_weights_make_draws_unbiased():
+    index, weight = priorities(1.0, 3.0, 4.0).draw(800, 3, 1.0, random())
+    sums = np.bincount(index, weights=weight)
+    assert sums == pytest.approx([sums.mean()] * 3, rel=1e-6)
+
+
+def test_new_transitions_have_the_greatest_priority_so_far():
+    replay = Replay(8, OBSERVATION_SIZE, priority_exponent=1.0)
+    replay.add(batch(0.0, 1.0))
+    replay.renew(np.array([0, 1]), np.array([0.5, 5.0]) - 1e-3)
+    replay.add(batch(2.0))
+    drawn = replay.sample(1050, random())
+    assert np.bincount(drawn.indices).tolist() == [50, 500, 500]
+
+
+def test_what_is_overwritten_loses_its_priority():
+    replay = Replay(2, OBSERVATION_SIZE, priority_exponent=1.0)
+    replay.add(batch(0.0, 1.0))
+    replay.renew(np.array([0, 1]), np.array([4.0, 2.0]) - 1e-3)
+    replay.add(batch(2.0, 3.0))
+    assert np.bincount(replay.sample(100, random()).indices).tolist() == [50, 50]
+
+
+@pytest.mark.parametrize("exponent", [None, 0.6])
+def test_replay_is_restored_to_the_bit(exponent):
+    replay, other = (Replay(5, OBSERVATION_SIZE, exponent) for _ in range(2))
+    replay.add(batch(*range(7)))
+    replay.renew(np.array([1, 3]), np.array([0.2, 9.0]))
+    other.restore(replay.state())
+    for memory in (replay, other):
+        memory.add(batch(8.0))
+    mine, theirs = replay.sample(64, random(), 0.4), other.sample(64, random(), 0.4)
+    assert np.array_equal(mine.indices, theirs.indices)
+    assert np.array_equal(mine.weight, theirs.weight)
+    assert np.array_equal(mine.batch.reward, theirs.batch.reward)
