@@ -139,7 +139,15 @@ class Training:
             sampled = sample_trip(self.config, generator)
             name = f"training trip {trip} of round {flight.index}"
             drives.append(
-                Drive(name, flight.stage, sampled, generator, flight.epsilon, self.config.steps)
+                Drive(
+                    name,
+                    flight.stage,
+                    sampled,
+                    generator,
+                    flight.epsilon,
+                    self.config.guided_share,
+                    self.config.steps,
+                )
             )
         return self.workers.submit(drives, flight.network)
 
