@@ -65,6 +65,7 @@ class LateralController:
         self._ages: FloatArray = np.linspace(0.0, config.preview_time, count)
         # Sine of the road wheels' greatest angle.
         self._most = math.sin(parameters.steering.angle_max / parameters.steering.ratio)
+        self._steady_share = 1.0 - math.exp(-config.step / config.steady_time)
         self._near = max(1, round(2.0 * config.lag / config.step))
         self._play = SteeringPlay(parameters.steering, config.play)
         self._observer = DisturbanceObserver(config.disturbance_time, config.step)
@@ -109,9 +110,8 @@ class LateralController:
         push = self._trust(speed) * self._observer.update(motion, gains)
         rate -= float(gains.disturbance @ push)
         self._move(rate, error, speed)
-        near = float(ahead[: self._near].sum()) / self._near
-        share = 1.0 - math.exp(-config.step / config.steady_time)
-        self._lasting += share * (push - self._lasting)
+        near = float(np.add.reduce(ahead[: self._near])) / self._near
+        self._lasting += self._steady_share * (push - self._lasting)
         steady = speed**2 * near / gains.response + float(gains.balance @ self._lasting)
         self._wheel = self._play.turn(
             math.asin(self._quieted(steady, gains)), gains.response, config.step

@@ -23,7 +23,9 @@ class PathView:
     def __init__(self, trajectory: Trajectory) -> None:
         self.trajectory = trajectory
         self.station = trajectory.station
-        self.yaw = np.unwrap(trajectory.yaw)
+        yaw = trajectory.yaw
+        continuous = bool((np.abs(yaw[1:] - yaw[:-1]) < np.pi).all())
+        self.yaw = yaw if continuous else np.unwrap(yaw)
         self._last = self.station.item(-1), trajectory.curvature.item(-1)
         # The same as numbers, for one place.
         self._places, self._yaws = self.station.tolist(), self.yaw.tolist()

@@ -110,16 +110,18 @@ def poses(table: FloatArray, preview: RoadPreview) -> Poses:
       preview: of the road.
     """
     station, offset, speed, aside, length, width, acceleration, yaw, yaw_rate, x, y, z = table.T
-    point = preview.route.evaluate(station, offset)
-    heading = np.asarray(point.heading, dtype=float)
+    heading = preview.route.heading(station)
     posed = (x != 0.0) | (y != 0.0) | (z != 0.0)
     fast = np.maximum(np.abs(speed), np.abs(aside))
     across = np.arcsin(np.minimum(np.maximum(aside / np.maximum(fast, 1e-6), -1.0), 1.0))
     across = np.where(speed < 0.0, np.pi - across, across)
     yaw = np.where(posed, yaw + np.where(speed < 0.0, np.pi, 0.0), heading + across)
+    if not posed.all():
+        point = preview.route.evaluate(station, offset)
+        x, y = np.where(posed, x, point.x), np.where(posed, y, point.y)
     return Poses(
-        x=np.where(posed, x, point.x),
-        y=np.where(posed, y, point.y),
+        x=x,
+        y=y,
         yaw=yaw,
         to_road=np.remainder(yaw - heading + np.pi, 2.0 * np.pi) - np.pi,
         speed=np.where(posed, np.abs(speed), fast),

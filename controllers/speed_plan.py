@@ -234,31 +234,33 @@ def roll_out(
 
     far, near = _LOOK_AHEAD
     down = following.jerk_max * step
+    least, most = -following.deceleration_max, following.acceleration_max
     for k in range(steps + 1):
         time = k * step
         if k:
-            moved = max(0.0, v * step + 0.5 * a * step * step)
-            v_next = max(0.0, v + a * step)
+            moved, v_next = v * step + 0.5 * a * step * step, v + a * step
+            moved = moved if moved > 0.0 else 0.0
             # Standing still within the step: the way to the stop, not beyond.
             s += moved if v_next > 0.0 or a >= 0.0 else min(moved, v * v / max(-2.0 * a, 1e-6))
-            v = v_next
+            v = v_next if v_next > 0.0 else 0.0
         wanted = -emergency
         hold = hold or (k > 0 and v <= 0.0 and s > stop - HOLD_REACH)
         if not emergency:
             slow = v < _LAST_SPEED
-            to_cap = min(
-                (cap_at(s + v * far, slow) - v) / far, (cap_at(s + v * near, slow) - v) / near
-            )
+            to_cap = (cap_at(s + v * far, slow) - v) / far
+            soon = (cap_at(s + v * near, slow) - v) / near
+            to_cap = soon if soon < to_cap else to_cap
             if hold:
                 to_cap = -_HOLD_DECELERATION
             elif slow and s > near_stop:
                 to_cap = min(to_cap, _to_stop(v, stop - s, wanted_braking, following))
-            wanted = min(to_cap, following.acceleration_max)
+            wanted = to_cap if to_cap < most else most
             if leads:
                 way, free = s - start.station, cap_at(s)
                 wanted = min(wanted, _behind(v, way, time, free, to_cap, leads, following))
-            wanted = max(wanted, -following.deceleration_max)
-            wanted = min(wanted, _acceleration_left(v, mass, slope, truck))
+            wanted = wanted if wanted > least else least
+            left = _acceleration_left(v, mass, slope, truck)
+            wanted = left if left < wanted else wanted
             wanted = min(max(wanted, a - down), a + 0.5 * down)
         a = wanted
         # At a stop the brakes stay on until the truck is at rest, too: it may lag behind the plan.

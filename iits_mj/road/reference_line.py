@@ -18,6 +18,7 @@ from iits_mj.errors import InputError
 from iits_mj.road.seams import ContinuousChain, X, Y
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
 
 KNOT_SPACING = 0.5
 ARC_TOLERANCE = 2e-4
@@ -28,6 +29,8 @@ _TURN = 2.0 * math.pi
 _VALUES, _SLOPES = slice(0, 4), slice(4, 8)
 _CURVATURE, _HEADING, _P = 8, 9, 10
 _ROWS = 11
+# Of the first rows: those of the plane, and all polynomials.
+_PLANE, _ALL = 2, 4
 # Pieces between two knots that are kept as polynomials: far more than a truck's length needs.
 _PIECES_KEPT = 4096
 
@@ -131,19 +134,11 @@ class ReferenceLine:
         station, offset = np.asarray(station, dtype=float), np.asarray(offset, dtype=float)
         if station.shape != offset.shape:
             station, offset = np.broadcast_arrays(station, offset)
-        inside = np.minimum(np.maximum(station, 0.0), self.length)
-        beyond = station - inside
-        position = inside / self.spacing
-        i = np.minimum(position.astype(np.intp), self._last)
-        t = position - i
-        h = self.spacing
+        i, t, beyond = self._pieces_at(station)
         knot, following = self._knots.take(i, axis=1), self._knots.take(i + 1, axis=1)
-        a, u, v = knot[_VALUES], h * knot[_SLOPES], h * following[_SLOPES]
-        rise = following[_VALUES] - a
-        c, d = 3.0 * rise - 2.0 * u - v, u + v - 2.0 * rise
-        x, y, z, roll = a + t * (u + t * (c + t * d))
-        dx, dy, grade, _ = (u + t * (2.0 * c + 3.0 * t * d)) / h
-        heading = self._continuous(np.arctan2(dy, dx), knot[_HEADING])
+        (x, y, z, roll), slopes = self._polynomials(knot, following, _ALL, t)
+        heading = self._heading(slopes, knot)
+        grade = slopes[2]
         curvature = knot[_CURVATURE] + t * (following[_CURVATURE] - knot[_CURVATURE])
         curvature = np.where(beyond == 0.0, curvature, 0.0)
         sine, cosine = np.sin(heading), np.cos(heading)
@@ -157,16 +152,42 @@ class ReferenceLine:
             roll,
         )
 
+    def heading(self, station: FloatArray) -> FloatArray:
+        """Headings of travel [rad]; the fast form of `evaluate(station).heading`."""
+        i, t, _ = self._pieces_at(station)
+        knot, following = self._knots.take(i, axis=1), self._knots.take(i + 1, axis=1)
+        return self._heading(self._polynomials(knot, following, _PLANE, t)[1], knot)
+
     def height(self, station: float) -> float:
         """Height of the line at one station [m]; the fast form of `evaluate(station).z`."""
         piece, t, beyond = self._at(station)
         z, grade = _hermite(piece[2], t, self.spacing)
         return z + beyond * grade
 
+    def _pieces_at(self, station: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Pieces at stations, the ways through them from 0 to 1, how far beyond an end [m]."""
+        inside = np.minimum(np.maximum(station, 0.0), self.length)
+        position = inside / self.spacing
+        i = np.minimum(position.astype(np.intp), self._last)
+        return i, position - i, station - inside
+
+    def _polynomials(
+        self, knot: FloatArray, following: FloatArray, rows: int, t: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Values of the first rows between knots, and their slopes over station."""
+        h = self.spacing
+        slopes = slice(_SLOPES.start, _SLOPES.start + rows)
+        a, u, v = knot[:rows], h * knot[slopes], h * following[slopes]
+        rise = following[:rows] - a
+        c, d = 3.0 * rise - 2.0 * u - v, u + v - 2.0 * rise
+        return a + t * (u + t * (c + t * d)), (u + t * (2.0 * c + 3.0 * t * d)) / h
+
     @staticmethod
-    def _continuous(angle: FloatArray, near: FloatArray) -> FloatArray:
-        turns = np.round((angle - near) / (2.0 * np.pi))
-        return np.asarray(angle - 2.0 * np.pi * turns)
+    def _heading(slopes: FloatArray, knot: FloatArray) -> FloatArray:
+        """Headings, as continuous as those of the knots before them [rad]."""
+        angle = np.arctan2(slopes[1], slopes[0])
+        turns = np.round((angle - knot[_HEADING]) / _TURN)
+        return np.asarray(angle - _TURN * turns)
 
     def _at(self, station: float) -> tuple[Piece, float, float]:
         """The piece at a station, the way through it from 0 to 1, and how far beyond an end [m]."""
