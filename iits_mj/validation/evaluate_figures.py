@@ -130,10 +130,7 @@ def _cell(
             name: paired([_loss(a) for a, _ in both], [_loss(b) for _, b in both])
             for name, both in pairs.items()
         },
-        {
-            name: estimate([a.changes - b.changes for a, b in both])
-            for name, both in pairs.items()
-        },
+        {name: estimate([a.changes - b.changes for a, b in both]) for name, both in pairs.items()},
         float(np.mean(free)) if free else math.nan,
         min(rules, key=lambda name: loss[name].mean) if rules else "",
     )
