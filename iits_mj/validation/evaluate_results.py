@@ -78,6 +78,12 @@ def difference_text(difference: Paired) -> str:
     )
 
 
+def shortfall(check: Check) -> str:
+    """A check that does not hold, in words."""
+    unit = "" if check.unit == "1" else f" {check.unit}"
+    return f"{check.name}: {check.value:.4g}{unit}, must be {check.must}"
+
+
 def _cell_checks(cell: CellFigures) -> list[Check]:
     checks = []
     paper = PAPER_LOSS_PERCENT[cell.density, cell.speed]
