@@ -151,7 +151,10 @@ def run(
     if not config.drive:
         if not config.file:
             raise InputError("no-drive makes figures of a file of trials: name it by --file")
-        return [known[task] for task in wanted if task in known]
+        found = [known[task] for task in wanted if task in known]
+        if not found:
+            raise InputError(f"file {str(config.file)!r} has none of these trials")
+        return found
     if config.file is not None:
         evaluate_rows.write_trials(config.file, known.values())
 
