@@ -16,7 +16,7 @@ from iits_mj.commands.output import ResultOptions, prepare_file, prepare_folder
 from iits_mj.options import option
 from iits_mj.results import Results
 from iits_mj.validation import evaluate
-from iits_mj.validation.evaluate_results import summarize
+from iits_mj.validation.evaluate_results import shortfall, summarize
 from iits_mj.validation.trials import Trial
 
 QUICK_LENGTH = 500.0
@@ -39,8 +39,16 @@ def run(options: Options) -> int:
         options = dataclasses.replace(options, file=options.file or options.report / KEPT)
     if options.file is not None:
         prepare_file(options.file, "--file")
-    results, _ = summarize(drive(options), options)
+    trials = drive(options)
+    results, cells = summarize(trials, options)
     print(results.to_json(iits_mj.__version__) if options.json else to_text(results))
+    if options.report is not None and cells:
+        # matplotlib is loaded by those who want pictures.
+        from iits_mj.commands.evaluate_page import write_page
+
+        web, text = write_page(results, cells, trials, options, options.report)
+        stream = sys.stderr if options.json else sys.stdout
+        print(f"report: {web} (the same as Markdown: {text})", file=stream)
     return 0 if results.ok else 1
 
 
@@ -63,6 +71,6 @@ def to_text(results: Results) -> str:
     """The tables, and of the checks those that fall short: all of them are on the page."""
     short = [check for check in results.checks if not check.ok]
     lines = [*results.notes, ""]
-    lines += [f"falls short: {c.name} = {c.value:.4g} {c.unit}, must be {c.must}" for c in short]
+    lines += [f"falls short: {shortfall(check)}" for check in short]
     held = len(results.checks) - len(short)
     return "\n".join([*lines, f"{held} of {len(results.checks)} checks hold"])

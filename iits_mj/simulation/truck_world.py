@@ -21,6 +21,8 @@ from iits_mj.simulation.loop import CYCLE_PERIOD, Simulation
 from traffic_bridge import InterSim, Traffic, TrafficConfig
 
 FAST_TIMESTEP = 0.005
+# The lane-change model that the paper names.
+LANE_CHANGE = "mobil"
 _MOVING = 1.0
 # What the truck's observers see beyond the end of a trip.
 _BEYOND = 1_000.0
@@ -214,7 +216,7 @@ class TruckWorld(Closing):
         settings = TrafficConfig(
             density=trip.spawn_probability,
             speed_limit=trip.traffic_speed,
-            lane_change="mobil",
+            lane_change=LANE_CHANGE,
             lane_discipline="right" if trip.keeps_right else "free",
             footprint=footprint,
             fill_ahead=min(TrafficConfig.fill_ahead, reach + _BEYOND),

@@ -10,10 +10,11 @@ from pathlib import Path
 
 from controllers.decision import NAMES
 from controllers.decision.seeds import SEEDS_EACH, TEST_SEEDS, VALIDATION_SEEDS
-from controllers.decision.trip import CELLS
+from controllers.decision.trip import CELLS, TripConfig
 from iits_mj import options
 from iits_mj.errors import InputError
 from iits_mj.options import option
+from iits_mj.simulation.loop import TIMESTEP
 from iits_mj.validation import evaluate_rows, evaluate_runner, trials
 from iits_mj.validation.evaluate_statistics import half_width
 from iits_mj.validation.trials import EMPTY, WORLDS, Task, Trial
@@ -42,6 +43,17 @@ class EvaluateConfig:
         "full",
         help="full: MuJoCo truck with its stack in SUMO traffic; fast: point mass in numpy traffic",
         choices=WORLDS,
+    )
+    payload: float = option(
+        TripConfig().payload, help="load of the truck", unit="kg", low=0.0, high=36_000.0
+    )
+    timestep: float = option(
+        TIMESTEP,
+        help="of the physics, a whole part of 0.02",
+        unit="s",
+        low=0.0005,
+        high=0.005,
+        metavar="S",
     )
     length: float = option(
         15_000.0,
@@ -151,7 +163,10 @@ def run(
     if not config.drive:
         if not config.file:
             raise InputError("no-drive makes figures of a file of trials: name it by --file")
-        return [known[task] for task in wanted if task in known]
+        found = [known[task] for task in wanted if task in known]
+        if not found:
+            raise InputError(f"file {str(config.file)!r} has none of these trials")
+        return found
     if config.file is not None:
         evaluate_rows.write_trials(config.file, known.values())
 
@@ -177,7 +192,18 @@ def run(
 def _task(
     config: EvaluateConfig, density: str, speed: float, method: str, weights: str, seed: int
 ) -> Task:
-    return Task(config.world, density, speed, method, weights, config.length, config.duration, seed)
+    return Task(
+        config.world,
+        density,
+        speed,
+        method,
+        weights,
+        config.payload,
+        config.timestep,
+        config.length,
+        config.duration,
+        seed,
+    )
 
 
 def _to_stderr(text: str) -> None:

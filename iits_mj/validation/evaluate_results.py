@@ -20,8 +20,8 @@ from iits_mj.validation.trials import Trial
 
 WORLD_TEXT = {
     "fast": "fast world: point-mass truck in numpy IDM and MOBIL traffic, no SUMO, no MuJoCo",
-    "full": "full chain: MuJoCo truck (2 ms, 55 t), planner and tracking in SUMO traffic that "
-    "reacts to it, built-in highway, reference 16.67 m/s, start at the traffic's limit",
+    "full": "full chain: MuJoCo truck, planner and tracking in SUMO traffic that fills both lanes "
+    "and reacts to it, built-in highway, reference 16.67 m/s, start at the traffic's limit",
 }
 
 
@@ -32,7 +32,10 @@ def summarize(trials: Sequence[Trial], config: EvaluateConfig) -> tuple[Results,
     for cell in cells:
         results.checks += _cell_checks(cell)
     results.checks += _average_checks(cells)
-    results.notes = [f"{WORLD_TEXT[config.world]}; {config.seeds} seeds, the same for all methods"]
+    results.notes = [
+        f"{WORLD_TEXT[config.world]}; load {config.payload / 1000.0:g} t, physics in steps of "
+        f"{1000.0 * config.timestep:g} ms; {config.seeds} seeds, the same for all methods"
+    ]
     for cell in cells:
         results.notes += ["", *cell_text(cell)]
     results.notes += ["", *verdict_text(cells)]
@@ -76,6 +79,12 @@ def difference_text(difference: Paired) -> str:
         f"{difference.mean:+.2f} ± {difference.half:.2f} points over {difference.count} trips, "
         f"p = {difference.t_p:.2g} (t), {difference.wilcoxon_p:.2g} (Wilcoxon)"
     )
+
+
+def shortfall(check: Check) -> str:
+    """A check that does not hold, in words."""
+    unit = "" if check.unit == "1" else f" {check.unit}"
+    return f"{check.name}: {check.value:.4g}{unit}, must be {check.must}"
 
 
 def _cell_checks(cell: CellFigures) -> list[Check]:

@@ -25,6 +25,7 @@ from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, Frame, Simulation
 from iits_mj.simulation.ending import DivergedError
 from iits_mj.simulation.parts import make_stack
+from iits_mj.simulation.truck_world import LANE_CHANGE
 from iits_mj.truck import Truck
 from iits_mj.validation.kept_runs import drive_digest
 
@@ -44,6 +45,7 @@ class Task:
       world: one of `WORLDS`; density: "empty" is a road without traffic.
       traffic_speed: the traffic's limit, and the truck's speed at the start [m/s].
       method: the decision maker; weights: digest of its policy, "" of a rule.
+      payload: of the truck [kg]; timestep: of its physics in the full chain [s].
       length_limit: the trip ends there [m], or at the road's end; duration_limit: cut off [s].
       seed: of the traffic.
     """
@@ -53,6 +55,8 @@ class Task:
     traffic_speed: float
     method: str
     weights: str
+    payload: float
+    timestep: float
     length_limit: float
     duration_limit: float
     seed: int
@@ -115,6 +119,8 @@ def task_of(trial: Task) -> Task:
         trial.traffic_speed,
         trial.method,
         trial.weights,
+        trial.payload,
+        trial.timestep,
         trial.length_limit,
         trial.duration_limit,
         trial.seed,
@@ -124,7 +130,7 @@ def task_of(trial: Task) -> Task:
 def order_of(task: Task) -> tuple[object, ...]:
     """What rows are sorted by: the paper's cells in its order, trial by trial."""
     cell = [*SPAWN_PROBABILITY, EMPTY].index(task.density), task.traffic_speed
-    rest = (task.length_limit, task.duration_limit, task.seed)
+    rest = (task.payload, task.timestep, task.length_limit, task.duration_limit, task.seed)
     return (task.world, *cell, *rest, task.method, task.weights)
 
 
@@ -217,15 +223,17 @@ class _Watch:
 
 
 def _drive_full(task: Task, maker: _Counted, code: str) -> Trial:
-    """The full chain: MuJoCo truck of 55 t, planner and tracking in SUMO traffic."""
+    """The full chain: MuJoCo truck, planner and tracking in SUMO traffic."""
     config = DriveConfig(
         density=task.density,
         traffic_speed=task.traffic_speed,
         traffic_mode="none" if task.density == EMPTY else "inter",
+        lane_change=LANE_CHANGE,
+        lane_discipline="free",
         decision="keep",  # `driver` puts the one that is counted in its place
         duration=task.duration_limit,
         seed=task.seed,
-        payload=TripConfig().payload,
+        payload=task.payload,
         speed=REFERENCE_SPEED,
         start_speed=task.traffic_speed,
         speed_planner="cruise",
@@ -238,7 +246,12 @@ def _drive_full(task: Task, maker: _Counted, code: str) -> Trial:
 
     began = time.perf_counter()
     watch = _Watch(task.length_limit)
-    with Simulation(config, driver=driver, visuals=False) as simulation:  # type: ignore[arg-type]
+    with Simulation(
+        config,
+        driver=driver,  # type: ignore[arg-type]
+        visuals=False,
+        timestep=task.timestep,
+    ) as simulation:
         try:
             result = simulation.run([watch])
         except DivergedError:
@@ -273,6 +286,7 @@ def _drive_fast(task: Task, maker: _Counted, code: str) -> Trial:
     trip = TripConfig(
         spawn_probability=0.0 if empty else SPAWN_PROBABILITY[task.density],
         traffic_speed=task.traffic_speed,
+        payload=task.payload,
         length=task.length_limit,
         duration=task.duration_limit,
     )

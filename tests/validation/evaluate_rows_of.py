@@ -29,7 +29,7 @@ def trial(task: Task, loss: float, changes: int = 3, **figures) -> Trial:
 
 
 def task(method: str, seed: int, cell=("dense", 12.5), weights: str = "") -> Task:
-    return Task("full", *cell, method, weights, 15_000.0, 3_000.0, seed)
+    return Task("full", *cell, method, weights, 12_000.0, 0.002, 15_000.0, 3_000.0, seed)
 
 
 def rows(losses, cell=("dense", 12.5), floor: float = 0.01, changes=None):
