@@ -212,6 +212,7 @@ def roll_out(
     slope = _slope_and_rolling(truck, grade)
     first, inverse = float(path.station[0]), 1.0 / preview.step
     caps, last = cap.tolist(), len(cap) - 1
+    rises = (cap[1:] - cap[:-1]).tolist()
 
     wanted_braking = following.preview_deceleration
     braking = 2.0 * wanted_braking
@@ -226,8 +227,7 @@ def roll_out(
             cap_here = caps[last]
         else:
             row = int(position)
-            low = caps[row]
-            cap_here = low + (position - row) * (caps[row + 1] - low)
+            cap_here = caps[row] + (position - row) * rises[row]
         if place > near_stop and not creeping:
             cap_here = min(cap_here, math.sqrt(braking * max(stop - place, 0.0)))
         return cap_here
