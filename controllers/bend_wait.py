@@ -58,8 +58,8 @@ _TIMES = np.linspace(0.0, 15.0, 31)
 # A stop line so near before the bend is waited at, so far from it [m].
 _LINE_NEAR = 12.0
 _TO_LINE = 0.5
-# Slower than this the truck has come to rest [m/s].
-_RESTS = 0.3
+# Slower than this the truck has come to rest before a stop [m/s].
+RESTS = 0.3
 # Who has gone this long before the truck comes is not waited for [s].
 _EARLY = 1.0
 # Braking towards the place to wait at, and towards the bend's speed, positive [m/s2].
@@ -145,12 +145,12 @@ class BendWait:
         who = self.waits_for(sweep, surroundings, path)
         light = surroundings.scene.signals.light
         closed = light is not None and light.state is not LightState.GREEN
-        self._count(surroundings.scene.time, waits=bool(who) and not closed and ego.speed < _RESTS)
+        self._count(surroundings.scene.time, waits=bool(who) and not closed and ego.speed < RESTS)
         if light is not None and closed and abs(sweep.begin - light.station) < _LINE_NEAR:
             # The light's own stop rules: a second one beside it would not end as exactly.
             if surroundings.front <= light.station:
                 return cap, math.inf, ""
-            if ego.station < sweep.first and ego.speed < _RESTS:
+            if ego.station < sweep.first and ego.speed < RESTS:
                 return cap, ego.station, "standing over the line of a light that is not green"
         self._set_out = not who and ego.station > sweep.begin - _NEAR
         if not who:

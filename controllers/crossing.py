@@ -7,6 +7,7 @@ up, and who would have to brake to let it pass. The truck is to stop before it e
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,6 +30,8 @@ FloatArray = NDArray[np.float64]
 _TIMES = np.linspace(0.0, 4.0, 17)
 # Within this of the road's direction, either way, a vehicle goes along it [rad].
 ALONG = 0.35
+# The share of that within which rounding does not matter.
+_PLAINLY = 0.99
 # Kept beside the truck's bodies [m].
 _ROOM = 0.4
 # Who can still stop before the truck's way by this is expected to, positive [m/s2].
@@ -89,7 +92,10 @@ def crossing_leads(
     near = surroundings.here & (np.abs(surroundings.station - ego.station) < reach + 40.0)
     if not near.any():
         return []
-    found = poses(surroundings.table[near], preview)
+    rows = surroundings.table[near]
+    if _plainly_along(rows, preview):
+        return []
+    found = poses(rows, preview)
     angle = np.abs(found.to_road)
     across = (angle > ALONG) & (angle < np.pi - ALONG)
     aside = np.abs(found.offset - path.driven_at(found.station)) - 0.5 * found.width
@@ -115,6 +121,23 @@ def crossing_leads(
         if lead is not None:
             leads.append((lead, others[int(np.flatnonzero(near)[index])].id))
     return leads
+
+
+def _plainly_along(table: FloatArray, preview: RoadPreview) -> bool:
+    """Whether all vehicles go along the road beyond doubt, which spares the look at their poses.
+
+    Args:
+      table: of them, see `table_of`.
+      preview: of the road.
+    """
+    for station, _, speed, _, _, _, _, yaw, _, x, y, z in table.tolist():
+        posed = x != 0.0 or y != 0.0 or z != 0.0
+        if not posed or speed < 0.0:
+            return False
+        heading = float(preview.route.evaluate(station).heading)
+        if abs(math.remainder(yaw - heading, 2.0 * math.pi)) > _PLAINLY * ALONG:
+            return False
+    return True
 
 
 def _touched(units: tuple[Boxes, Boxes], others: Boxes) -> NDArray[np.bool_]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from bisect import bisect_left
 
@@ -123,14 +122,12 @@ class DrivelineInverse:
         share = min(max((engine_speed - low) / (high - low), 0.0), 1.0)
         rest, drag = 1.0 - share, self.drag_torque(engine_speed)
         # Over the first travel of the pedal the overrun turns into traction.
-        torques = [
-            fade * (rest * below + share * above + drag) - drag
-            for fade, below, above in zip(
-                self._fade, self._map_torques[row], self._map_torques[row + 1], strict=True
-            )
-        ]
-        rising = [
-            most + rise
-            for most, rise in zip(itertools.accumulate(torques, max), self._rise, strict=True)
-        ]
+        most, rising = -math.inf, []
+        columns = self._map_torques[row], self._map_torques[row + 1], self._fade, self._rise
+        for below, above, fade, rise in zip(*columns, strict=True):
+            most = max(most, fade * (rest * below + share * above + drag) - drag)
+            rising.append(most + rise)
+            # Beyond the torque nothing matters.
+            if rising[-1] > torque:
+                break
         return interpolate(torque, rising, self._pedals)

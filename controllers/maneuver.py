@@ -273,8 +273,7 @@ class Maneuver:
         braking = ego.speed**2 / (2.0 * self.config.merge.stop_deceleration)
         if origin.end - ego.station < braking + self.config.merge.room:
             return False
-        back = surroundings.leader(origin)
-        return surroundings.beside(origin) is None and (back is None or back.gap > safety.margin)
+        return self._way_back(surroundings, origin)
 
     def _drives_on(self, surroundings: Surroundings, change: Change) -> bool:
         """Whether who stood drives on while the truck is still in its lane, with a way back."""
@@ -286,9 +285,13 @@ class Maneuver:
         aside = abs(scene.ego.offset - float(origin.offset_at(scene.ego.station)))
         if aside + 0.5 * scene.footprint.width > origin.half_width:
             return False
+        return self._way_back(surroundings, origin)
+
+    def _way_back(self, surroundings: Surroundings, origin: LanePath) -> bool:
+        """Whether the lane that is being left has room for the truck: nobody beside or near."""
         ahead = surroundings.leader(origin)
         return surroundings.beside(origin) is None and (
-            ahead is None or ahead.gap > config.safety.margin
+            ahead is None or ahead.gap > self.config.safety.margin
         )
 
     def _origin(self, ego: EgoState) -> LanePath:

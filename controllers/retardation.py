@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 
-@dataclass(frozen=True, slots=True)
-class EnduranceForces:
+class EnduranceForces(NamedTuple):
     """What can brake without friction now, as forces at the wheels, zero or positive [N].
 
     Attributes:
@@ -19,8 +18,7 @@ class EnduranceForces:
     retarder: float
 
 
-@dataclass(frozen=True, slots=True)
-class Retardation:
+class Retardation(NamedTuple):
     """A braking force, shared out.
 
     Attributes:

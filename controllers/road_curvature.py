@@ -57,3 +57,11 @@ def sharpest(curvature: FloatArray, offset: FloatArray | float) -> FloatArray:
     own = np.abs(curvature / np.maximum(1.0 - curvature * offset, 0.2))
     beside = np.concatenate((own[:1], own, own[-1:]))
     return np.maximum(np.maximum(beside[:-2], beside[1:-1]), beside[2:])
+
+
+def gradient(values: FloatArray, step: float) -> FloatArray:
+    """Slope of values `step` apart, shape (n,); `np.gradient` without what it decides anew."""
+    slope = np.empty(len(values))
+    slope[1:-1] = (values[2:] - values[:-2]) / (2.0 * step)
+    slope[0], slope[-1] = (values[1] - values[0]) / step, (values[-1] - values[-2]) / step
+    return slope

@@ -9,12 +9,12 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.road_curvature import road_curvature, sharpest
+from controllers.road_curvature import gradient, road_curvature, sharpest
 from iits_mj.units import GRAVITY
 
 if TYPE_CHECKING:
@@ -64,6 +64,15 @@ class LanePath:
         return np.asarray(np.interp(station, self.station, self.driven))
 
 
+class _PathTables(NamedTuple):
+    """Over a path's stations: `RoadPreview.sharpest` and `RoadPreview.course`."""
+
+    path: LanePath
+    sharpest: FloatArray
+    slope: FloatArray
+    bend: FloatArray
+
+
 class RoadPreview:
     """Lane offsets, speed limits, curvature and grade of a route, every 5 m (coarser beyond 50 km).
 
@@ -101,8 +110,7 @@ class RoadPreview:
         self.height = np.asarray(point.z, dtype=float)
         self.superelevation = np.asarray(point.superelevation, dtype=float)
         self.grade = np.asarray(route.smoothed_grade(self.station), dtype=float)
-        # Of the path asked for last: a planner's stays the same over some cycles.
-        self._sharpest: tuple[LanePath, FloatArray] | None = None
+        self._tables: _PathTables | None = None
 
     def index(self, station: float) -> int:
         """Nearest row of the tables."""
@@ -162,10 +170,21 @@ class RoadPreview:
 
     def sharpest(self, path: LanePath) -> FloatArray:
         """Curvature of a path for bounds on its speed, a magnitude, shape of path.station [1/m]."""
-        if self._sharpest is None or self._sharpest[0] is not path:
+        return self._tables_of(path).sharpest
+
+    def course(self, path: LanePath) -> tuple[FloatArray, FloatArray]:
+        """Slope and second derivative [1/m] of `path.driven` over station, shape (n,) each."""
+        tables = self._tables_of(path)
+        return tables.slope, tables.bend
+
+    def _tables_of(self, path: LanePath) -> _PathTables:
+        """What is known of a path; a planner's stays the same one over some cycles."""
+        if self._tables is None or self._tables.path is not path:
             curvature = np.interp(path.station, self.station, self.curvature)
-            self._sharpest = path, sharpest(curvature, path.offset)
-        return self._sharpest[1]
+            slope = gradient(path.driven, self.step)
+            bend = gradient(slope, self.step)
+            self._tables = _PathTables(path, sharpest(curvature, path.offset), slope, bend)
+        return self._tables
 
     def height_at(self, station: FloatArray, offset: FloatArray) -> FloatArray:
         """Height of the surface [m] within some centimetres, shape as station and offset."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -160,18 +161,20 @@ def power_acceleration(speed: float, mass: float, grade: float, config: SpeedCon
 
     The floor keeps the plan asking for full power where the truck cannot hold its speed.
     """
-    truck = config.powers or _shipped()
-    return _acceleration_left(speed, mass, _slope_and_rolling(truck, grade), truck)
+    return _power_left(mass, grade, config)(speed)
 
 
-def _slope_and_rolling(truck: Powers, grade: float) -> float:
-    return GRAVITY * (grade + truck.rolling_resistance)
+def _power_left(mass: float, grade: float, config: SpeedConfig) -> Callable[[float], float]:
+    """`power_acceleration` over speed."""
+    power, rolling_resistance, drag = config.powers or _shipped()
+    rolling_and_slope = GRAVITY * (grade + rolling_resistance)
 
+    def left(speed: float) -> float:
+        resistance = rolling_and_slope + drag * speed**2 / mass
+        found = power / (mass * (speed if speed > 3.0 else 3.0)) - resistance
+        return found if found > 0.05 else 0.05
 
-def _acceleration_left(speed: float, mass: float, slope: float, truck: Powers) -> float:
-    """Acceleration that the power leaves beside air and `_slope_and_rolling` [m/s2]."""
-    resistance = slope + truck.drag * speed**2 / mass
-    return max(truck.power / (mass * max(speed, 3.0)) - resistance, 0.05)
+    return left
 
 
 def roll_out(
@@ -208,10 +211,10 @@ def roll_out(
     rows: list[tuple[float, float, float]] = []
     s, v, a = start.station, max(start.speed, 0.0), start.acceleration
     grade = float(np.interp(s, preview.station, preview.grade))
-    truck = config.powers or _shipped()
-    slope = _slope_and_rolling(truck, grade)
+    power_left = _power_left(mass, grade, config)
     first, inverse = float(path.station[0]), 1.0 / preview.step
     caps, last = cap.tolist(), len(cap) - 1
+    rises = (cap[1:] - cap[:-1]).tolist()
 
     wanted_braking = following.preview_deceleration
     braking = 2.0 * wanted_braking
@@ -226,14 +229,13 @@ def roll_out(
             cap_here = caps[last]
         else:
             row = int(position)
-            low = caps[row]
-            cap_here = low + (position - row) * (caps[row + 1] - low)
+            cap_here = caps[row] + (position - row) * rises[row]
         if place > near_stop and not creeping:
             cap_here = min(cap_here, math.sqrt(braking * max(stop - place, 0.0)))
         return cap_here
 
     far, near = _LOOK_AHEAD
-    down = following.jerk_max * step
+    down, up = following.jerk_max * step, 0.5 * (following.jerk_max * step)
     least, most = -following.deceleration_max, following.acceleration_max
     for k in range(steps + 1):
         time = k * step
@@ -259,9 +261,10 @@ def roll_out(
                 way, free = s - start.station, cap_at(s)
                 wanted = min(wanted, _behind(v, way, time, free, to_cap, leads, following))
             wanted = wanted if wanted > least else least
-            left = _acceleration_left(v, mass, slope, truck)
+            left = power_left(v)
             wanted = left if left < wanted else wanted
-            wanted = min(max(wanted, a - down), a + 0.5 * down)
+            slowest, fastest = a - down, a + up
+            wanted = slowest if wanted < slowest else fastest if wanted > fastest else wanted
         a = wanted
         # At a stop the brakes stay on until the truck is at rest, too: it may lag behind the plan.
         if v <= 0.0 and a < 0.0 and not (hold and start.speed > 0.0):

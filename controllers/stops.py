@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.bend_wait import DECELERATION, BendWait
+from controllers.bend_wait import DECELERATION, RESTS, BendWait
 from controllers.crossing_traffic import is_free
 from controllers.pull_out import blocker, stop_behind
 from controllers.road_preview import LanePath, RoadPreview
@@ -27,9 +27,6 @@ if TYPE_CHECKING:
     from controllers.planner_config import PlannerConfig
 
 FloatArray = NDArray[np.float64]
-
-# Slower than this the truck is at rest before a stop [m/s].
-_RESTS = 0.3
 
 
 class Stops:
@@ -114,7 +111,7 @@ class Stops:
         if self._held is not None and stop > self._held + HOLD_REACH:
             self._held = None
         left = stop - ego.station
-        rests = left < HOLD_REACH and ego.speed < (_RESTS if left > 0.0 else 2.0 * _RESTS)
+        rests = left < HOLD_REACH and ego.speed < (RESTS if left > 0.0 else 2.0 * RESTS)
         if self._held is None and rests:
             self._held = stop
         return self._held is not None

@@ -40,11 +40,10 @@ def on_road(
       step: between points [s].
       urgency: greatest deceleration that a leader requires, for logs [m/s2].
     """
-    driven = path.driven
-    slope_table = _gradient(driven, preview.step)
-    slope = np.interp(station, path.station, slope_table)
-    bend = np.interp(station, path.station, _gradient(slope_table, preview.step))
-    offset = np.interp(station, path.station, driven)
+    slopes, bends = preview.course(path)
+    slope = np.interp(station, path.station, slopes)
+    bend = np.interp(station, path.station, bends)
+    offset = np.interp(station, path.station, path.driven)
     if residual is not None:
         q, first, second, _ = residual.evaluate(station)
         offset, slope, bend = offset + q, slope + first, bend + second
@@ -68,14 +67,6 @@ def on_road(
         acceleration=acceleration,
         extra={"urgency": urgency},
     )
-
-
-def _gradient(values: FloatArray, step: float) -> FloatArray:
-    """Slope of values `step` apart, shape (n,); `np.gradient` without what it decides anew."""
-    slope = np.empty(len(values))
-    slope[1:-1] = (values[2:] - values[:-2]) / (2.0 * step)
-    slope[0], slope[-1] = (values[1] - values[0]) / step, (values[-1] - values[-2]) / step
-    return slope
 
 
 def _turn_by_way(x: FloatArray, y: FloatArray, yaw: FloatArray, still: FloatArray) -> FloatArray:

@@ -91,14 +91,8 @@ def observe_frame(scene: Scene, route: Route, reference_speed: float) -> Frame:
             vehicle.lateral_speed,
             reference_speed - vehicle.speed,
         )
-    bad = np.argwhere(~np.isfinite(rows))
-    if bad.size:
-        row, feature = bad[0]
-        raise InputError(
-            f"observation: {FEATURES[feature]} of row {ROWS[row]} is {rows[row, feature]}: "
-            "must be finite"
-        )
-    return np.clip(rows / SCALE, -1.0, 1.0).astype(np.float32)
+    _check_finite(rows)
+    return np.minimum(np.maximum(rows / SCALE, -1.0), 1.0).astype(np.float32)
 
 
 class ObservationHistory:
@@ -122,13 +116,7 @@ class ObservationHistory:
         """
         if frame.shape != FRAME_SHAPE:
             raise InputError(f"observation frame has shape {frame.shape}: {FRAME_SHAPE} is wanted")
-        bad = np.argwhere(~np.isfinite(frame))
-        if bad.size:
-            row, feature = bad[0]
-            raise InputError(
-                f"observation: {FEATURES[feature]} of row {ROWS[row]} is {frame[row, feature]}: "
-                "must be finite"
-            )
+        _check_finite(frame)
         if not math.isfinite(time) or (self._frames and time <= self._frames[-1][0]):
             raise InputError(f"observation frame at time {time}: must be later than the last frame")
         self._frames.append((time, frame))
@@ -162,6 +150,17 @@ def observation(frames: list[Frame]) -> Observation:
     for age, frame in reversed(list(zip(FRAME_AGES, frames, strict=True))):
         history.add(-age, frame)
     return history.observation()
+
+
+def _check_finite(rows: NDArray[np.floating]) -> None:
+    finite = np.isfinite(rows)
+    if finite.all():
+        return
+    row, feature = np.argwhere(~finite)[0]
+    raise InputError(
+        f"observation: {FEATURES[feature]} of row {ROWS[row]} is {rows[row, feature]}: "
+        "must be finite"
+    )
 
 
 def _road_left(route: Route, station: float, offset: float) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from controllers.planner import Planner
-from controllers.road_curvature import road_curvature, sharpest
+from controllers.road_curvature import gradient, road_curvature, sharpest
 from iits_mj.messages import EgoState, Scene
 from iits_mj.road.measured import Lanes, measured_route
 
@@ -67,3 +67,10 @@ def test_a_plans_curvature_is_that_of_its_points_and_its_speed_fits_it():
         assert np.abs(turn / way - middle).max() < 0.02
         greatest = max(greatest, float(np.abs(plan.speed**2 * plan.curvature).max()))
     assert planner.config.speed.curve_acceleration * 1.1 > greatest > 0.5
+
+
+def test_the_gradient_has_the_bits_of_numpys():
+    rng = np.random.default_rng(2)
+    for count in (2, 3, 110):
+        values, step = rng.normal(size=count), float(rng.uniform(1.0, 9.0))
+        assert gradient(values, step).tobytes() == np.gradient(values, step).tobytes()
