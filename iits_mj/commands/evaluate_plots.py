@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -14,6 +15,7 @@ from matplotlib.lines import Line2D
 from controllers.decision.trip import SPAWN_PROBABILITY, TRAFFIC_SPEEDS
 from iits_mj.render.plots import GRID, INK, PALETTE
 from iits_mj.validation.evaluate_figures import PAPER_LOSS_PERCENT, CellFigures
+from iits_mj.validation.evaluate_statistics import Estimate
 
 _COLORS = {
     "conservative": PALETTE[5],
@@ -62,7 +64,7 @@ def draw_trips(cells: Sequence[CellFigures], methods: Sequence[str]) -> Figure:
                 i + _swarm(loss), loss, s=13, color=_COLORS[name], alpha=0.55, linewidth=0, zorder=3
             )
             known = cell.loss[name]
-            ax.errorbar(i, known.mean, known.half, fmt="_", markersize=15, **_BAR)
+            ax.errorbar(i, known.mean, _bar(known), fmt="_", markersize=15, **_BAR)
         ax.axhline(cell.floor, color="#8a949e", linestyle="--", linewidth=1.2, zorder=1)
         ax.set_xticks(range(len(methods)), methods, rotation=35, ha="right", rotation_mode="anchor")
         ax.set_xlim(-0.6, len(methods) - 0.4)
@@ -89,8 +91,8 @@ def draw_balance(cells: Sequence[CellFigures], methods: Sequence[str]) -> Figure
             ax.errorbar(
                 changes.mean,
                 loss.mean,
-                xerr=changes.half,
-                yerr=loss.half,
+                xerr=_bar(changes),
+                yerr=_bar(loss),
                 fmt="o",
                 markersize=6,
                 color=_COLORS[name],
@@ -152,6 +154,10 @@ def _dress(ax: Axes, title: str) -> None:
 
 def _handle(label: str, **style: Any) -> Line2D:
     return Line2D([], [], label=label, **style)
+
+
+def _bar(known: Estimate) -> float:
+    return known.half if math.isfinite(known.half) else 0.0
 
 
 def _swarm(values: Sequence[float]) -> np.ndarray:

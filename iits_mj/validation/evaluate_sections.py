@@ -115,8 +115,9 @@ def _verdicts(cells: Sequence[CellFigures]) -> Section:
         "of it and the best rule do not overlap, or the paired t-test over the same trips has "
         "p < 0.05 after Holm's correction for the number of cells. A cell is trivial when the best "
         f"of the paper's rules ({', '.join(RULES)}) loses less than {ROOM_MIN:g} points more than "
-        "the free road, so that even no traffic at all would gain less than counts, or when the "
-        "intervals of all four overlap and the test tells nothing.",
+        "the free road, so that even no traffic at all would gain less than counts, and the policy "
+        "does not lose that much more; or when the intervals of all four overlap and the test "
+        "tells nothing.",
     ]
     level = over_all(cells, POLICY, RIVAL)
     if level is not None:
