@@ -15,7 +15,8 @@ from iits_mj.results import Results
 from iits_mj.validation.evaluate import EvaluateConfig
 from iits_mj.validation.evaluate_figures import CellFigures
 from iits_mj.validation.evaluate_results import shortfall
-from iits_mj.validation.evaluate_sections import Section, sections
+from iits_mj.validation.evaluate_sections import sections
+from iits_mj.validation.evaluate_tables import Section
 from iits_mj.validation.trials import Trial
 
 TITLE = "Decision makers compared"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -14,6 +15,7 @@ from matplotlib.lines import Line2D
 from controllers.decision.trip import SPAWN_PROBABILITY, TRAFFIC_SPEEDS
 from iits_mj.render.plots import GRID, INK, PALETTE
 from iits_mj.validation.evaluate_figures import PAPER_LOSS_PERCENT, CellFigures
+from iits_mj.validation.evaluate_statistics import Estimate
 
 _COLORS = {
     "conservative": PALETTE[5],
@@ -25,12 +27,13 @@ _COLORS = {
     "keep": "#8a949e",
 }
 _SPREAD = 0.28  # of a method's dots to both sides
-# A figure of the paper this far beyond all trips is written at the panel's edge.
-_BEYOND_SHARE = 2.5
+# Room above and below all trips, in parts of their range: a figure of the paper that is farther
+# away is written at the panel's edge.
+_ROOM = 0.25
+_UP, _DOWN = "\u2191", "\u2193"
 _BEYOND: dict[str, Any] = {
     "xycoords": ("data", "axes fraction"),
     "ha": "center",
-    "va": "top",
     "fontsize": 8,
     "color": INK,
 }
@@ -48,13 +51,15 @@ def draw_trips(cells: Sequence[CellFigures], methods: Sequence[str]) -> Figure:
 
     def panel(ax: Axes, cell: CellFigures) -> None:
         paper = PAPER_LOSS_PERCENT[cell.density, cell.speed]
-        greatest = max(100.0 * t.speed_loss for own in cell.trials.values() for t in own)
-        top = _BEYOND_SHARE * greatest
+        low, high = _range(cell)
         for i, name in enumerate(methods):
-            if name in paper and paper[name] <= top:
+            if name in paper and low <= paper[name] <= high:
                 ax.plot(i, paper[name], linestyle="", zorder=5, **_PAPER)
             elif name in paper:
-                ax.annotate(f"{paper[name]:g} \u2191", (i, 0.97), **_BEYOND)
+                above = paper[name] > high
+                text = f"{paper[name]:g} " + (_UP if above else _DOWN)
+                place = (i, 0.98 if above else 0.02)
+                ax.annotate(text, place, va="top" if above else "bottom", **_BEYOND)
             if name not in cell.trials:
                 continue
             loss = [100.0 * t.speed_loss for t in cell.trials[name]]
@@ -62,17 +67,16 @@ def draw_trips(cells: Sequence[CellFigures], methods: Sequence[str]) -> Figure:
                 i + _swarm(loss), loss, s=13, color=_COLORS[name], alpha=0.55, linewidth=0, zorder=3
             )
             known = cell.loss[name]
-            ax.errorbar(i, known.mean, known.half, fmt="_", markersize=15, **_BAR)
+            ax.errorbar(i, known.mean, _bar(known), fmt="_", markersize=15, **_BAR)
         ax.axhline(cell.floor, color="#8a949e", linestyle="--", linewidth=1.2, zorder=1)
         ax.set_xticks(range(len(methods)), methods, rotation=35, ha="right", rotation_mode="anchor")
         ax.set_xlim(-0.6, len(methods) - 0.4)
-        beyond = any(paper[name] > top for name in methods if name in paper)
-        ax.set_ylim(min(0.0, ax.get_ylim()[0]), (1.15 if beyond else 1.0) * ax.get_ylim()[1])
+        ax.set_ylim(low, high)
 
     handles = [
         _handle("a trip", marker="o", color=PALETTE[5], linestyle=""),
         _handle("mean with 95 % interval", marker="_", color=INK, linestyle="", markersize=15),
-        _handle("the paper's figure", linestyle="", **_PAPER),
+        _handle(f"the paper's figure ({_UP} {_DOWN} beyond the panel)", linestyle="", **_PAPER),
         _handle("free road", color="#8a949e", linestyle="--"),
     ]
     return _grid(cells, panel, "speed loss [%]", "", handles)
@@ -89,8 +93,8 @@ def draw_balance(cells: Sequence[CellFigures], methods: Sequence[str]) -> Figure
             ax.errorbar(
                 changes.mean,
                 loss.mean,
-                xerr=changes.half,
-                yerr=loss.half,
+                xerr=_bar(changes),
+                yerr=_bar(loss),
                 fmt="o",
                 markersize=6,
                 color=_COLORS[name],
@@ -100,7 +104,7 @@ def draw_balance(cells: Sequence[CellFigures], methods: Sequence[str]) -> Figure
             )
         ax.axhline(cell.floor, color="#8a949e", linestyle="--", linewidth=1.2, zorder=1)
         ax.set_xlim(left=min(0.0, ax.get_xlim()[0]))
-        ax.set_ylim(bottom=min(0.0, ax.get_ylim()[0]))
+        ax.margins(y=0.15)
 
     handles = [_handle(name, marker="o", color=_COLORS[name], linestyle="") for name in methods]
     handles.append(_handle("free road", color="#8a949e", linestyle="--"))
@@ -152,6 +156,19 @@ def _dress(ax: Axes, title: str) -> None:
 
 def _handle(label: str, **style: Any) -> Line2D:
     return Line2D([], [], label=label, **style)
+
+
+def _range(cell: CellFigures) -> tuple[float, float]:
+    """Lower and upper end of the axis of speed losses [%]."""
+    losses = [100.0 * t.speed_loss for own in cell.trials.values() for t in own]
+    if math.isfinite(cell.floor):
+        losses.append(cell.floor)
+    room = _ROOM * max(max(losses) - min(losses), 0.5)
+    return min(losses) - room, max(losses) + room
+
+
+def _bar(known: Estimate) -> float:
+    return known.half if math.isfinite(known.half) else 0.0
 
 
 def _swarm(values: Sequence[float]) -> np.ndarray:

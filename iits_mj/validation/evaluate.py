@@ -15,9 +15,9 @@ from iits_mj import options
 from iits_mj.errors import InputError
 from iits_mj.options import option
 from iits_mj.simulation.loop import TIMESTEP
-from iits_mj.validation import evaluate_rows, evaluate_runner, trials
+from iits_mj.validation import evaluate_rows, evaluate_runner, trial_drives
 from iits_mj.validation.evaluate_statistics import half_width
-from iits_mj.validation.trials import EMPTY, WORLDS, Task, Trial
+from iits_mj.validation.trials import EMPTY, WORLDS, Task, Trial, weights_digest
 
 SEEDS = {"test": TEST_SEEDS, "validation": VALIDATION_SEEDS}
 DEFAULT_METHODS = "conservative,neutral,aggressive,mobil,lookahead,ddqn"
@@ -123,7 +123,7 @@ def tasks_of(config: EvaluateConfig) -> list[Task]:
     Raises:
       InputError: the policy's file cannot be read.
     """
-    digests = {name: trials.weights_digest(name, config.weights) for name in config.names()}
+    digests = {name: weights_digest(name, config.weights) for name in config.names()}
     cells = config.chosen_cells()
     free = [
         _task(config, EMPTY, speed, "keep", "", 0)
@@ -158,35 +158,54 @@ def run(
     """
     say = say or _to_stderr
     wanted = tasks_of(config)
-    known = {} if config.file is None else evaluate_rows.read_trials(config.file, say)
-    missing = [task for task in wanted if task not in known]
     if not config.drive:
-        if not config.file:
-            raise InputError("no-drive makes figures of a file of trials: name it by --file")
-        found = [known[task] for task in wanted if task in known]
-        if not found:
-            raise InputError(f"file {str(config.file)!r} has none of these trials")
-        return found
-    if config.file is not None:
+        return _found(config, wanted, say)
+    if config.file is None:
+        return _run(config, wanted, {}, progress, drive_all)
+    with evaluate_rows.alone(config.file):
+        known = evaluate_rows.read_trials(config.file, say)
         evaluate_rows.write_trials(config.file, known.values())
+        try:
+            return _run(config, wanted, known, progress, drive_all)
+        finally:
+            evaluate_rows.write_trials(config.file, known.values())
+
+
+def _run(
+    config: EvaluateConfig,
+    wanted: list[Task],
+    known: dict[Task, Trial],
+    progress: Callable[[int, int], None] | None,
+    drive_all: Callable[..., None],
+) -> list[Trial]:
+    """Drives what is not known yet and adds it to what is."""
+    missing = [task for task in wanted if task not in known]
+    done = len(wanted) - len(missing)
 
     def keep(trial: Trial) -> None:
+        nonlocal done
         known[trial.task] = trial
         if config.file is not None:
             evaluate_rows.append_trial(config.file, trial)
+        done += 1
         if progress is not None:
-            progress(len(wanted) - sum(task not in known for task in missing), len(wanted))
+            progress(done, len(wanted))
 
     if progress is not None:
-        progress(len(wanted) - len(missing), len(wanted))
-    try:
-        drive_all(
-            missing, config.jobs, functools.partial(trials.drive, weights=config.weights), keep
-        )
-    finally:
-        if config.file is not None:
-            evaluate_rows.write_trials(config.file, known.values())
+        progress(done, len(wanted))
+    drive = functools.partial(trial_drives.drive, weights=config.weights)
+    drive_all(missing, config.jobs, drive, keep)
     return [known[task] for task in wanted]
+
+
+def _found(config: EvaluateConfig, wanted: list[Task], say: Callable[[str], None]) -> list[Trial]:
+    if config.file is None:
+        raise InputError("no-drive makes figures of a file of trials: name it by --file")
+    known = evaluate_rows.read_trials(config.file, say)
+    found = [known[task] for task in wanted if task in known]
+    if not found:
+        raise InputError(f"file {str(config.file)!r} has none of these trials")
+    return found
 
 
 def _task(

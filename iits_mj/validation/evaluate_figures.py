@@ -24,8 +24,8 @@ PAPER_LOSS_PERCENT = {
 RULES = ("conservative", "neutral", "aggressive")
 POLICY, RIVAL = "ddqn", "lookahead"
 SIGNIFICANT = 0.05
-# A cell in which even a truck alone would gain less over the best rule says nothing of a decision
-# maker [% points].
+# A cell in which even a truck alone would gain less over the best rule says nothing for a decision
+# maker; it says something against one that loses as much [% points].
 ROOM_MIN = 0.3
 FEWEST = 10  # trips below which overlapping intervals only say that there are few
 
@@ -153,11 +153,14 @@ def _judge(cell: CellFigures) -> CellFigures:
     policy, best = cell.loss[POLICY], cell.loss[cell.best]
     together = max(e.low for e in four) <= min(e.high for e in four)
     told = cell.holm < SIGNIFICANT
-    apart = versus.count > 1 and (policy.high < best.low or best.high < policy.low)
+    apart = policy.high < best.low or best.high < policy.low
+    matters = not (cell.room < ROOM_MIN and versus.mean < ROOM_MIN)
     difference = (
         f"{versus.mean:+.2f} ± {versus.half:.2f} points against {cell.best}, p = {cell.holm:.2g}"
     )
-    if cell.room < ROOM_MIN:
+    if (told or apart) and versus.mean > 0.0 and matters:
+        verdict, reason = "loses", difference
+    elif cell.room < ROOM_MIN:
         verdict = "trivial"
         reason = (
             f"{cell.best} loses {best.mean:.2f} %, the free road {cell.floor:.2f} %: "
@@ -165,8 +168,6 @@ def _judge(cell: CellFigures) -> CellFigures:
         )
     elif (told or apart) and versus.mean < 0.0:
         verdict, reason = "wins", difference
-    elif (told or apart) and versus.mean > 0.0:
-        verdict, reason = "loses", difference
     elif together and versus.count >= FEWEST:
         verdict, reason = "trivial", f"all four lie within each other's intervals; {difference}"
     elif versus.count < FEWEST:

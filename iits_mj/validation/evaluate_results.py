@@ -10,6 +10,7 @@ from iits_mj.validation.evaluate_figures import (
     PAPER_LOSS_PERCENT,
     POLICY,
     RIVAL,
+    ROOM_MIN,
     SIGNIFICANT,
     CellFigures,
     figures,
@@ -110,7 +111,7 @@ def _cell_checks(cell: CellFigures) -> list[Check]:
             versus.mean,
             "% points",
             f"±{versus.half:.2f}",
-            "" if cell.trivial else "< 0",
+            f"<= {ROOM_MIN:g}" if cell.trivial else "< 0",
         ),
         Check(
             label + ", p",

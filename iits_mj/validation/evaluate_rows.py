@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable
+import fcntl
+import os
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, fields
 from pathlib import Path
 
@@ -52,6 +55,36 @@ def append_trial(path: Path, trial: Trial) -> None:
             csv.DictWriter(stream, _COLUMNS).writerow(asdict(trial))
     except OSError as error:
         raise InputError(f"file of {_WHAT} {str(path)!r} cannot be written: {error}") from error
+
+
+@contextmanager
+def alone(path: Path) -> Iterator[None]:
+    """Nobody else drives into the same file meanwhile: the last to end would undo the others' rows.
+
+    Raises:
+      InputError: somebody does, or nothing can be written there.
+    """
+    beside = path.with_name(f".{path.name}.lock")
+    try:
+        stream = beside.open("w")
+    except OSError as error:
+        raise InputError(f"file of {_WHAT} {str(path)!r} cannot be written: {error}") from error
+    with stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # Whoever was here before may have taken the lock's file away.
+            free = os.path.samestat(os.fstat(stream.fileno()), beside.stat())
+        except OSError:
+            free = False
+        if not free:
+            raise InputError(
+                f"file of {_WHAT} {str(path)!r} is in use by another evaluate: wait, or name "
+                "another file"
+            )
+        try:
+            yield
+        finally:
+            beside.unlink(missing_ok=True)
 
 
 def _mend(path: Path, say: Callable[[str], None]) -> None:

@@ -16,7 +16,10 @@ LEVEL = 0.95
 
 @dataclass(frozen=True)
 class Estimate:
-    """A mean of `count` values, their standard deviation, and half of the mean's 95 % interval."""
+    """A mean of `count` values, their standard deviation, and half of the mean's 95 % interval.
+
+    A single value has no interval: its half is inf.
+    """
 
     mean: float
     std: float
@@ -51,7 +54,8 @@ def estimate(values: ArrayLike) -> Estimate:
     x = np.asarray(values, dtype=float)
     if x.size == 0:
         return Estimate(math.nan, math.nan, math.nan, 0)
-    return Estimate(float(x.mean()), deviation(x), half_width(x), int(x.size))
+    half = half_width(x) if x.size > 1 else math.inf
+    return Estimate(float(x.mean()), deviation(x), half, int(x.size))
 
 
 def half_width(values: NDArray[np.float64]) -> float:

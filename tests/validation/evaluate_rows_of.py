@@ -1,6 +1,8 @@
 """Trials that nobody drove, for tests of what is made of them."""
 
 import math
+import os
+from pathlib import Path
 
 from iits_mj.validation.trials import Task, Trial
 
@@ -40,3 +42,11 @@ def rows(losses, cell=("dense", 12.5), floor: float = 0.01, changes=None):
         for seed, loss in enumerate(values)
     ]
     return [*made, trial(task("keep", 0, ("empty", cell[1])), floor, time_gap=math.inf)]
+
+
+def die_once(mark: Path, asked: Task) -> Trial:
+    """A drive whose process is killed the first time."""
+    if asked.seed == 3 and not mark.exists():
+        mark.touch()
+        os._exit(1)
+    return trial(asked, 0.1)

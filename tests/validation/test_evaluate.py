@@ -1,18 +1,19 @@
 """Trials of decision makers: paired seeds, files that can be resumed, any number of processes."""
 
 import csv
+import functools
 import itertools
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import pytest
-from evaluate_rows_of import task, trial
+from evaluate_rows_of import die_once, task, trial
 
 from controllers.decision import seeds, training
 from controllers.decision.policy import SHIPPED
 from iits_mj.errors import InputError, TrafficError
-from iits_mj.validation import evaluate_rows, evaluate_runner, trials
+from iits_mj.validation import evaluate_rows, evaluate_runner, trial_drives, trials
 from iits_mj.validation.evaluate import EvaluateConfig, run, tasks_of, trial_seed
 
 CONFIG = EvaluateConfig(trials=2, methods="keep,aggressive", cells="dense-12.5,medium-15")
@@ -29,7 +30,7 @@ class Fake:
             if asked.seed in self.faulty:
                 raise TrafficError("SUMO fell over")
             self.driven.append(asked)
-            keep(trial(asked, 0.1 + 1e-4 * (asked.seed % 7), code=trials.trial_code()))
+            keep(trial(asked, 0.1 + 1e-4 * (asked.seed % 7), code=trial_drives.trial_code()))
 
 
 def test_no_seed_is_of_two_kinds():
@@ -146,7 +147,7 @@ def test_weights_that_change_while_trials_are_driven_are_refused(tmp_path):
     asked = task("ddqn", 0, weights=trials.weights_digest("ddqn", policy))
     policy.write_bytes(b"two")
     with pytest.raises(InputError, match="not the one that was asked for"):
-        trials.drive(asked, policy)
+        trial_drives.drive(asked, policy)
 
 
 def test_without_driving_the_files_trials_are_all_there_is(tmp_path):
@@ -213,13 +214,36 @@ def test_a_file_that_cannot_be_written_is_no_fault_of_the_trial():
         _threads([task("keep", 0)], lambda asked: trial(asked, 0.1), keep)
 
 
+def test_a_process_that_dies_loses_no_trial(tmp_path):
+    kept = []
+    evaluate_runner.drive_trials(
+        [task("keep", seed) for seed in range(6)],
+        2,
+        functools.partial(die_once, tmp_path / "died"),
+        kept.append,
+    )
+    assert sorted(t.seed for t in kept) == list(range(6))
+    assert (tmp_path / "died").exists()
+
+
+def test_one_file_is_of_one_run_at_a_time(tmp_path):
+    config = replace(CONFIG, file=tmp_path / "trials.csv")
+    with (
+        evaluate_rows.alone(config.file),
+        pytest.raises(InputError, match="in use by another evaluate"),
+    ):
+        run(config, drive_all=Fake())
+    assert len(run(config, drive_all=Fake())) == len(tasks_of(config))
+    assert [path.name for path in tmp_path.iterdir()] == ["trials.csv"]
+
+
 def test_real_trials_in_two_processes_are_those_of_one(tmp_path):
     def rows(jobs):
         config = EvaluateConfig(
             trials=1,
             methods="ddqn",
             cells="dense-15",
-            duration=15.0,
+            duration=10.0,
             jobs=jobs,
             file=tmp_path / f"{jobs}.csv",
         )
@@ -235,4 +259,4 @@ def test_real_trials_in_two_processes_are_those_of_one(tmp_path):
     assert all(0.0 < value < 0.101 for value in loss)
     assert all(row["ended"] == "reached the end of the time" for row in two)
     way = [float(row["distance"]) for row in two]
-    assert loss == pytest.approx([1.0 - d / 15.0 / (60.0 / 3.6) for d in way])
+    assert loss == pytest.approx([1.0 - d / 10.0 / (60.0 / 3.6) for d in way])

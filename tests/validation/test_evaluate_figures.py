@@ -34,6 +34,7 @@ def test_the_interval_is_students():
     assert known.half == pytest.approx(3.182446 * known.std / 2.0, rel=1e-6)
     assert (known.low, known.high) == (2.5 - known.half, 2.5 + known.half)
     assert half_width(np.array([1.0])) == 0.0
+    assert estimate([1.0]).half == math.inf
     assert estimate([]).count == 0
 
 
@@ -71,6 +72,8 @@ def test_the_policy_wins_when_it_is_lowest_beyond_chance():
 def test_the_policy_loses_when_a_rule_is_lower_beyond_chance():
     losses = dict(zip(FOUR, map(spread, (0.30, 0.27, 0.25, 0.26)), strict=True))
     assert judged(losses).verdict == "loses"
+    # Whether the free road was driven or not.
+    assert judged(losses, floor=math.nan).verdict == "loses"
 
 
 def test_pairs_are_of_the_same_traffic_whatever_the_order_of_rows():
@@ -84,14 +87,19 @@ def test_pairs_are_of_the_same_traffic_whatever_the_order_of_rows():
     assert (cell.against["aggressive"].count, cell.loss["ddqn"].count) == (11, 12)
 
 
-def test_a_cell_without_room_is_trivial_and_asks_for_nothing():
+def test_a_cell_without_room_is_trivial_and_asks_only_that_it_is_not_worse():
     losses = dict(zip(FOUR, map(spread, (0.013, 0.0125, 0.0125, 0.014)), strict=True))
     cell = judged(losses, floor=0.01)
     assert cell.trivial
     assert "0.25 points are all that is left" in cell.reason
     results, _ = summarize(rows(losses, floor=0.01), EvaluateConfig(trials=12))
     bounds = {c.name: c.must for c in results.checks if "ddqn less neutral" in c.name}
-    assert set(bounds.values()) == {""}
+    assert list(bounds.values()) == ["<= 0.3", ""]
+
+
+def test_a_policy_that_loses_where_there_is_no_room_loses():
+    losses = dict(zip(FOUR, map(spread, (0.013, 0.0125, 0.0125, 0.035)), strict=True))
+    assert judged(losses, floor=0.01).verdict == "loses"
 
 
 def test_a_cell_whose_intervals_all_overlap_is_trivial_with_enough_trips():
