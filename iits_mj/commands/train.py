@@ -19,6 +19,7 @@ from typing import NoReturn
 from tqdm import tqdm
 
 from controllers.decision.collection import WorldFactory
+from controllers.decision.interruption import Interrupted
 from controllers.decision.train_config import TrainConfig
 from controllers.decision.training import train
 from iits_mj.commands.output import prepare_folder
@@ -51,7 +52,7 @@ def run(options: Options) -> int:
                 world=_world(options.world),
                 note=_note,
             )
-        except KeyboardInterrupt:
+        except Interrupted:
             _note(f"the checkpoint is in {options.out}; --resume continues from it")
             raise
     score = summary.score if math.isfinite(summary.score) else None
