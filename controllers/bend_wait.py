@@ -249,7 +249,7 @@ class BendWait:
         """Who is near a bend and not in the truck's own lane, with their names."""
         near = surroundings.here & (np.abs(surroundings.station - sweep.first) < 150.0)
         chosen = [surroundings.scene.vehicles[int(i)] for i in np.flatnonzero(near)]
-        found = poses(chosen, self.preview)
+        found = poses(surroundings.table[near], self.preview)
         own = (np.abs(found.to_road) < ALONG) & (
             np.abs(found.offset - path.offset_at(found.station)) < path.half_width
         )

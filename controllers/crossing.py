@@ -89,8 +89,7 @@ def crossing_leads(
     near = surroundings.here & (np.abs(surroundings.station - ego.station) < reach + 40.0)
     if not near.any():
         return []
-    chosen = [vehicle for vehicle, is_near in zip(others, near.tolist(), strict=True) if is_near]
-    found = poses(chosen, preview)
+    found = poses(surroundings.table[near], preview)
     angle = np.abs(found.to_road)
     across = (angle > ALONG) & (angle < np.pi - ALONG)
     aside = np.abs(found.offset - path.driven_at(found.station)) - 0.5 * found.width
@@ -114,7 +113,7 @@ def crossing_leads(
         judge = _head_on if wrong_way[index] else _crosses
         lead = judge(touch[:, :, index], one, ego)
         if lead is not None:
-            leads.append((lead, chosen[int(index)].id))
+            leads.append((lead, others[int(np.flatnonzero(near)[index])].id))
     return leads
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from bisect import bisect_left
 
 import numpy as np
 
+from controllers.interpolation import interpolate
 from controllers.retardation import EnduranceForces
 from iits_mj.parameters import TruckParameters
 from iits_mj.units import GRAVITY
@@ -29,13 +32,26 @@ class DrivelineInverse:
             2.0 * axle.wheel_inertia_spin / tires[axle.tire].rolling_radius ** 2
             for axle in parameters.axles
         )
-        self.efficiency = parameters.gearbox.efficiency * parameters.gearbox.driveline_efficiency
+        gearbox, engine = parameters.gearbox, parameters.engine
+        self.efficiency = gearbox.efficiency * gearbox.driveline_efficiency
+        self._ratios = [float(ratio) * gearbox.final_drive for ratio in gearbox.ratios]
+        # Mass of wheels, engine and gearbox by gear [kg], beside the truck's own.
+        self._spins = [
+            (engine.inertia + float(inertia)) * ratio**2 / self.radius**2
+            for inertia, ratio in zip(gearbox.inertias, self._ratios, strict=True)
+        ]
+        table = engine.pedal_map
+        self._map_speeds, self._pedals = table.rows.tolist(), table.columns.tolist()
+        self._map_torques = table.values.tolist()
+        self._fade = np.minimum(1.0, table.columns / engine.pedal_fade).tolist()
+        self._rise = (1e-6 * np.arange(len(self._pedals))).tolist()
 
     def ratio(self, gear: int) -> float:
         """Overall ratio engine to wheel in a forward gear."""
-        gearbox = self.parameters.gearbox
-        row = min(max(gear, 1), len(gearbox.ratios)) - 1
-        return float(gearbox.ratios[row]) * gearbox.final_drive
+        return self._ratios[self._row(gear)]
+
+    def _row(self, gear: int) -> int:
+        return min(max(gear, 1), len(self._ratios)) - 1
 
     def resistance(self, mass: float, speed: float, grade: float) -> float:
         """Rolling, air and grade resistance [N] at a grade (rise over run)."""
@@ -45,10 +61,7 @@ class DrivelineInverse:
 
     def effective_mass(self, mass: float, gear: int) -> float:
         """Mass with the rotating parts of wheels, engine and gearbox [kg]."""
-        gearbox, ratio = self.parameters.gearbox, self.ratio(gear)
-        row = min(max(gear, 1), len(gearbox.ratios)) - 1
-        spin = self.parameters.engine.inertia + float(gearbox.inertias[row])
-        return mass + self.wheel_mass + spin * ratio**2 / self.radius**2
+        return mass + self.wheel_mass + self._spins[self._row(gear)]
 
     def engine_torque(self, force: float, gear: int) -> float:
         """Torque at the crankshaft [N m] for a force at the wheels [N]."""
@@ -58,7 +71,7 @@ class DrivelineInverse:
     def drag_torque(self, engine_speed: float) -> float:
         """Drag of the engine on overrun [N m], positive."""
         engine = self.parameters.engine
-        return float(np.interp(engine_speed, engine.drag_speed, engine.drag_torque))
+        return interpolate(engine_speed, engine.drag_speed, engine.drag_torque)
 
     def engine_brake_torque(self, engine_speed: float) -> float:
         """Greatest torque of the engine brake [N m], beyond the drag: a power law, none at idle."""
@@ -104,14 +117,20 @@ class DrivelineInverse:
 
     def pedal(self, torque: float, engine_speed: float) -> float:
         """Accelerator pedal, 0 to 1, that gives a torque at the crankshaft [N m]."""
-        table = self.parameters.engine.pedal_map
-        row = np.clip(np.searchsorted(table.rows, engine_speed) - 1, 0, len(table.rows) - 2)
-        low, high = table.rows[row], table.rows[row + 1]
+        speeds = self._map_speeds
+        row = min(max(bisect_left(speeds, engine_speed) - 1, 0), len(speeds) - 2)
+        low, high = speeds[row], speeds[row + 1]
         share = min(max((engine_speed - low) / (high - low), 0.0), 1.0)
-        torques = (1.0 - share) * table.values[row] + share * table.values[row + 1]
+        rest, drag = 1.0 - share, self.drag_torque(engine_speed)
         # Over the first travel of the pedal the overrun turns into traction.
-        drag = self.drag_torque(engine_speed)
-        fade = np.minimum(1.0, table.columns / self.parameters.engine.pedal_fade)
-        torques = np.maximum.accumulate(fade * (torques + drag) - drag)
-        torques = torques + 1e-6 * np.arange(len(torques))
-        return float(np.interp(torque, torques, table.columns))
+        torques = [
+            fade * (rest * below + share * above + drag) - drag
+            for fade, below, above in zip(
+                self._fade, self._map_torques[row], self._map_torques[row + 1], strict=True
+            )
+        ]
+        rising = [
+            most + rise
+            for most, rise in zip(itertools.accumulate(torques, max), self._rise, strict=True)
+        ]
+        return interpolate(torque, rising, self._pedals)

@@ -10,6 +10,7 @@ from iits_mj.messages import Decision, EgoState
 if TYPE_CHECKING:
     from controllers.planner_config import PlannerConfig
 
+# How far back the path of a lane reaches [m].
 BEHIND = 150.0
 
 
@@ -24,10 +25,20 @@ class LaneChoice:
     def __init__(self, preview: RoadPreview, config: PlannerConfig) -> None:
         self._preview = preview
         self._config = config
+        # Paths by lane, and the row of the road's tables that they are about.
+        self._known: dict[int, LanePath] = {}
+        self._row = -1
 
     def follow(self, lane: int, ego: EgoState) -> LanePath:
-        """The path of a lane around the truck."""
-        return self._preview.follow(lane, ego.station, self._config.speed.preview, BEHIND)
+        """The path of a lane around the truck; the same one until the truck is a row further."""
+        row = self._preview.index(ego.station)
+        if row != self._row:
+            self._known, self._row = {}, row
+        path = self._known.get(lane)
+        if path is None:
+            sight = self._config.speed.preview
+            path = self._known[lane] = self._preview.follow(lane, ego.station, sight, BEHIND)
+        return path
 
     def around(self, ego: EgoState, path: LanePath) -> Decision:
         """The side with a lane that the truck may use, the left one first."""

@@ -11,7 +11,10 @@ steer axle.
 
 from __future__ import annotations
 
+import functools
 import math
+import operator
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +65,7 @@ class LateralController:
         self._ages: FloatArray = np.linspace(0.0, config.preview_time, count)
         # Sine of the road wheels' greatest angle.
         self._most = math.sin(parameters.steering.angle_max / parameters.steering.ratio)
+        self._steady_share = 1.0 - math.exp(-config.step / config.steady_time)
         self._near = max(1, round(2.0 * config.lag / config.step))
         self._play = SteeringPlay(parameters.steering, config.play)
         self._observer = DisturbanceObserver(config.disturbance_time, config.step)
@@ -93,29 +97,21 @@ class LateralController:
             return self._wheel
         speed = math.hypot(ego.speed, ego.lateral_speed)
         gains = self._gains_for(ego.mass).at(speed)
-        motion = np.array(
-            [
-                ego.lateral_speed,
-                ego.yaw_rate,
-                ego.trailer_yaw_rate,
-                math.sin(ego.articulation),
-                math.sin(ego.road_wheel_angle),
-            ]
-        )
+        angle = math.sin(ego.road_wheel_angle)
+        swing = math.sin(ego.articulation)
+        rates = ego.lateral_speed, ego.yaw_rate, ego.trailer_yaw_rate
+        motion = np.array([*rates, swing, angle])
         drift = ego.lateral_speed / speed
         heading += math.asin(drift) - drift
         error = min(max(self.error, -config.error_max), config.error_max)
-        state = np.array(
-            [*motion[:4], error, heading, motion[4], self._demand, self._integral], dtype=float
-        )
+        state = np.array([*rates, swing, error, heading, angle, self._demand, self._integral])
         ahead = self._view.curvature(ego.station + speed * self._ages)
         rate = -float(gains.feedback @ state) - float(gains.preview @ ahead)
         push = self._trust(speed) * self._observer.update(motion, gains)
         rate -= float(gains.disturbance @ push)
         self._move(rate, error, speed)
-        near = float(ahead[: self._near].sum()) / self._near
-        share = 1.0 - math.exp(-config.step / config.steady_time)
-        self._lasting += share * (push - self._lasting)
+        near = float(np.add.reduce(ahead[: self._near])) / self._near
+        self._lasting += self._steady_share * (push - self._lasting)
         steady = speed**2 * near / gains.response + float(gains.balance @ self._lasting)
         self._wheel = self._play.turn(
             math.asin(self._quieted(steady, gains)), gains.response, config.step
@@ -163,7 +159,14 @@ def check_finite(ego: EgoState, names: tuple[str, ...] = USED) -> None:
     Raises:
       InputError: one of them is not.
     """
+    if all(map(math.isfinite, _reader(names)(ego))):
+        return
     for name in names:
         value = getattr(ego, name)
         if not math.isfinite(value):
             raise InputError(f"ego state: {name} is {value}: must be finite")
+
+
+@functools.cache
+def _reader(names: tuple[str, ...]) -> Callable[[EgoState], tuple[float, ...]]:
+    return operator.attrgetter(*names)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from bisect import bisect
 from dataclasses import dataclass, field, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,8 +88,7 @@ class LateralConfig:
             )
 
 
-@dataclass(frozen=True)
-class Gains:
+class Gains(NamedTuple):
     """What holds at one speed.
 
     Attributes:

@@ -15,11 +15,10 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-import numpy as np
-
 from controllers.driveline_inverse import DrivelineInverse
 from controllers.kick_down import KickDown
 from controllers.retardation import Retardation, share_out, xbr_deceleration
+from controllers.speed_view import SpeedView
 from iits_mj.messages import EgoState, Trajectory, XbrEbiMode, XbrMode
 from iits_mj.parameters import TruckParameters
 from iits_mj.units import GRAVITY
@@ -134,6 +133,7 @@ class LongitudinalController:
         self._retarder = 0.0
         self._demand = 0.0
         self._gear = 1
+        self._view: SpeedView | None = None
 
     def command(self, ego: EgoState, trajectory: Trajectory, grade: float) -> SpeedCommand:
         """What pedal and brakes are to do.
@@ -147,11 +147,11 @@ class LongitudinalController:
         self._since += config.step
         if ego.gear >= 1:
             self._gear = ego.gear
-        planned = float(np.interp(ego.time, trajectory.time, trajectory.speed))
-        soon = float(np.interp(ego.time + 0.5, trajectory.time, trajectory.speed))
-        ahead = float(
-            np.interp(ego.time + config.lead_time, trajectory.time, trajectory.acceleration)
-        )
+        view = self._view
+        if view is None or view.trajectory is not trajectory:
+            view = self._view = SpeedView(trajectory)
+        planned, soon = view.speed(ego.time), view.speed(ego.time + 0.5)
+        ahead = view.acceleration(ego.time + config.lead_time)
         if self._stand(ego, planned, soon):
             return self._hold(ego, grade, soon)
         error = self._forgive(planned - ego.speed, ego.speed)
@@ -167,7 +167,7 @@ class LongitudinalController:
         deficit = max(shared.short, self._short_soon(ego, force, wanted, engaged)) / ego.mass
         beyond = max(-force - endurance.drag, 0.0) / ego.mass
         self._choose(torque + drag, beyond, deficit, wanted, engaged)
-        self._pull(ego, torque, float(trajectory.speed.max()) - ego.speed)
+        self._pull(ego, torque, view.greatest - ego.speed)
         self._retard(shared, wanted, engaged)
         self._brake(ego, force, wanted)
         self._learn(ego, error)

@@ -157,8 +157,10 @@ class Planner:
         path = with_zones(step.path, scene.signals.zones)
         leads, follows = self._leads(scene, surroundings, path)
         cap = self._caps.cap(path, profile, margin, ego)
-        slow = path.station < self.maneuver.pulls_out_until
-        cap = np.where(slow, np.minimum(cap, self.config.pull_out.speed), cap)
+        pulls_out_until = self.maneuver.pulls_out_until
+        if pulls_out_until > path.station[0]:
+            slow = path.station < pulls_out_until
+            cap = np.where(slow, np.minimum(cap, self.config.pull_out.speed), cap)
         cap = self._stops.look(surroundings, path, cap, self.maneuver.change)
         self._gap = self._seek(step, surroundings, cap, path)
         if self._gap is not None:

@@ -7,6 +7,7 @@ separates them (separating axes).
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,10 +20,12 @@ from iits_mj.messages import TrackedVehicle
 FloatArray = NDArray[np.float64]
 # Slower than this a vehicle does not turn on [m/s].
 _TURNS = 0.5
-_READ = (
-    *("x", "y", "z", "yaw", "speed", "acceleration", "yaw_rate"),
-    *("station", "offset", "length", "width", "lateral_speed"),
+# Columns of `table_of`: what the planner uses of a vehicle; without a pose the last three are zero.
+FIGURES = (
+    *("station", "offset", "speed", "lateral_speed", "length", "width"),
+    *("acceleration", "yaw", "yaw_rate", "x", "y", "z"),
 )
+_figures = operator.attrgetter(*FIGURES)
 
 
 @dataclass(frozen=True)
@@ -94,21 +97,31 @@ class Poses:
         return Boxes(x, y, yaw + np.pi, self.length, self.width)
 
 
-def poses(vehicles: Sequence[TrackedVehicle], preview: RoadPreview) -> Poses:
-    """Poses of vehicles; one whose x, y and z are all zero has its place by station and offset."""
-    rows = [tuple(getattr(vehicle, name) for name in _READ) for vehicle in vehicles]
-    table = np.array(rows, dtype=float).reshape(-1, len(_READ)).T
-    x, y, z, yaw, speed, acceleration, yaw_rate, station, offset, length, width, aside = table
-    point = preview.route.evaluate(station, offset)
-    heading = np.asarray(point.heading, dtype=float)
+def table_of(vehicles: Sequence[TrackedVehicle]) -> FloatArray:
+    """The `FIGURES` of vehicles, one a row, shape (n, 12)."""
+    return np.array(list(map(_figures, vehicles)), dtype=float).reshape(-1, len(FIGURES))
+
+
+def poses(table: FloatArray, preview: RoadPreview) -> Poses:
+    """Poses of vehicles; one whose x, y and z are all zero has its place by station and offset.
+
+    Args:
+      table: of them, see `table_of`.
+      preview: of the road.
+    """
+    station, offset, speed, aside, length, width, acceleration, yaw, yaw_rate, x, y, z = table.T
+    heading = preview.route.heading(station)
     posed = (x != 0.0) | (y != 0.0) | (z != 0.0)
     fast = np.maximum(np.abs(speed), np.abs(aside))
-    across = np.arcsin(np.clip(aside / np.maximum(fast, 1e-6), -1.0, 1.0))
+    across = np.arcsin(np.minimum(np.maximum(aside / np.maximum(fast, 1e-6), -1.0), 1.0))
     across = np.where(speed < 0.0, np.pi - across, across)
     yaw = np.where(posed, yaw + np.where(speed < 0.0, np.pi, 0.0), heading + across)
+    if not posed.all():
+        point = preview.route.evaluate(station, offset)
+        x, y = np.where(posed, x, point.x), np.where(posed, y, point.y)
     return Poses(
-        x=np.where(posed, x, point.x),
-        y=np.where(posed, y, point.y),
+        x=x,
+        y=y,
         yaw=yaw,
         to_road=np.remainder(yaw - heading + np.pi, 2.0 * np.pi) - np.pi,
         speed=np.where(posed, np.abs(speed), fast),

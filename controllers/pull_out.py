@@ -91,8 +91,7 @@ def way_past(
     ego = surroundings.scene.ego
     slow = np.abs(surroundings.speed) <= config.lead_speed
     near = np.abs(surroundings.station - ego.station) < max(config.lengths) + config.reach
-    chosen = np.flatnonzero(slow & near & surroundings.here)
-    boxes = poses([surroundings.scene.vehicles[int(i)] for i in chosen], preview)
+    boxes = poses(surroundings.table[slow & near & surroundings.here], preview)
     standing = boxes.ahead(np.zeros(1))
     stations = np.arange(ego.station, ego.station + max(config.lengths) + config.reach, 1.0)
     for length in config.lengths:

@@ -59,7 +59,8 @@ class Quintic:
 
     def evaluate(self, station: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Value [m] and first three derivatives over station, each of station's shape."""
-        t = np.clip((np.asarray(station, dtype=float) - self.start) / self.length, 0.0, 1.0)
+        t = (np.asarray(station, dtype=float) - self.start) / self.length
+        t = np.minimum(np.maximum(t, 0.0), 1.0)
         a0, a1, a2, a3, a4, a5 = self.coefficients
         inside = (t > 0.0) & (t < 1.0)
         value = a0 + t * (a1 + t * (a2 + t * (a3 + t * (a4 + t * a5))))

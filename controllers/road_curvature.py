@@ -51,7 +51,9 @@ def sharpest(curvature: FloatArray, offset: FloatArray | float) -> FloatArray:
       curvature: of the reference line, shape (n,) [1/m].
       offset: of the path from it, shape (n,) or one [m].
     """
-    offset = np.nan_to_num(np.asarray(offset, dtype=float))
+    offset = np.asarray(offset, dtype=float)
+    if not np.isfinite(offset).all():
+        offset = np.nan_to_num(offset)
     own = np.abs(curvature / np.maximum(1.0 - curvature * offset, 0.2))
-    beside = np.pad(own, 1, mode="edge")
+    beside = np.concatenate((own[:1], own, own[-1:]))
     return np.maximum(np.maximum(beside[:-2], beside[1:-1]), beside[2:])

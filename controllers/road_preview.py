@@ -6,6 +6,7 @@ shift, but the truck's lane goes on. `RoadPreview.follow` walks along the lane i
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -53,7 +54,7 @@ class LanePath:
         """Offset of the lane's middle [m], same shape as station."""
         return np.asarray(np.interp(station, self.station, self.offset))
 
-    @property
+    @functools.cached_property
     def driven(self) -> FloatArray:
         """Offset at which the steer axle is to be, shape (n,) [m]."""
         return self.offset if self.shift is None else self.offset + self.shift
@@ -100,6 +101,8 @@ class RoadPreview:
         self.height = np.asarray(point.z, dtype=float)
         self.superelevation = np.asarray(point.superelevation, dtype=float)
         self.grade = np.asarray(route.smoothed_grade(self.station), dtype=float)
+        # Of the path asked for last: a planner's stays the same over some cycles.
+        self._sharpest: tuple[LanePath, FloatArray] | None = None
 
     def index(self, station: float) -> int:
         """Nearest row of the tables."""
@@ -159,7 +162,10 @@ class RoadPreview:
 
     def sharpest(self, path: LanePath) -> FloatArray:
         """Curvature of a path for bounds on its speed, a magnitude, shape of path.station [1/m]."""
-        return sharpest(np.interp(path.station, self.station, self.curvature), path.offset)
+        if self._sharpest is None or self._sharpest[0] is not path:
+            curvature = np.interp(path.station, self.station, self.curvature)
+            self._sharpest = path, sharpest(curvature, path.offset)
+        return self._sharpest[1]
 
     def height_at(self, station: FloatArray, offset: FloatArray) -> FloatArray:
         """Height of the surface [m] within some centimetres, shape as station and offset."""

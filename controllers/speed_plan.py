@@ -161,7 +161,16 @@ def power_acceleration(speed: float, mass: float, grade: float, config: SpeedCon
     The floor keeps the plan asking for full power where the truck cannot hold its speed.
     """
     truck = config.powers or _shipped()
-    resistance = GRAVITY * (grade + truck.rolling_resistance) + truck.drag * speed**2 / mass
+    return _acceleration_left(speed, mass, _slope_and_rolling(truck, grade), truck)
+
+
+def _slope_and_rolling(truck: Powers, grade: float) -> float:
+    return GRAVITY * (grade + truck.rolling_resistance)
+
+
+def _acceleration_left(speed: float, mass: float, slope: float, truck: Powers) -> float:
+    """Acceleration that the power leaves beside air and `_slope_and_rolling` [m/s2]."""
+    resistance = slope + truck.drag * speed**2 / mass
     return max(truck.power / (mass * max(speed, 3.0)) - resistance, 0.05)
 
 
@@ -196,11 +205,11 @@ def roll_out(
       hold: come to rest here and stay.
     """
     following = config.following
-    station = np.empty(steps + 1)
-    speed = np.empty(steps + 1)
-    acceleration = np.empty(steps + 1)
+    rows: list[tuple[float, float, float]] = []
     s, v, a = start.station, max(start.speed, 0.0), start.acceleration
     grade = float(np.interp(s, preview.station, preview.grade))
+    truck = config.powers or _shipped()
+    slope = _slope_and_rolling(truck, grade)
     first, inverse = float(path.station[0]), 1.0 / preview.step
     caps, last = cap.tolist(), len(cap) - 1
 
@@ -221,38 +230,44 @@ def roll_out(
             cap_here = low + (position - row) * (caps[row + 1] - low)
         if place > near_stop and not creeping:
             cap_here = min(cap_here, math.sqrt(braking * max(stop - place, 0.0)))
-        return float(cap_here)
+        return cap_here
 
     far, near = _LOOK_AHEAD
+    down = following.jerk_max * step
+    least, most = -following.deceleration_max, following.acceleration_max
     for k in range(steps + 1):
         time = k * step
         if k:
-            moved = max(0.0, v * step + 0.5 * a * step * step)
-            v_next = max(0.0, v + a * step)
+            moved, v_next = v * step + 0.5 * a * step * step, v + a * step
+            moved = moved if moved > 0.0 else 0.0
             # Standing still within the step: the way to the stop, not beyond.
             s += moved if v_next > 0.0 or a >= 0.0 else min(moved, v * v / max(-2.0 * a, 1e-6))
-            v = v_next
+            v = v_next if v_next > 0.0 else 0.0
         wanted = -emergency
         hold = hold or (k > 0 and v <= 0.0 and s > stop - HOLD_REACH)
         if not emergency:
             slow = v < _LAST_SPEED
-            to_cap = min(
-                (cap_at(s + v * far, slow) - v) / far, (cap_at(s + v * near, slow) - v) / near
-            )
+            to_cap = (cap_at(s + v * far, slow) - v) / far
+            soon = (cap_at(s + v * near, slow) - v) / near
+            to_cap = soon if soon < to_cap else to_cap
             if hold:
                 to_cap = -_HOLD_DECELERATION
             elif slow and s > near_stop:
                 to_cap = min(to_cap, _to_stop(v, stop - s, wanted_braking, following))
-            wanted = _wanted(v, s - start.station, time, cap_at(s), to_cap, leads, following)
-            wanted = max(wanted, -following.deceleration_max)
-            wanted = min(wanted, power_acceleration(v, mass, grade, config))
-            down = following.jerk_max * step
+            wanted = to_cap if to_cap < most else most
+            if leads:
+                way, free = s - start.station, cap_at(s)
+                wanted = min(wanted, _behind(v, way, time, free, to_cap, leads, following))
+            wanted = wanted if wanted > least else least
+            left = _acceleration_left(v, mass, slope, truck)
+            wanted = left if left < wanted else wanted
             wanted = min(max(wanted, a - down), a + 0.5 * down)
         a = wanted
         # At a stop the brakes stay on until the truck is at rest, too: it may lag behind the plan.
         if v <= 0.0 and a < 0.0 and not (hold and start.speed > 0.0):
             a = 0.0
-        station[k], speed[k], acceleration[k] = s, v, a
+        rows.append((s, v, a))
+    station, speed, acceleration = np.array(rows).T.copy()
     return station, speed, acceleration
 
 
@@ -271,7 +286,7 @@ def _to_stop(v: float, left: float, braking: float, following: FollowingConfig) 
     return -needed if share > 0.8 else -0.8 * braking * (share - 0.5) / 0.3
 
 
-def _wanted(
+def _behind(
     v: float,
     way: float,
     time: float,
@@ -280,15 +295,13 @@ def _wanted(
     leads: list[Lead],
     following: FollowingConfig,
 ) -> float:
-    """Acceleration that the limits and every leader allow [m/s2].
+    """Acceleration that every leader allows [m/s2].
 
     On the free road the cap is followed as it stands, rising parts as well: the free term of car
     following would lag a rising reference by `v / (4 a)`, some 5 s. Behind a leader that term gets
     a desired speed high enough not to lag either.
     """
-    wanted = min(to_cap, following.acceleration_max)
-    if not leads:
-        return wanted
+    wanted = math.inf
     desired = _desired_speed(v, cap_here, to_cap, following)
     for lead in leads:
         if time > lead.until:

@@ -110,6 +110,13 @@ class Stack:
         """Speed asked for at a station now [m/s]."""
         return self.reference.at(station)
 
+    def asks_at(self, time: float) -> bool:
+        """Whether a plan at a time [s] would ask the decision maker, as things are now."""
+        if self.planner.changing:
+            return False
+        last = self._decided_at
+        return last is None or time - last >= self.decision_period - _HALF_STEP
+
     def plan(self, scene: Scene) -> Trajectory:
         """A new trajectory from a scene, every 100 ms.
 
@@ -118,17 +125,12 @@ class Stack:
         """
         surroundings = Surroundings(scene, preview=self.planner.preview)
         profile = self.reference.update(scene, lambda: self._leader(surroundings))
-        # A plan that slows down behind a slow vehicle must not hide what passing it would gain.
         reference = self.reference.free(scene.ego.station)
         self.history.add(scene.time, observe_frame(scene, self.route, reference))
         decision = Decision.KEEP
-        due = (
-            self._decided_at is None
-            or scene.time - self._decided_at >= self.decision_period - _HALF_STEP
-        )
-        if due and not self.planner.changing:
+        if self.asks_at(scene.time):
             self._decided_at = scene.time
-            decision = self._decide(scene, reference)
+            decision = self._decide(scene)
         self.last_trajectory = self.planner.plan(scene, decision, profile, surroundings)
         return self.last_trajectory
 
@@ -149,15 +151,19 @@ class Stack:
         path = self.planner.preview.follow(lane, scene.ego.station, sight)
         return surroundings.leader(path)
 
-    def _decide(self, scene: Scene, reference: float) -> Decision:
-        context = DecisionContext(
+    def context(self, scene: Scene) -> DecisionContext:
+        """What a decision maker is given in a scene whose frame is in the history."""
+        return DecisionContext(
             scene=scene,
             route=self.route,
             lane=self.planner.lane(scene),
             lanes=self.planner.config.lanes,
-            reference_speed=reference,
+            # A plan that slows down behind a slow vehicle must not hide what passing it would gain.
+            reference_speed=self.reference.free(scene.ego.station),
             observation=self.history.observation(),
         )
-        self.last_decision = named_decision(self.decision_maker.decide(context))
+
+    def _decide(self, scene: Scene) -> Decision:
+        self.last_decision = named_decision(self.decision_maker.decide(self.context(scene)))
         self.decisions += 1
         return self.last_decision

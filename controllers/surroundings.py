@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.predicted_boxes import FIGURES, table_of
 from controllers.road_preview import LanePath, RoadPreview
 from iits_mj.errors import InputError
 from iits_mj.messages import Scene, TrackedVehicle
@@ -17,12 +18,6 @@ INTRUSION = 0.3
 OTHER_LEVEL = 3.0
 # Slower than this across the lane is weaving, not changing lanes [m/s].
 WEAVING = 0.3
-
-
-_USED = (
-    *("station", "offset", "speed", "lateral_speed", "length", "width"),
-    *("acceleration", "yaw", "yaw_rate"),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +47,7 @@ class Surroundings:
     Attributes:
       station, offset, speed: of the vehicles, shape (n,) [m], [m/s].
       here: on the truck's level, shape (n,).
+      table: of the vehicles, see `table_of`.
 
     Raises:
       InputError: a vehicle's station, offset, speed, acceleration, size or place is not finite;
@@ -64,24 +60,23 @@ class Surroundings:
         self.scene = scene
         self.front = scene.ego.station + scene.footprint.front_overhang
         self.rear = self.front - scene.footprint.length
-        names = (*_USED, "x", "y", "z")
-        rows = [tuple(getattr(v, name) for name in names) for v in scene.vehicles]
-        table = np.array(rows, dtype=float).reshape(-1, len(names))
-        bad = np.argwhere(~np.isfinite(table))
-        if bad.size:
-            row, column = bad[0]
+        self.table = table = table_of(scene.vehicles)
+        finite = np.isfinite(table)
+        if not finite.all():
+            row, column = np.argwhere(~finite)[0]
             raise InputError(
-                f"vehicle {scene.vehicles[row].id!r}: {names[column]} is {table[row, column]}: "
+                f"vehicle {scene.vehicles[row].id!r}: {FIGURES[column]} is {table[row, column]}: "
                 "not finite"
             )
         self.station, self.offset, self.speed = table[:, 0], table[:, 1], table[:, 2]
         self._half_length, self._half_width = 0.5 * table[:, 4], 0.5 * table[:, 5]
         self._lateral_speed = table[:, 3]
         self._predicted = self.offset + anticipation * table[:, 3]
+        self._inside: dict[int, tuple[LanePath, NDArray[np.bool_]]] = {}
         self.here = np.ones(len(table), dtype=bool)
         if preview is not None and len(table):
-            height = table[:, names.index("z")] - preview.height_at(self.station, self.offset)
-            posed = (table[:, len(_USED) :] != 0.0).any(axis=1)
+            height = table[:, -1] - preview.height_at(self.station, self.offset)
+            posed = (table[:, -3:] != 0.0).any(axis=1)
             self.here = ~posed | (np.abs(height) < OTHER_LEVEL)
 
     def within(self, path: LanePath, entering: float = 0.0) -> NDArray[np.bool_]:
@@ -132,12 +127,18 @@ class Surroundings:
         behind = self.rear - float(self.station[index] + self._half_length[index])
         return max(ahead, behind)
 
+    def _in(self, path: LanePath) -> NDArray[np.bool_]:
+        """`within` of a path, which is asked for several times a cycle."""
+        known = self._inside.get(id(path))
+        if known is None:
+            known = self._inside[id(path)] = path, self.within(path)
+        return known[1]
+
     def _nearest(self, path: LanePath, side: NDArray[np.bool_]) -> Neighbor | None:
         if not self.station.size:
             return None
-        candidates = np.flatnonzero(side & self.within(path))
-        if not candidates.size:
+        candidates = np.flatnonzero(side & self._in(path)).tolist()
+        if not candidates:
             return None
-        gaps = [(self.gap(int(i)), int(i)) for i in candidates]
-        gap, index = min(gaps)
+        gap, index = min((self.gap(i), i) for i in candidates)
         return Neighbor(self.scene.vehicles[index], gap)

@@ -41,9 +41,9 @@ def on_road(
       urgency: greatest deceleration that a leader requires, for logs [m/s2].
     """
     driven = path.driven
-    slope_table = np.gradient(driven, preview.step)
+    slope_table = _gradient(driven, preview.step)
     slope = np.interp(station, path.station, slope_table)
-    bend = np.interp(station, path.station, np.gradient(slope_table, preview.step))
+    bend = np.interp(station, path.station, _gradient(slope_table, preview.step))
     offset = np.interp(station, path.station, driven)
     if residual is not None:
         q, first, second, _ = residual.evaluate(station)
@@ -70,17 +70,26 @@ def on_road(
     )
 
 
+def _gradient(values: FloatArray, step: float) -> FloatArray:
+    """Slope of values `step` apart, shape (n,); `np.gradient` without what it decides anew."""
+    slope = np.empty(len(values))
+    slope[1:-1] = (values[2:] - values[:-2]) / (2.0 * step)
+    slope[0], slope[-1] = (values[1] - values[0]) / step, (values[-1] - values[-2]) / step
+    return slope
+
+
 def _turn_by_way(x: FloatArray, y: FloatArray, yaw: FloatArray, still: FloatArray) -> FloatArray:
     """Curvature of a path of points with headings [1/m]; `still` where it does not move on."""
-    ways = np.hypot(np.diff(x), np.diff(y))
-    turns = np.diff(yaw)
+    ways = np.hypot(x[1:] - x[:-1], y[1:] - y[:-1])
+    turns = yaw[1:] - yaw[:-1]
     turns = np.remainder(turns + np.pi, 2.0 * np.pi) - np.pi
     moves = ways > _MOVES
     each = np.where(moves, turns / np.maximum(ways, _MOVES), 0.0)
     # At a point: of the pieces before and behind that have a length.
-    count = np.append(moves, 0).astype(int) + np.insert(moves, 0, 0).astype(int)
-    total = np.append(each, 0.0) + np.insert(each, 0, 0.0)
-    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), still))
+    pieces = np.zeros((2, len(yaw) + 1))
+    pieces[0, 1:-1], pieces[1, 1:-1] = each, moves
+    total, count = pieces[:, 1:] + pieces[:, :-1]
+    return np.asarray(np.where(count > 0.0, total / np.maximum(count, 1.0), still))
 
 
 def lead_of(neighbor: Neighbor) -> Lead:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import operator
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ from iits_mj.truck_report import Reporter
 
 COMMAND_FIELDS = tuple(field.name for field in dataclasses.fields(VehicleCommand))
 _COMMAND_INDEX = {name: index for index, name in enumerate(COMMAND_FIELDS)}
+_command_values = operator.attrgetter(*COMMAND_FIELDS)
 BRAKE_PRESSURES = tuple(
     f"brake_pressure_{place}"
     for place in ("front_left", "front_right", "rear_left", "rear_right", "trailer")
@@ -175,6 +177,8 @@ class Truck:
           InputError: unknown field, a value that is not finite or outside the control's range.
         """
         if command is not None:
+            if not fields and self._set_all(command):
+                return
             fields = {name: getattr(command, name) for name in COMMAND_FIELDS} | fields
         for name, value in fields.items():
             index = _COMMAND_INDEX.get(name)
@@ -186,6 +190,15 @@ class Truck:
                 raise InputError(f"command {name} = {value!r} is outside [{low:g}, {high:g}]")
             self.data.ctrl[index] = number
 
+    def _set_all(self, command: VehicleCommand) -> bool:
+        """Sets all controls at once; False, and none is set, where a value is not allowed."""
+        values = tuple(map(float, _command_values(command)))
+        for value, (low, high) in zip(values, self._ranges, strict=True):
+            if not low <= value <= high:
+                return False
+        self.data.ctrl[: len(values)] = values
+        return True
+
     def step(self, n: int = 1) -> None:
         """Advances the physics by `n` time steps.
 
@@ -195,6 +208,8 @@ class Truck:
         # MuJoCo puts data that diverged back to the beginning, its time as well.
         begin = self.data.time
         mujoco.mj_step(self.model, self.data, n)
+        if not self.data.warning.number.any():
+            return
         for warning in _FATAL_WARNINGS:
             if self.data.warning[warning].number:
                 raise Error(
@@ -219,55 +234,47 @@ class Truck:
         warm_start = data.qacc_warmstart.copy()
         mujoco.mj_forward(model, data)
         data.qacc_warmstart[:] = warm_start
-        read = self.read
-        position = data.xpos[self._tractor]
+        sensors, at = data.sensordata.tolist(), self._address
+        x, y, z = data.xpos[self._tractor].tolist()
         rotation = data.xmat[self._tractor].reshape(3, 3)
-        gravity = rotation.T @ model.opt.gravity
-        at = self._address["tractor_acceleration"]
-        acceleration = data.sensordata[at : at + 3] + gravity
-        x, y = float(position[0]), float(position[1])
+        gravity = (rotation.T @ model.opt.gravity).tolist()
+        (forward_x, _, _), (forward_y, _, _), (forward_z, left_z, up_z) = rotation.tolist()
+        felt, velocity = at["tractor_acceleration"], at["tractor_velocity"]
         station, offset = self.route.locate(x, y, self._station_hint)
-        rear = data.site_xpos[self._rear_site]
-        rear_station, rear_offset = self.route.locate(
-            float(rear[0]), float(rear[1]), self._trailer_hint
-        )
+        rear_x, rear_y, _ = data.site_xpos[self._rear_site].tolist()
+        rear_station, rear_offset = self.route.locate(rear_x, rear_y, self._trailer_hint)
         self._station_hint, self._trailer_hint = station, rear_station
-        steer = 0.5 * (read("steer_angle_left") + read("steer_angle_right"))
+        air = [sensors[at[name]] for name in BRAKE_PRESSURES]
         return EgoState(
             time=float(data.time),
             x=x,
             y=y,
-            z=float(position[2]),
-            yaw=math.atan2(rotation[1, 0], rotation[0, 0]),
-            pitch=-math.asin(max(-1.0, min(1.0, rotation[2, 0]))),
-            roll=math.atan2(rotation[2, 1], rotation[2, 2]),
-            speed=read("tractor_velocity"),
-            lateral_speed=read("tractor_velocity", 1),
-            acceleration=float(acceleration[0]),
-            lateral_acceleration=float(acceleration[1]),
-            yaw_rate=read("tractor_gyro", 2),
-            trailer_yaw_rate=read("trailer_gyro", 2),
-            articulation=-read("articulation_yaw"),
-            articulation_rate=-read("articulation_rate"),
-            steering_wheel_angle=read("steering_wheel_position"),
-            road_wheel_angle=steer,
+            z=z,
+            yaw=math.atan2(forward_y, forward_x),
+            pitch=-math.asin(max(-1.0, min(1.0, forward_z))),
+            roll=math.atan2(left_z, up_z),
+            speed=sensors[velocity],
+            lateral_speed=sensors[velocity + 1],
+            acceleration=sensors[felt] + gravity[0],
+            lateral_acceleration=sensors[felt + 1] + gravity[1],
+            yaw_rate=sensors[at["tractor_gyro"] + 2],
+            trailer_yaw_rate=sensors[at["trailer_gyro"] + 2],
+            articulation=-sensors[at["articulation_yaw"]],
+            articulation_rate=-sensors[at["articulation_rate"]],
+            steering_wheel_angle=sensors[at["steering_wheel_position"]],
+            road_wheel_angle=0.5
+            * (sensors[at["steer_angle_left"]] + sensors[at["steer_angle_right"]]),
             mass=self.parameters.gross_mass(self.payload),
             station=station,
             offset=offset,
             trailer_offset=rear_offset,
-            gear=round(read("gear")),
-            shift_in_process=read("shift_in_process") > 0.5,
-            engine_speed=read("engine_speed"),
-            engine_torque=read("engine_torque"),
-            fuel_rate=read("fuel_rate"),
-            fuel_used=read("fuel_used"),
-            brake_pressures=(
-                read(BRAKE_PRESSURES[0]),
-                read(BRAKE_PRESSURES[1]),
-                read(BRAKE_PRESSURES[2]),
-                read(BRAKE_PRESSURES[3]),
-                read(BRAKE_PRESSURES[4]),
-            ),
+            gear=round(sensors[at["gear"]]),
+            shift_in_process=sensors[at["shift_in_process"]] > 0.5,
+            engine_speed=sensors[at["engine_speed"]],
+            engine_torque=sensors[at["engine_torque"]],
+            fuel_rate=sensors[at["fuel_rate"]],
+            fuel_used=sensors[at["fuel_used"]],
+            brake_pressures=(air[0], air[1], air[2], air[3], air[4]),
         )
 
     def last_command(self) -> VehicleCommand:

@@ -18,6 +18,7 @@ from traffic_bridge.vehicles.types import VehicleType, default_types, type_from_
 # Spawn probability per second and lane of the paper's three densities (section VI-C).
 DENSITIES = {"dense": 0.05, "medium": 0.02, "sparse": 0.005, "empty": 0.0}
 LANE_CHANGE_MODELS = ("lc2013", "mobil")
+LANE_DISCIPLINES = ("right", "free")
 SCOPES = ("route", "both", "map")
 DEFAULT_MIX = (("car", 0.70), ("van", 0.12), ("truck", 0.08), ("articulated", 0.10))
 
@@ -33,6 +34,9 @@ class TrafficConfig:
       speed_limit: maximum speed of the traffic [m/s]; every vehicle's desired speed is a fraction
         of it (see `VehicleType`). The paper uses 12.5 and 15.
       lane_change: "lc2013" (SUMO's model) or "mobil" (ours, see `traffic_bridge.vehicles.mobil`).
+      lane_discipline: "right": the traffic keeps to the right lane as its types want to; "free":
+        nobody keeps right for its own sake and overtakers stay in their lane, which fills all lanes
+        alike (`keep_right_bias` and `lc_keep_right` of all types are zero).
       mix: name and weight of each type of vehicle that comes by chance.
       types: the `VehicleType`s there are, each with a name of its own.
       view_range: vehicles within this distance of the ego are reported [m].
@@ -56,6 +60,7 @@ class TrafficConfig:
     density: str | float | Mapping[str, float] = "medium"
     speed_limit: float = 15.0
     lane_change: str = "lc2013"
+    lane_discipline: str = "right"
     mix: tuple[tuple[str, float], ...] = DEFAULT_MIX
     types: tuple[VehicleType, ...] = field(default_factory=default_types)
     view_range: float = 400.0
@@ -95,6 +100,11 @@ class TrafficConfig:
                 f"lane_change {shown(self.lane_change)}: "
                 f"allowed are {', '.join(LANE_CHANGE_MODELS)}"
             )
+        if self.lane_discipline not in LANE_DISCIPLINES:
+            raise InputError(
+                f"lane_discipline {shown(self.lane_discipline)}: "
+                f"allowed are {', '.join(LANE_DISCIPLINES)}"
+            )
         if self.scope not in SCOPES:
             raise InputError(f"scope {shown(self.scope)}: allowed are {', '.join(SCOPES)}")
         in_range("speed_limit", self.speed_limit, 1.0, 70.0)
@@ -108,6 +118,12 @@ class TrafficConfig:
             raise InputError(f"footprint {shown(self.footprint)}: must be an EgoFootprint")
         for what, kind in (("types", VehicleType), ("events", Event), ("departures", Departure)):
             object.__setattr__(self, what, _all_of(what, getattr(self, what), kind))
+        if self.lane_discipline == "free":
+            kinds = tuple(
+                dataclasses.replace(kind, keep_right_bias=0.0, lc_keep_right=0.0)
+                for kind in self.types
+            )
+            object.__setattr__(self, "types", kinds)
         self._check_names({vehicle_type.name for vehicle_type in self.types})
         make_plain(self)
 

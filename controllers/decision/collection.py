@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from controllers.decision.mobil import Mobil
 from controllers.decision.network import ACTIONS, QNetwork
 from controllers.decision.replay import Batch, Returns, Transition
 from controllers.decision.trip import TripConfig, TripSummary, World
@@ -39,7 +40,7 @@ class Drive:
     Attributes:
       name: for messages; world: index of the factory.
       trip: what is driven; generator: of everything random in it.
-      epsilon: share of random decisions.
+      epsilon: share of random decisions; guided: share of those that MOBIL makes instead.
       steps: n of the n-step transitions that are wanted, 0 for none.
     """
 
@@ -48,6 +49,7 @@ class Drive:
     trip: TripConfig
     generator: np.random.Generator
     epsilon: float = 0.0
+    guided: float = 0.0
     steps: int = 0
 
 
@@ -60,8 +62,13 @@ class Driven:
 
 
 def drive_trip(world: World, job: Drive, network: QNetwork) -> Driven:
-    """Drives one trip, epsilon-greedy on a network."""
+    """Drives one trip, epsilon-greedy on a network.
+
+    Most random changes are senseless, and how a sensible one pays off is what is to be learned:
+    some of the exploration is left to a rule.
+    """
     exploration = job.generator.spawn(1)[0]
+    guide = Mobil()
     observation = world.reset(job.generator, job.trip)
     returns = Returns(max(1, job.steps))
     transitions: list[Transition] = []
@@ -70,6 +77,8 @@ def drive_trip(world: World, job: Drive, network: QNetwork) -> Driven:
         action = greedy = int(np.argmax(network.values(observation)))
         if exploration.random() < job.epsilon:
             action = int(exploration.integers(len(ACTIONS)))
+            if exploration.random() < job.guided:
+                action = ACTIONS.index(guide.decide(world.context()))
         if action != greedy:
             transitions += returns.cut()
         step = world.step(ACTIONS[action])

@@ -71,6 +71,7 @@ class HighwayEnv:
             settings.traffic,
             spawn_probability=trip.spawn_probability,
             traffic_speed=trip.traffic_speed,
+            keep_right_bias=settings.traffic.keep_right_bias if trip.keeps_right else 0.0,
         )
         self.traffic = HighwayTraffic(traffic, generator)
         self.traffic.fill(self._obstacles()[0])

@@ -102,6 +102,9 @@ class TrainConfig(LearnerConfig):
     epsilon_stage: float = option(0.2, help="the same after the fast world", low=0.0, high=1.0)
     epsilon_end: float = option(0.03, help="the same in the end", low=0.0, high=1.0)
     epsilon_decisions: int = option(80_000, help="it falls over these", low=1, high=10**9)
+    guided_share: float = option(
+        0.5, help="share of the random decisions that the rule MOBIL makes", low=0.0, high=1.0
+    )
     evaluate_interval: int = option(20_000, help="between two validations", low=1, high=10**9)
     validation_trips: int = option(3, help="in each of the six cells", low=1, high=1000)
     validation_duration: float = option(

@@ -31,9 +31,10 @@ from controllers.decision.highway_env import HighwayEnv
 from controllers.decision.interruption import Interrupted, Interruption
 from controllers.decision.network import OBSERVATION_SIZE, QNetwork
 from controllers.decision.replay import Replay
+from controllers.decision.seeds import TRAINING_SEEDS
 from controllers.decision.train_config import TrainConfig, settings
 from controllers.decision.train_log import Means, TrainLog, trip_figures
-from controllers.decision.training_trips import TRAINING_SEEDS, sample_trip, training_generator
+from controllers.decision.training_trips import sample_trip, training_generator
 from controllers.decision.validation import validate
 from iits_mj.errors import InputError
 
@@ -141,7 +142,15 @@ class Training:
             sampled = sample_trip(self.config, generator)
             name = f"training trip {trip} of round {flight.index}"
             drives.append(
-                Drive(name, flight.stage, sampled, generator, flight.epsilon, self.config.steps)
+                Drive(
+                    name,
+                    flight.stage,
+                    sampled,
+                    generator,
+                    epsilon=flight.epsilon,
+                    guided=self.config.guided_share,
+                    steps=self.config.steps,
+                )
             )
         return self.workers.submit(drives, flight.network)
 

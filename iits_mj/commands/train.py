@@ -8,7 +8,6 @@ continues from, given the same settings; Ctrl-C writes one too. Needs torch: pip
 
 from __future__ import annotations
 
-import importlib
 import json
 import math
 import sys
@@ -80,8 +79,9 @@ def _world(name: str) -> WorldFactory | None:
     """What makes the world of the second stage; None where there is no such stage."""
     if name == "fast":
         return None
-    world: WorldFactory = importlib.import_module("iits_mj.simulation.truck_world").TruckWorld
-    return world
+    from iits_mj.simulation.truck_world import TruckWorld
+
+    return TruckWorld
 
 
 def _note(text: str) -> None:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.decision.base import DecisionContext
 from controllers.decision.observation import OBSERVATION_SIZE
-from controllers.decision.reward import RewardConfig, RewardTerms, decision_charge
+from controllers.decision.reward import RewardTerms
+from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig
 from iits_mj.errors import InputError, RenderError
 from iits_mj.messages import Decision
 
@@ -18,32 +19,13 @@ if TYPE_CHECKING:
     import mujoco
 
     from iits_mj.simulation import Simulation
+    from iits_mj.simulation.truck_world import TruckWorld
 
 Observation = NDArray[np.float32]
 
 ACTIONS = (Decision.LEFT, Decision.KEEP, Decision.RIGHT)
+DENSITIES = {**SPAWN_PROBABILITY, "empty": 0.0}
 RENDER_SIZE = (360, 640)
-_CYCLE = 0.1
-_PERIOD = 1.0
-
-
-class _Asked:
-    """A decision maker that answers what the learner chose; keeps the lane when not told."""
-
-    name = "asked"
-
-    def __init__(self) -> None:
-        self.pending: Decision | None = None
-
-    def reset(self) -> None:
-        """Forgets the pending answer."""
-        self.pending = None
-
-    def decide(self, context: DecisionContext) -> Decision:
-        """Gives the pending answer, once."""
-        del context
-        answer, self.pending = self.pending, None
-        return Decision.KEEP if answer is None else answer
 
 
 class HighwayEnv(gymnasium.Env[Observation, np.int64]):
@@ -70,12 +52,14 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
     Args:
       density: of the traffic, "dense", "medium", "sparse" or "empty".
       traffic_speed: speed limit of the traffic [m/s].
+      keeps_right: whether the traffic keeps to the right lane, instead of filling both.
       speed: reference speed of the truck [m/s].
       duration: of an episode [s].
       payload: on the semitrailer [kg].
       payload_height: of the load's centre of gravity above the road [m], 1.3 to 3.
       render_mode: None or "rgb_array" (needs OpenGL).
       camera: of the pictures: "chase", "side" or "cab".
+      timestep: of the physics [s]: 0.002 is a drive's, 0.005 trains as well in less time.
 
     Raises:
       InputError: an argument is not allowed. TrafficError: SUMO is not usable.
@@ -88,36 +72,34 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
         *,
         density: str = "medium",
         traffic_speed: float = 15.0,
+        keeps_right: bool = False,
         speed: float = 60.0 / 3.6,
         duration: float = 120.0,
         payload: float = 36_000.0,
         payload_height: float | None = None,
         render_mode: str | None = None,
         camera: str = "chase",
+        timestep: float = 0.002,
     ) -> None:
-        # SUMO is loaded only by those who make this environment.
-        from iits_mj.simulation import DriveConfig
-
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f"render_mode {render_mode!r} is not known; use 'rgb_array' or None")
         self.render_mode = render_mode
         self.camera = camera
-        self.reward_config = RewardConfig()
-        self.config = DriveConfig(
-            density=density,
+        if density not in DENSITIES:
+            raise InputError(f"density {density!r} is unknown; allowed are: {', '.join(DENSITIES)}")
+        self.trip = TripConfig(
+            spawn_probability=DENSITIES[density],
             traffic_speed=traffic_speed,
-            speed=speed,
+            keeps_right=keeps_right,
             duration=duration,
             payload=payload,
-            payload_height=payload_height,
-            decision="keep",
-            # Its observations and rewards are those of a constant reference speed.
-            speed_planner="cruise",
+            reference_speed=speed,
         )
+        self.payload_height = payload_height
+        self.timestep = timestep
         self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (OBSERVATION_SIZE,), np.float32)
         self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
-        self._asked = _Asked()
-        self._simulation: Simulation | None = None
+        self._world: TruckWorld | None = None
         self._renderer: mujoco.Renderer | None = None
 
     def reset(
@@ -125,43 +107,17 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Starts an episode; the same seed gives the same traffic."""
         super().reset(seed=seed, options=options)
-        traffic_seed = int(self.np_random.integers(2**31 - 1))
-        simulation = self._open()
-        if simulation.traffic is not None:
-            simulation.traffic.seed = traffic_seed  # type: ignore[attr-defined]
-        simulation.reset()
-        return self._observation(), self._info(RewardTerms())
+        self._close_renderer()
+        observation = self._open().reset(self.np_random, self.trip)
+        return observation, self._info(RewardTerms())
 
     def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Carries out a decision until the next one is due."""
-        simulation = self._simulation
-        if simulation is None or simulation.ended:
-            raise InputError("the episode has not begun or is over: call reset first")
         if not self.action_space.contains(action):
             raise InputError(f"action {action!r} is not known; use 0, 1 or 2")
-        decision = ACTIONS[int(action)]
-        stack, settings = simulation.stack, self.reward_config
-        unsafe = stack.unsafe
-        self._asked.pending = decision
-        terms = RewardTerms()
-        elapsed, since_asked = 0.0, 0.0
-        # Until it was asked, and then until it is about to be asked again.
-        while not simulation.ended:
-            frame = simulation.cycle()
-            distance = abs(frame.ego.speed - self.config.speed)
-            rate = settings.speed * settings.discount**elapsed
-            terms += RewardTerms(speed=-rate * distance * _CYCLE)
-            elapsed += _CYCLE
-            if self._asked.pending is None:
-                since_asked += _CYCLE
-                if since_asked > _PERIOD - 0.5 * _CYCLE and not stack.planner.changing:
-                    break
-        terms += decision_charge(decision is not Decision.KEEP, stack.unsafe > unsafe, settings)
-        if simulation.collision:
-            terms += RewardTerms(collision=-settings.collision * settings.discount**elapsed)
-        terminated = simulation.failed
-        truncated = bool(simulation.ended) and not terminated
-        return self._observation(), float(terms.total), terminated, truncated, self._info(terms)
+        step = self._open().step(ACTIONS[int(action)])
+        info = self._info(step.reward)
+        return step.observation, float(step.reward.total), step.terminated, step.truncated, info
 
     def render(self) -> Any:
         """A picture (360, 640, 3) of bytes, or None without a render mode.
@@ -173,7 +129,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
             return None
         import mujoco
 
-        truck = self._open().truck
+        truck = self._simulation.truck
         try:
             if self._renderer is None:
                 self._renderer = mujoco.Renderer(truck.model, *RENDER_SIZE)
@@ -187,30 +143,41 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
 
     def close(self) -> None:
         """Ends SUMO and the renderer."""
+        self._close_renderer()
+        if self._world is not None:
+            self._world.close()
+            self._world = None
+
+    def _close_renderer(self) -> None:
+        """It draws one model, and every episode has its own."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
-        if self._simulation is not None:
-            self._simulation.close()
-            self._simulation = None
 
-    def _open(self) -> Simulation:
-        """The simulation, made at the first reset."""
-        if self._simulation is None:
-            from iits_mj.simulation import Simulation
+    def _open(self) -> TruckWorld:
+        """The world, made at the first reset."""
+        if self._world is None:
+            # SUMO is loaded only by those who drive in this environment.
+            from iits_mj.simulation.truck_world import TruckWorld
             from iits_mj.suite.physics import add_cameras
 
-            self._simulation = Simulation(
-                self.config, edit_spec=add_cameras, visuals=self.render_mode is not None
+            self._world = TruckWorld(
+                self.timestep,
+                payload_height=self.payload_height,
+                visuals=self.render_mode is not None,
+                edit_spec=add_cameras,
             )
-            self._simulation.stack.decision_maker = self._asked
-        return self._simulation
+        return self._world
 
-    def _observation(self) -> Observation:
-        return self._open().stack.history.observation()
+    @property
+    def _simulation(self) -> Simulation:
+        simulation = self._open().simulation
+        if simulation is None:
+            raise InputError("the episode has not begun: call reset first")
+        return simulation
 
     def _info(self, terms: RewardTerms) -> dict[str, Any]:
-        simulation = self._open()
+        simulation = self._simulation
         frame = simulation.frame
         return {
             "time": frame.time,
@@ -219,9 +186,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
             "lane": frame.lane,
             "lane_changes": frame.lane_changes,
             "refused": frame.refused,
+            "unsafe": simulation.stack.unsafe,
             "ended": simulation.ended,
-            "reward_change": terms.change,
-            "reward_danger": terms.danger,
-            "reward_speed": terms.speed,
-            "reward_collision": terms.collision,
+            **{f"reward_{k}": v for k, v in dataclasses.asdict(terms).items()},
         }

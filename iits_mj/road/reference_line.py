@@ -18,13 +18,26 @@ from iits_mj.errors import InputError
 from iits_mj.road.seams import ContinuousChain, X, Y
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
 
 KNOT_SPACING = 0.5
 ARC_TOLERANCE = 2e-4
 _COARSE_SPACING = 5.0
 _LOST = 50.0
-_COLUMNS = 11
-(_KX, _KY, _KZ, _KTX, _KTY, _KGRADE, _KROLL, _KROLL_RATE, _KCURVATURE, _KHEADING, _KP) = range(11)
+_TURN = 2.0 * math.pi
+# Rows of the knots: x, y, z and superelevation, their slopes over station, and what is linear.
+_VALUES, _SLOPES = slice(0, 4), slice(4, 8)
+_CURVATURE, _HEADING, _P = 8, 9, 10
+_ROWS = 11
+# Of the first rows: those of the plane, and all polynomials.
+_PLANE, _ALL = 2, 4
+# Pieces between two knots that are kept as polynomials: far more than a truck's length needs.
+_PIECES_KEPT = 4096
+
+# Coefficients of powers 0 to 3 of the way through a piece, from 0 to 1.
+Cubic = tuple[float, float, float, float]
+# Of x, y, z and superelevation; heading and curvature at the piece's begin, the curvature's rise.
+Piece = tuple[Cubic, Cubic, Cubic, Cubic, float, float, float]
 
 
 class RoadPoint(NamedTuple):
@@ -72,17 +85,19 @@ class ReferenceLine:
         else:
             self._p_is_station = True
         self.spacing = self.length / (p.size - 1)
-        knots = np.empty((p.size, _COLUMNS))
-        knots[:, [_KX, _KY, _KZ, _KROLL]] = state[0].T
-        knots[:, [_KTX, _KTY, _KGRADE, _KROLL_RATE]] = (state[1] / speed).T
+        knots = np.empty((_ROWS, p.size))
+        knots[_VALUES] = state[0]
+        knots[_SLOPES] = state[1] / speed
         cross = state[1, X] * state[2, Y] - state[1, Y] * state[2, X]
-        knots[:, _KCURVATURE] = cross / speed**3
-        knots[:, _KHEADING] = np.unwrap(np.arctan2(state[1, Y], state[1, X]))
-        knots[:, _KP] = p
+        knots[_CURVATURE] = cross / speed**3
+        knots[_HEADING] = np.unwrap(np.arctan2(state[1, Y], state[1, X]))
+        knots[_P] = p
         self._knots = knots
+        self._last = p.size - 2
+        self._pieces: dict[int, Piece] = {}
         stride = max(int(_COARSE_SPACING / self.spacing), 1)
         self._coarse_index = np.unique(np.append(np.arange(0, p.size, stride), p.size - 1))
-        self._coarse = np.ascontiguousarray(knots[self._coarse_index][:, [_KX, _KY]].T)
+        self._coarse = np.ascontiguousarray(knots[:2, self._coarse_index])
 
     def parameter(self, station: ArrayLike) -> FloatArray:
         """Chain parameter p at stations."""
@@ -90,105 +105,139 @@ class ReferenceLine:
         if self._p_is_station:
             return station
         inside = np.clip(station, 0.0, self.length)
-        grid = np.arange(self._knots.shape[0]) * self.spacing
-        return np.interp(inside, grid, self._knots[:, _KP]) + (station - inside)
+        grid = np.arange(self._knots.shape[1]) * self.spacing
+        return np.interp(inside, grid, self._knots[_P]) + (station - inside)
 
     def parameter_at(self, station: float) -> float:
         """Chain parameter at one station; the fast form of `parameter`."""
         if self._p_is_station or not 0.0 < station < self.length:
             outside = min(station, 0.0) + max(station - self.length, 0.0)
             return station if self._p_is_station else self._end_parameter(station) + outside
-        i = min(int(station / self.spacing), self._knots.shape[0] - 2)
-        low, high = self._knots[i : i + 2, _KP].tolist()
+        i = min(int(station / self.spacing), self._last)
+        low, high = self._knots[_P, i : i + 2].tolist()
         return float(low + (station / self.spacing - i) * (high - low))
 
     def _end_parameter(self, station: float) -> float:
-        return float(self._knots[0 if station <= 0.0 else -1, _KP])
+        return float(self._knots[_P, 0 if station <= 0.0 else -1])
 
     def station(self, p: ArrayLike) -> FloatArray:
         """Station at chain parameters p within the chain."""
         p = np.asarray(p, dtype=float)
         if self._p_is_station:
             return p
-        return np.interp(p, self._knots[:, _KP], np.arange(self._knots.shape[0]) * self.spacing)
+        return np.interp(p, self._knots[_P], np.arange(self._knots.shape[1]) * self.spacing)
 
     def evaluate(self, station: ArrayLike, offset: ArrayLike = 0.0) -> RoadPoint:
         """Road points; shapes of station and offset are broadcast. Ends extend along tangents."""
         if isinstance(station, (float, int)) and isinstance(offset, (float, int)):
-            point = self._evaluate_scalar(float(station), float(offset))
-            return RoadPoint(*point)
-        station, offset = np.broadcast_arrays(
-            np.asarray(station, dtype=float), np.asarray(offset, dtype=float)
-        )
-        inside = np.clip(station, 0.0, self.length)
-        beyond = station - inside
-        position = inside / self.spacing
-        i = np.minimum(position.astype(np.intp), self._knots.shape[0] - 2)
-        t = position - i
-        h = self.spacing
-        row, following = self._knots[i], self._knots[i + 1]
-        values, slopes = [], []
-        for value, slope in ((_KX, _KTX), (_KY, _KTY), (_KZ, _KGRADE), (_KROLL, _KROLL_RATE)):
-            a, b = row[..., value], following[..., value]
-            u, v = h * row[..., slope], h * following[..., slope]
-            c = 3.0 * (b - a) - 2.0 * u - v
-            d = u + v - 2.0 * (b - a)
-            values.append(a + t * (u + t * (c + t * d)))
-            slopes.append((u + t * (2.0 * c + 3.0 * t * d)) / h)
-        heading = self._continuous(np.arctan2(slopes[1], slopes[0]), row[..., _KHEADING])
-        curvature = row[..., _KCURVATURE] + t * (
-            following[..., _KCURVATURE] - row[..., _KCURVATURE]
-        )
+            return RoadPoint._make(self._evaluate_scalar(float(station), float(offset)))
+        station, offset = np.asarray(station, dtype=float), np.asarray(offset, dtype=float)
+        if station.shape != offset.shape:
+            station, offset = np.broadcast_arrays(station, offset)
+        i, t, beyond = self._pieces_at(station)
+        knot, following = self._knots.take(i, axis=1), self._knots.take(i + 1, axis=1)
+        (x, y, z, roll), slopes = self._polynomials(knot, following, _ALL, t)
+        heading = self._heading(slopes, knot)
+        grade = slopes[2]
+        curvature = knot[_CURVATURE] + t * (following[_CURVATURE] - knot[_CURVATURE])
         curvature = np.where(beyond == 0.0, curvature, 0.0)
-        roll = values[3]
         sine, cosine = np.sin(heading), np.cos(heading)
         return RoadPoint(
-            values[0] + beyond * cosine - offset * sine,
-            values[1] + beyond * sine + offset * cosine,
-            values[2] + beyond * slopes[2] + offset * np.tan(roll),
+            x + beyond * cosine - offset * sine,
+            y + beyond * sine + offset * cosine,
+            z + beyond * grade + offset * np.tan(roll),
             heading,
             curvature,
-            slopes[2],
+            grade,
             roll,
         )
 
-    @staticmethod
-    def _continuous(angle: FloatArray, near: FloatArray) -> FloatArray:
-        turns = np.round((angle - near) / (2.0 * np.pi))
-        return np.asarray(angle - 2.0 * np.pi * turns)
+    def heading(self, station: FloatArray) -> FloatArray:
+        """Headings of travel [rad]; the fast form of `evaluate(station).heading`."""
+        i, t, _ = self._pieces_at(station)
+        knot, following = self._knots.take(i, axis=1), self._knots.take(i + 1, axis=1)
+        return self._heading(self._polynomials(knot, following, _PLANE, t)[1], knot)
 
-    def _evaluate_scalar(self, station: float, offset: float) -> tuple[float, ...]:
-        inside = min(max(station, 0.0), self.length)
-        beyond = station - inside
+    def height(self, station: float) -> float:
+        """Height of the line at one station [m]; the fast form of `evaluate(station).z`."""
+        piece, t, beyond = self._at(station)
+        z, grade = _hermite(piece[2], t, self.spacing)
+        return z + beyond * grade
+
+    def _pieces_at(self, station: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Pieces at stations, the ways through them from 0 to 1, how far beyond an end [m]."""
+        inside = np.minimum(np.maximum(station, 0.0), self.length)
+        position = inside / self.spacing
+        i = np.minimum(position.astype(np.intp), self._last)
+        return i, position - i, station - inside
+
+    def _polynomials(
+        self, knot: FloatArray, following: FloatArray, rows: int, t: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Values of the first rows between knots, and their slopes over station."""
         h = self.spacing
-        position = inside / h
-        i = min(int(position), self._knots.shape[0] - 2)
-        t = position - i
-        row, following = self._knots[i : i + 2].tolist()
+        slopes = slice(_SLOPES.start, _SLOPES.start + rows)
+        a, u, v = knot[:rows], h * knot[slopes], h * following[slopes]
+        rise = following[:rows] - a
+        c, d = 3.0 * rise - 2.0 * u - v, u + v - 2.0 * rise
+        return a + t * (u + t * (c + t * d)), (u + t * (2.0 * c + 3.0 * t * d)) / h
 
-        def hermite(value: int, slope: int) -> tuple[float, float]:
-            a, rise = row[value], following[value] - row[value]
-            u, v = h * row[slope], h * following[slope]
-            c, d = 3.0 * rise - 2.0 * u - v, u + v - 2.0 * rise
-            return a + t * (u + t * (c + t * d)), (u + t * (2.0 * c + 3.0 * t * d)) / h
+    @staticmethod
+    def _heading(slopes: FloatArray, knot: FloatArray) -> FloatArray:
+        """Headings, as continuous as those of the knots before them [rad]."""
+        angle = np.arctan2(slopes[1], slopes[0])
+        turns = np.round((angle - knot[_HEADING]) / _TURN)
+        return np.asarray(angle - _TURN * turns)
 
-        x, dx = hermite(_KX, _KTX)
-        y, dy = hermite(_KY, _KTY)
-        z, grade = hermite(_KZ, _KGRADE)
-        roll, _ = hermite(_KROLL, _KROLL_RATE)
+    def _at(self, station: float) -> tuple[Piece, float, float]:
+        """The piece at a station, the way through it from 0 to 1, and how far beyond an end [m]."""
+        inside = station
+        if not 0.0 <= station <= self.length:
+            inside = min(max(station, 0.0), self.length)
+        position = inside / self.spacing
+        i = min(int(position), self._last)
+        piece = self._pieces.get(i)
+        if piece is None:
+            piece = self._piece(i)
+        return piece, position - i, station - inside
+
+    def _piece(self, i: int) -> Piece:
+        """Polynomials between knot i and the next one, kept for the truck's other axles."""
+        if len(self._pieces) >= _PIECES_KEPT:
+            self._pieces.clear()
+        h, pairs = self.spacing, self._knots[:, i : i + 2].tolist()
+        x, y, z, roll = map(_cubic, pairs[_VALUES], pairs[_SLOPES], (h, h, h, h))
+        curvature, following = pairs[_CURVATURE]
+        piece = x, y, z, roll, pairs[_HEADING][0], curvature, following - curvature
+        self._pieces[i] = piece
+        return piece
+
+    def _place(
+        self, piece: Piece, t: float, beyond: float, offset: float
+    ) -> tuple[float, float, float, float, float, float]:
+        """x, y [m], heading [rad], its sine and cosine, and curvature [1/m]."""
+        h = self.spacing
+        x, dx = _hermite(piece[0], t, h)
+        y, dy = _hermite(piece[1], t, h)
         heading = math.atan2(dy, dx)
-        heading -= 2.0 * math.pi * round((heading - row[_KHEADING]) / (2.0 * math.pi))
-        curvature = row[_KCURVATURE] + t * (following[_KCURVATURE] - row[_KCURVATURE])
+        heading -= _TURN * round((heading - piece[4]) / _TURN)
         sine, cosine = math.sin(heading), math.cos(heading)
         return (
             x + beyond * cosine - offset * sine,
             y + beyond * sine + offset * cosine,
-            z + beyond * grade + offset * math.tan(roll),
             heading,
-            curvature if beyond == 0.0 else 0.0,
-            grade,
-            roll,
+            sine,
+            cosine,
+            piece[5] + t * piece[6] if beyond == 0.0 else 0.0,
         )
+
+    def _evaluate_scalar(self, station: float, offset: float) -> tuple[float, ...]:
+        piece, t, beyond = self._at(station)
+        x, y, heading, _, _, curvature = self._place(piece, t, beyond, offset)
+        z, grade = _hermite(piece[2], t, self.spacing)
+        roll, _ = _hermite(piece[3], t, self.spacing)
+        z = z + beyond * grade + offset * math.tan(roll)
+        return x, y, z, heading, curvature, grade, roll
 
     def locate(self, x: float, y: float, near_station: float | None = None) -> tuple[float, float]:
         """Station and offset of a point of the map; the inverse of `evaluate` in the plane.
@@ -213,8 +262,7 @@ class ReferenceLine:
     def _newton(self, x: float, y: float, station: float) -> tuple[float, float] | None:
         """Foot of the perpendicular by Newton's method; None when it does not settle."""
         for _ in range(12):
-            foot_x, foot_y, _, heading, curvature, _, _ = self._evaluate_scalar(station, 0.0)
-            sine, cosine = math.sin(heading), math.cos(heading)
+            foot_x, foot_y, _, sine, cosine, curvature = self._place(*self._at(station), 0.0)
             dx, dy = x - foot_x, y - foot_y
             along = dx * cosine + dy * sine
             offset = dy * cosine - dx * sine
@@ -234,3 +282,16 @@ class ReferenceLine:
         dx, dy = x - point.x[best], y - point.y[best]
         offset = dy * math.cos(heading) - dx * math.sin(heading)
         return float(grid[best]), float(offset)
+
+
+def _cubic(values: tuple[float, float], slopes: tuple[float, float], h: float) -> Cubic:
+    """Hermite polynomial between two knots `h` metres apart."""
+    a, rise = values[0], values[1] - values[0]
+    u, v = h * slopes[0], h * slopes[1]
+    return a, u, 3.0 * rise - 2.0 * u - v, u + v - 2.0 * rise
+
+
+def _hermite(cubic: Cubic, t: float, h: float) -> tuple[float, float]:
+    """Value and slope over station at the way t through a piece of `h` metres."""
+    a, u, c, d = cubic
+    return a + t * (u + t * (c + t * d)), (u + t * (2.0 * c + 3.0 * t * d)) / h

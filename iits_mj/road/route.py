@@ -118,6 +118,10 @@ class Route:
         """Points of the road surface; z = z_ref + offset * tan(superelevation)."""
         return self.line.evaluate(station, offset)
 
+    def heading(self, station: FloatArray) -> FloatArray:
+        """Headings of travel along the reference line [rad]; see `RoadPoint`."""
+        return self.line.heading(station)
+
     def locate(self, x: float, y: float, near_station: float | None = None) -> tuple[float, float]:
         """(station, offset) of a point of the map; see `ReferenceLine.locate`."""
         return self.line.locate(float(x), float(y), near_station)
@@ -129,6 +133,10 @@ class Route:
     def smoothed_grade(self, station: float | FloatArray) -> float | FloatArray:
         """Mean grade over 40 m about a station, for planning."""
         half = 0.5 * GRADE_WINDOW
+        if isinstance(station, float):
+            return (self.line.height(station + half) - self.line.height(station - half)) / (
+                GRADE_WINDOW
+            )
         ahead = self.line.evaluate(station + half).z
         return (ahead - self.line.evaluate(station - half).z) / GRADE_WINDOW
 
@@ -268,7 +276,10 @@ class Route:
     # Inside ------------------------------------------------------------------------------------
 
     def _band(self, station: float) -> tuple[LaneBand, float]:
-        p = self.line.parameter_at(min(max(float(station), 0.0), self.length))
+        station = float(station)
+        if not 0.0 <= station <= self.length:
+            station = min(max(station, 0.0), self.length)
+        p = self.line.parameter_at(station)
         return self._bands[max(bisect_right(self._starts, p) - 1, 0)], p
 
     def _profile(

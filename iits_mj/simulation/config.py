@@ -12,6 +12,7 @@ from iits_mj.options import option
 DENSITIES = ("dense", "medium", "sparse", "empty")
 TRAFFIC_MODES = ("inter", "pure", "none")
 LANE_CHANGE_MODELS = ("lc2013", "mobil")
+LANE_DISCIPLINES = ("right", "free")
 TRAFFIC_SCOPES = ("route", "both", "map")
 COMMAND_PATHS = ("direct", "j1939")
 SPEED_PLANNERS = ("pcc", "cruise")
@@ -82,6 +83,12 @@ class DriveConfig(TruckStart):
         "lc2013",
         help="how the traffic changes lanes; lc2013: SUMO's model; mobil: by acceleration gained",
         choices=LANE_CHANGE_MODELS,
+    )
+    lane_discipline: str = option(
+        "right",
+        help="which lanes the traffic fills; right: it keeps right and overtakes on the left; "
+        "free: all alike, it overtakes on both sides and stays there",
+        choices=LANE_DISCIPLINES,
     )
     traffic_scope: str = option(
         "route",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,10 @@ FloatArray = NDArray[np.float64]
 
 # [m] between two roads that cross one above the other: bridges leave at least that free.
 OTHER_LEVEL = 4.5
+# A bound on a distance may be off by less than this [m].
+_ROUNDING = 1e-6
+
+Corners = Sequence[Sequence[float]]
 
 
 def lane_gaps(
@@ -46,21 +50,25 @@ def lane_gaps(
 
 def truck_boxes(ego: EgoState, parameters: TruckParameters) -> tuple[FloatArray, FloatArray]:
     """Corners of tractor and semitrailer in the map frame, each of shape (4, 2) [m]."""
+    tractor, trailer = _truck_corners(ego, parameters)
+    return np.array(tractor), np.array(trailer)
+
+
+def _truck_corners(ego: EgoState, parameters: TruckParameters) -> tuple[Corners, Corners]:
     tractor, trailer = parameters.tractor, parameters.semitrailer
     rear = tractor.axles[-1].position + 0.6
-    tractor_box = _box(ego.x, ego.y, ego.yaw, tractor.front_overhang, rear, tractor.width)
     hitch = parameters.fifth_wheel.position
-    kingpin_x = ego.x - hitch * math.cos(ego.yaw)
-    kingpin_y = ego.y - hitch * math.sin(ego.yaw)
-    trailer_box = _box(
-        kingpin_x,
-        kingpin_y,
-        ego.yaw - ego.articulation,
-        trailer.front_overhang,
-        trailer.length - trailer.front_overhang,
-        trailer.width,
+    return (
+        _box(ego.x, ego.y, ego.yaw, tractor.front_overhang, rear, tractor.width),
+        _box(
+            ego.x - hitch * math.cos(ego.yaw),
+            ego.y - hitch * math.sin(ego.yaw),
+            ego.yaw - ego.articulation,
+            trailer.front_overhang,
+            trailer.length - trailer.front_overhang,
+            trailer.width,
+        ),
     )
-    return tractor_box, trailer_box
 
 
 def nearest_box_distance(
@@ -76,12 +84,24 @@ def nearest_box_distance(
     """
     frame = VehicleFrame.of(vehicles).near(ego.x, ego.y, horizon)
     frame = frame.select(_on_level(frame, ego))
-    boxes = truck_boxes(ego, parameters)
+    if not len(frame):
+        return math.inf
+    boxes = _truck_corners(ego, parameters)
+    circles = [_circle(box) for box in boxes]
+    places = frame.columns("x", "y", "yaw", "length", "width").T.tolist()
+    # At least so far apart are their circles: the nearest first, the others most often not at all.
+    apart = sorted(
+        (math.hypot(x - place[0], y - place[1]) - reach - 0.5 * math.hypot(*place[3:]), n, unit)
+        for n, place in enumerate(places)
+        for unit, (x, y, reach) in enumerate(circles)
+    )
     nearest = math.inf
-    for vehicle in frame:
-        half = 0.5 * vehicle.length
-        other = _box(vehicle.x, vehicle.y, vehicle.yaw, half, half, vehicle.width)
-        nearest = min(nearest, *(box_distance(box, other) for box in boxes))
+    for least, number, unit in apart:
+        if least > nearest + _ROUNDING:
+            break
+        x, y, yaw, length, width = places[number]
+        other = _box(x, y, yaw, 0.5 * length, 0.5 * length, width)
+        nearest = min(nearest, _distance(boxes[unit], other))
     return nearest
 
 
@@ -92,31 +112,49 @@ def _on_level(frame: VehicleFrame, ego: EgoState) -> NDArray[np.bool_]:
 
 def box_distance(a: FloatArray, b: FloatArray) -> float:
     """Distance of two rectangles given by their corners, shape (4, 2) each; 0 on overlap."""
+    return _distance(a.tolist(), b.tolist())
+
+
+def _distance(a: Corners, b: Corners) -> float:
     if not _separated(a, b) and not _separated(b, a):
         return 0.0
     return min(_corners_to_edges(a, b), _corners_to_edges(b, a))
 
 
-def _box(x: float, y: float, yaw: float, ahead: float, behind: float, width: float) -> FloatArray:
-    forward = np.array([math.cos(yaw), math.sin(yaw)])
-    left = np.array([-forward[1], forward[0]])
-    longitudinal = np.array([ahead, ahead, -behind, -behind])[:, None]
-    lateral = 0.5 * width * np.array([-1.0, 1.0, 1.0, -1.0])[:, None]
-    return np.array([x, y]) + longitudinal * forward + lateral * left
+def _box(x: float, y: float, yaw: float, ahead: float, behind: float, width: float) -> Corners:
+    """Front right, front left, rear left and rear right corner."""
+    forward_x, forward_y, half = math.cos(yaw), math.sin(yaw), 0.5 * width
+    return [
+        (x + along * forward_x + across * -forward_y, y + along * forward_y + across * forward_x)
+        for along, across in ((ahead, -half), (ahead, half), (-behind, half), (-behind, -half))
+    ]
 
 
-def _separated(a: FloatArray, b: FloatArray) -> bool:
+def _circle(box: Corners) -> tuple[float, float, float]:
+    """Centre of a rectangle and how far its corners are from it [m]."""
+    (x0, y0), _, (x1, y1), _ = box
+    return 0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * math.hypot(x1 - x0, y1 - y0)
+
+
+def _separated(a: Corners, b: Corners) -> bool:
     """Separating-axis test along the two edge directions of `a`."""
-    for edge in (a[1] - a[0], a[3] - a[0]):
-        on_a, on_b = a @ edge, b @ edge
-        if on_a.max() < on_b.min() or on_b.max() < on_a.min():
+    (x0, y0), (x1, y1), _, (x3, y3) = a
+    for ex, ey in ((x1 - x0, y1 - y0), (x3 - x0, y3 - y0)):
+        on_a = [x * ex + y * ey for x, y in a]
+        on_b = [x * ex + y * ey for x, y in b]
+        if max(on_a) < min(on_b) or max(on_b) < min(on_a):
             return True
     return False
 
 
-def _corners_to_edges(corners: FloatArray, box: FloatArray) -> float:
-    start = box[None, :, :]
-    edge = np.roll(box, -1, axis=0)[None, :, :] - start
-    relative = corners[:, None, :] - start
-    along = np.clip((relative * edge).sum(-1) / (edge * edge).sum(-1), 0.0, 1.0)
-    return float(np.linalg.norm(relative - along[..., None] * edge, axis=-1).min())
+def _corners_to_edges(corners: Corners, box: Corners) -> float:
+    nearest = math.inf
+    for (x0, y0), (x1, y1) in zip(box, [*box[1:], box[0]], strict=True):
+        ex, ey = x1 - x0, y1 - y0
+        square = ex * ex + ey * ey
+        for x, y in corners:
+            dx, dy = x - x0, y - y0
+            along = min(max((dx * ex + dy * ey) / square, 0.0), 1.0)
+            dx, dy = dx - along * ex, dy - along * ey
+            nearest = min(nearest, dx * dx + dy * dy)
+    return math.sqrt(nearest)

@@ -31,9 +31,7 @@ from iits_mj.truck import Truck
 from traffic_bridge import Mirror, MixedSim, Recorder, RepSim, Traffic, VehicleFrame
 
 TIMESTEP = 0.002
-CONTROL_STEPS = 10
-CYCLE_STEPS = 50
-CYCLE_PERIOD = CYCLE_STEPS * TIMESTEP
+CONTROL_PERIOD, CYCLE_PERIOD = 0.02, 0.1
 
 
 class Simulation(Closing):
@@ -47,6 +45,8 @@ class Simulation(Closing):
       traffic: the traffic, made for the route and the truck's size; default: the configuration's.
       record: keep traffic, commands and states for `save_recording`.
       visuals: adds what is only seen (road, landscape); the physics is the same without.
+      timestep: of the physics [s], a whole part of 0.02 s: up to 0.005, which trains a decision
+        maker as well in less time.
 
     Attributes:
       config, route, truck, mirror, traffic: the parts; vehicles: the traffic now.
@@ -70,8 +70,10 @@ class Simulation(Closing):
         traffic: Callable[[Route, EgoFootprint], Traffic | None] | None = None,
         record: bool = False,
         visuals: bool = True,
+        timestep: float = TIMESTEP,
     ) -> None:
         self.config = config
+        self.timestep = timestep
         self.route: Route = load_map(config.map).route()
         self.mirror = Mirror(visuals=visuals)
 
@@ -84,10 +86,17 @@ class Simulation(Closing):
             config.payload,
             payload_height=config.payload_height,
             route=self.route,
-            timestep=TIMESTEP,
+            timestep=timestep,
             visuals=visuals,
             edit_spec=edit,
         )
+        self._control_steps = round(CONTROL_PERIOD / timestep)
+        self._cycle_steps = round(CYCLE_PERIOD / timestep)
+        if abs(self._control_steps * timestep - CONTROL_PERIOD) > 1e-9:
+            raise InputError(
+                f"timestep {timestep!r} s: the commands' period of {CONTROL_PERIOD} s must be a "
+                "multiple of it"
+            )
         check_start(config, self.route, self.truck.footprint)
         if driver is None:
             self.driver: Driver = make_stack(config, self.route, self.truck.parameters)
@@ -166,7 +175,7 @@ class Simulation(Closing):
     @property
     def time(self) -> float:
         """Time since the start [s], exact multiples of the time step."""
-        return self._steps * TIMESTEP
+        return self._steps * self.timestep
 
     def cycle(self, observers: Sequence[Observer] = ()) -> Frame:
         """Advances 100 ms and returns the frame at its end.
@@ -175,20 +184,20 @@ class Simulation(Closing):
           DivergedError: the simulation diverged, or a number is not finite; the drive is over.
           TrafficError: SUMO failed.
         """
-        schedule = [(observer, round(observer.period / TIMESTEP)) for observer in observers]
-        for _ in range(CYCLE_STEPS // CONTROL_STEPS):
+        schedule = [(observer, round(observer.period / self.timestep)) for observer in observers]
+        for _ in range(self._cycle_steps // self._control_steps):
             ego = self._observe()
             self._drive_on(ego)
             self._command = self.path.pass_on(self.driver.control(ego), self.time)
             self.truck.command(self._command)
             if self._log is not None:
                 self._log.note_command(self.time, self._command)
-            end = self._steps + CONTROL_STEPS
+            end = self._steps + self._control_steps
             while self._steps < end:
                 due = [period - self._steps % period for _, period in schedule]
                 self._advance(min([end - self._steps, *due]))
                 # Those due at the cycle's end see the new plan, below.
-                if self._steps % CYCLE_STEPS:
+                if self._steps % self._cycle_steps:
                     self._show(schedule)
         ego = self._observe()
         self._drive_on(ego)
@@ -312,7 +321,7 @@ class Simulation(Closing):
         touched before the next one.
         """
         ego_xy = self.truck.data.body("tractor").xpos[:2]
-        elapsed = self._steps % CYCLE_STEPS * TIMESTEP
+        elapsed = self._steps % self._cycle_steps * self.timestep
         known = None
         if elapsed > 0.0 and isinstance(self.traffic, RepSim | MixedSim):
             known = self.traffic.replay.at(self.time)
@@ -380,5 +389,5 @@ class Simulation(Closing):
             self.ended = f"collision with {vehicle} at the {body} at t = {when:.2f} s"
         elif (found := find_ending(ego, self.route, self.truck.footprint)) is not None:
             self.ended, self.failed = found
-        elif self.time >= self.config.duration - 0.5 * TIMESTEP:
+        elif self.time >= self.config.duration - 0.5 * self.timestep:
             self.ended = "reached the end of the time"

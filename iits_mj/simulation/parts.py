@@ -76,6 +76,7 @@ def make_traffic(
         density=config.density,
         speed_limit=config.traffic_speed,
         lane_change=config.lane_change,
+        lane_discipline=config.lane_discipline,
         scope=config.traffic_scope,
         footprint=footprint,
         events=() if config.events is None else read_events(config.events),

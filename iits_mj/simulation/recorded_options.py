@@ -15,7 +15,10 @@ from traffic_bridge.modes.resim import config_of
 # Files whose content the recording holds itself or checks by its hash.
 FILES = ("map", "recording", "events", "speed_profile")
 # What SUMO's traffic is asked for; recorded traffic alone hears none of it.
-OF_SUMO = ("density", "traffic_speed", "traffic_mode", "lane_change", "traffic_scope", "seed")
+OF_SUMO = (
+    *("density", "traffic_speed", "traffic_mode"),
+    *("lane_change", "lane_discipline", "traffic_scope", "seed"),
+)
 _MODES = {"InterSim": "inter", "PureSim": "pure"}
 
 
@@ -94,6 +97,7 @@ def _of_traffic(recording: Recording) -> dict[str, Any]:
         "traffic_speed": stored.get("speed_limit"),
         "traffic_mode": _MODES.get(str(meta.get("mode"))),
         "lane_change": stored.get("lane_change"),
+        "lane_discipline": stored.get("lane_discipline"),
         "traffic_scope": stored.get("scope"),
         "seed": meta.get("seed"),
     }

@@ -2,187 +2,212 @@
 
 from __future__ import annotations
 
-import math
+import functools
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from scipy.stats import t as student
-
 from controllers.decision import NAMES
+from controllers.decision.seeds import SEEDS_EACH, TEST_SEEDS, VALIDATION_SEEDS
+from controllers.decision.trip import CELLS, TripConfig
 from iits_mj import options
 from iits_mj.errors import InputError
 from iits_mj.options import option
-from iits_mj.results import Check, Results
-from iits_mj.validation import trials as trial_files
-from iits_mj.validation.trials import CELLS, Trial
+from iits_mj.simulation.loop import TIMESTEP
+from iits_mj.validation import evaluate_rows, evaluate_runner, trials
+from iits_mj.validation.evaluate_statistics import half_width
+from iits_mj.validation.trials import EMPTY, WORLDS, Task, Trial
 
-# The paper's table: speed loss [%] of its methods per cell. "10.0" of sparse, 15, aggressive is as
-# printed, probably 1.0.
-PAPER_LOSS_PERCENT = {
-    ("dense", 12.5): {"conservative": 38.9, "neutral": 28.5, "aggressive": 24.5, "ddqn": 24.0},
-    ("dense", 15.0): {"conservative": 30.9, "neutral": 20.1, "aggressive": 18.8, "ddqn": 17.3},
-    ("medium", 12.5): {"conservative": 14.1, "neutral": 13.8, "aggressive": 6.6, "ddqn": 8.0},
-    ("medium", 15.0): {"conservative": 4.4, "neutral": 1.6, "aggressive": 1.6, "ddqn": 1.4},
-    ("sparse", 12.5): {"conservative": 5.9, "neutral": 3.4, "aggressive": 4.4, "ddqn": 3.4},
-    ("sparse", 15.0): {"conservative": 1.0, "neutral": 1.0, "aggressive": 10.0, "ddqn": 1.0},
-}
-RULES = ("conservative", "neutral", "aggressive")
-DEFAULT_METHODS = "conservative,neutral,aggressive,mobil,ddqn"
+SEEDS = {"test": TEST_SEEDS, "validation": VALIDATION_SEEDS}
+DEFAULT_METHODS = "conservative,neutral,aggressive,mobil,lookahead,ddqn"
+DEFAULT_CELLS = ",".join(f"{density}-{speed:g}" for density, speed in CELLS)
+TRIALS_MAX, SETS_MAX = 1_000, 10
 
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluateConfig:
     """Which decision makers, in which world, how often."""
 
-    trials: int = option(30, help="trips of each method in each cell", low=1, high=1_000)
+    trials: int = option(30, help="trips of each method in each cell", low=1, high=TRIALS_MAX)
     methods: str = option(
         DEFAULT_METHODS, help="decision makers, separated by commas", metavar="NAMES"
     )
+    cells: str = option(
+        DEFAULT_CELLS, help="traffic cells, density and limit in m/s", metavar="CELLS"
+    )
+    weights: Path | None = option(
+        None, help="policy of the method ddqn; without it the shipped one", metavar="FILE.npz"
+    )
     world: str = option(
-        "fast",
-        help="fast: point-mass truck in numpy traffic; full: MuJoCo truck in SUMO traffic",
-        choices=("fast", "full"),
+        "full",
+        help="full: MuJoCo truck with its stack in SUMO traffic; fast: point mass in numpy traffic",
+        choices=WORLDS,
+    )
+    payload: float = option(
+        TripConfig().payload, help="load of the truck", unit="kg", low=0.0, high=36_000.0
+    )
+    timestep: float = option(
+        TIMESTEP,
+        help="of the physics, a whole part of 0.02",
+        unit="s",
+        low=0.0005,
+        high=0.005,
+        metavar="S",
     )
     length: float = option(
-        15_000.0, help="of a trip in the fast world", unit="m", low=500.0, high=1e5, metavar="M"
+        15_000.0,
+        help="of a trip; it also ends with the road",
+        unit="m",
+        low=500.0,
+        high=1e5,
+        metavar="M",
     )
     duration: float = option(
-        1_200.0, help="of a trip in the full world", unit="s", low=10.0, high=1e5, metavar="S"
+        3_000.0,
+        help="a trip that takes longer is cut off, and counts as failed",
+        unit="s",
+        low=10.0,
+        high=1e5,
+        metavar="S",
     )
-    seed: int = option(0, help="another set of test trips", low=0, high=1_000)
+    seeds: str = option(
+        "test",
+        help="trips; test: for figures only; validation: for choosing a policy",
+        choices=tuple(SEEDS),
+    )
+    seed: int = option(0, help="another set of those trips", low=0, high=SETS_MAX - 1)
+    jobs: int = option(1, help="processes at a time, a trip each", low=1, high=256)
     file: Path | None = option(
-        None, help="file of trials; those in it are not driven again", metavar="FILE.csv"
+        None,
+        help="file of trials; those in it are not driven again; with --report without it "
+        "evaluate.csv beside the page",
+        metavar="FILE.csv",
     )
+    drive: bool = option(True, help="no-drive: figures of the file's trials alone")
 
     def __post_init__(self) -> None:
         options.check(self)
         for name in self.names():
             if name not in NAMES:
                 raise InputError(f"method {name!r} is unknown; allowed are: {', '.join(NAMES)}")
+        self.chosen_cells()
 
     def names(self) -> tuple[str, ...]:
-        """The methods."""
-        return tuple(name.strip() for name in self.methods.split(","))
+        """The methods, each once."""
+        return tuple(dict.fromkeys(name.strip() for name in self.methods.split(",")))
+
+    def chosen_cells(self) -> tuple[tuple[str, float], ...]:
+        """Density and traffic speed of the cells, in the paper's order.
+
+        Raises:
+          InputError: one is none of the paper's.
+        """
+        known = dict(zip(DEFAULT_CELLS.split(","), CELLS, strict=True))
+        asked = [name.strip() for name in self.cells.split(",")]
+        for name in asked:
+            if name not in known:
+                raise InputError(f"cell {name!r} is unknown; allowed are: {', '.join(known)}")
+        return tuple(cell for name, cell in known.items() if name in asked)
 
 
-def run(config: EvaluateConfig, progress: Callable[[int, int], None] | None = None) -> Results:
-    """Drives what is missing in the file of trials and makes the table.
+def trial_seed(cell: int, trial: int, config: EvaluateConfig) -> int:
+    """The seed that all methods share in a trial, within the million of its kind."""
+    per_cell, per_set = TRIALS_MAX, SEEDS_EACH // SETS_MAX
+    return SEEDS[config.seeds] + per_set * config.seed + per_cell * cell + trial
+
+
+def tasks_of(config: EvaluateConfig) -> list[Task]:
+    """What is to be driven: the free road, then all cells and methods trial by trial.
+
+    Raises:
+      InputError: the policy's file cannot be read.
+    """
+    digests = {name: trials.weights_digest(name, config.weights) for name in config.names()}
+    cells = config.chosen_cells()
+    free = [
+        _task(config, EMPTY, speed, "keep", "", 0)
+        for speed in sorted({speed for _, speed in cells})
+    ]
+    return free + [
+        _task(config, density, speed, name, digests[name], trial_seed(cell, number, config))
+        for number in range(config.trials)
+        for cell, (density, speed) in enumerate(CELLS)
+        if (density, speed) in cells
+        for name in config.names()
+    ]
+
+
+def run(
+    config: EvaluateConfig,
+    progress: Callable[[int, int], None] | None = None,
+    say: Callable[[str], None] | None = None,
+    drive_all: Callable[..., None] = evaluate_runner.drive_trials,
+) -> list[Trial]:
+    """Drives what is missing in the file of trials; all that were asked for.
 
     Args:
       config: settings.
       progress: called with (trials done, trials in all).
+      say: is told what a reader should know; default: stderr.
+      drive_all: drives tasks, as `evaluate_runner.drive_trials`.
 
     Raises:
       InputError: a method is unknown, the file of trials is not usable, or weights are missing.
+      TrialsError: some could not be driven; what was is in the file.
     """
-    done = trial_files.read_trials(config.file) if config.file is not None else []
+    say = say or _to_stderr
+    wanted = tasks_of(config)
+    known = {} if config.file is None else evaluate_rows.read_trials(config.file, say)
+    missing = [task for task in wanted if task not in known]
+    if not config.drive:
+        if not config.file:
+            raise InputError("no-drive makes figures of a file of trials: name it by --file")
+        found = [known[task] for task in wanted if task in known]
+        if not found:
+            raise InputError(f"file {str(config.file)!r} has none of these trials")
+        return found
     if config.file is not None:
-        trial_files.rewrite_trials(config.file, done)
-    known = {trial.key: trial for trial in done}
-    chosen: list[Trial] = []
-    jobs = [
-        (density, speed, name, trial_files.trial_seed(cell, number, config.seed))
-        for number in range(config.trials)
-        for cell, (density, speed) in enumerate(CELLS)
-        for name in config.names()
-    ]
-    for count, (density, speed, name, seed) in enumerate(jobs, start=1):
-        trial = known.get((config.world, density, speed, name, seed))
-        if trial is None:
-            trial = _drive(config, density, speed, name, seed)
-            if config.file is not None:
-                trial_files.append_trial(config.file, trial)
-        chosen.append(trial)
+        evaluate_rows.write_trials(config.file, known.values())
+
+    def keep(trial: Trial) -> None:
+        known[trial.task] = trial
+        if config.file is not None:
+            evaluate_rows.append_trial(config.file, trial)
         if progress is not None:
-            progress(count, len(jobs))
-    return summarize(chosen, config)
+            progress(len(wanted) - sum(task not in known for task in missing), len(wanted))
+
+    if progress is not None:
+        progress(len(wanted) - len(missing), len(wanted))
+    try:
+        drive_all(
+            missing, config.jobs, functools.partial(trials.drive, weights=config.weights), keep
+        )
+    finally:
+        if config.file is not None:
+            evaluate_rows.write_trials(config.file, known.values())
+    return [known[task] for task in wanted]
 
 
-def summarize(trials: list[Trial], config: EvaluateConfig) -> Results:
-    """Means, standard deviations and 95 % intervals per cell and method, and the paired claims."""
-    results = Results("evaluate", seed=config.seed)
-    world = {
-        "fast": "fast world: point-mass truck in numpy IDM and MOBIL traffic, no SUMO, no MuJoCo",
-        "full": "full chain: MuJoCo truck, planner and tracking in SUMO traffic",
-    }[config.world]
-    results.notes = [f"{world}; {config.trials} trips a cell and method, paired seeds", ""]
-    results.notes.append(
-        "cell           method        speed loss [%]: mean  std  95 %    changes: mean  std   "
-        "refused  collisions"
+def _task(
+    config: EvaluateConfig, density: str, speed: float, method: str, weights: str, seed: int
+) -> Task:
+    return Task(
+        config.world,
+        density,
+        speed,
+        method,
+        weights,
+        config.payload,
+        config.timestep,
+        config.length,
+        config.duration,
+        seed,
     )
-    for density, speed in CELLS:
-        cell = f"{density} {speed:g}"
-        rows = {
-            name: [
-                t
-                for t in trials
-                if (t.density, t.traffic_speed, t.method) == (density, speed, name)
-            ]
-            for name in config.names()
-        }
-        for name, own in rows.items():
-            loss = 100.0 * np.array([t.speed_loss for t in own])
-            changes = np.array([t.changes for t in own], dtype=float)
-            refused = float(np.mean([t.refused for t in own]))
-            hits = sum(t.collisions for t in own)
-            results.notes.append(
-                f"{cell:14s} {name:14s} {loss.mean():18.2f} {_std(loss):5.2f} "
-                f"±{half_width(loss):4.2f} {changes.mean():17.2f} {_std(changes):5.2f} "
-                f"{refused:8.1f} {hits:9d}"
-            )
-            reference = PAPER_LOSS_PERCENT[density, speed].get(name)
-            label = f"{cell}, {name}: "
-            results.checks.append(Check(label + "speed loss", float(loss.mean()), "%", reference))
-            results.checks.append(Check(label + "lane changes", float(changes.mean()), "1"))
-            results.checks.append(Check(label + "collisions", float(hits), "1", None, "<= 0"))
-        results.checks += _claims(cell, rows)
-    return results
 
 
-def half_width(values: np.ndarray) -> float:
-    """Half of the 95 % interval of the mean, Student's t; 0 for a single value."""
-    if values.size < 2:
-        return 0.0
-    quantile = float(student.ppf(0.975, values.size - 1))
-    return quantile * _std(values) / math.sqrt(values.size)
+def _to_stderr(text: str) -> None:
+    print(text, file=sys.stderr)
 
 
-def _claims(cell: str, rows: dict[str, list[Trial]]) -> list[Check]:
-    """The trained policy against the best of the paper's rules, trip by trip."""
-    rules = {name: rows[name] for name in RULES if name in rows}
-    if "ddqn" not in rows or not rules:
-        return []
-    means = {name: float(np.mean([t.speed_loss for t in own])) for name, own in rules.items()}
-    best = min(means, key=lambda name: means[name])
-    paired = [
-        100.0 * (a.speed_loss - b.speed_loss)
-        for a, b in zip(rows["ddqn"], rules[best], strict=True)
-    ]
-    claims = [
-        Check(
-            f"{cell}: speed loss, ddqn less {best}, paired",
-            float(np.mean(paired)),
-            "% points",
-            f"±{half_width(np.array(paired)):.2f}",
-            "<= 0.1",
-        )
-    ]
-    if "aggressive" in rows:
-        more = np.mean([t.changes for t in rows["ddqn"]])
-        more -= np.mean([t.changes for t in rows["aggressive"]])
-        claims.append(
-            Check(f"{cell}: lane changes, ddqn less aggressive", float(more), "1", None, "<= 0")
-        )
-    return claims
-
-
-def _drive(config: EvaluateConfig, density: str, speed: float, name: str, seed: int) -> Trial:
-    if config.world == "fast":
-        return trial_files.run_fast(density, speed, name, seed, config.length)
-    return trial_files.run_full(density, speed, name, seed, config.duration)
-
-
-def _std(values: np.ndarray) -> float:
-    return float(values.std(ddof=1)) if values.size > 1 else 0.0
+__all__ = ["EvaluateConfig", "half_width", "run", "tasks_of", "trial_seed"]

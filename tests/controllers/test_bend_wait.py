@@ -8,7 +8,7 @@ import pytest
 from test_crossing import bend
 
 from controllers.planner import Planner
-from controllers.predicted_boxes import poses, touching
+from controllers.predicted_boxes import poses, table_of, touching
 from iits_mj.messages import EgoState, LightState, RoadSignals, Scene, TrackedVehicle, TrafficLight
 
 ROAD = bend()
@@ -106,7 +106,7 @@ def test_in_the_bend_the_truck_stops_before_its_trailer_touches_somebody(place):
     assert states[-1].speed < 0.05
     assert "late is where the trailer has to go" in plans[-1].reason
     (sweep,) = (sweep for sweep in planner._stops.bends._known.values() if sweep is not None)
-    there = poses([oncoming("late", place, 0.0)], planner.preview).ahead(np.zeros(1))
+    there = poses(table_of([oncoming("late", place, 0.0)]), planner.preview).ahead(np.zeros(1))
     row = round(states[-1].station - sweep.first)
     near = np.any([touching(unit, there, 0.1)[:, 0] for unit in sweep.units], axis=0)
     # Further on the trailer would have been too near, here it is not.

@@ -8,7 +8,7 @@ from scenes import Ideal, car
 
 from controllers.crossing import bodies_along
 from controllers.planner import Planner
-from controllers.predicted_boxes import poses, touching
+from controllers.predicted_boxes import poses, table_of, touching
 from iits_mj.messages import Decision, EgoState, LightState, RoadSignals, Scene, TrafficLight
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
@@ -38,7 +38,7 @@ def test_it_stops_with_room_and_passes_when_the_left_lane_is_free():
     units = bodies_along(
         TruckParameters.load(), run.planner.preview, driven, None, np.arange(560.0, 640.0, 0.5)
     )
-    there = poses([VAN], run.planner.preview).ahead(np.zeros(1))
+    there = poses(table_of([VAN]), run.planner.preview).ahead(np.zeros(1))
     assert not any(touching(unit, there, 0.2).any() for unit in units)
 
 

@@ -1,5 +1,6 @@
 """Who brakes: shares of engine brake, retarder and friction, and what XBR is asked for."""
 
+import numpy as np
 import pytest
 
 from controllers.driveline_inverse import DrivelineInverse
@@ -74,3 +75,18 @@ def test_on_a_descent_the_correction_of_brake_control_reaches_the_level(level):
 def test_uphill_xbr_demands_the_deceleration_although_less_braking_does_it():
     assert xbr_deceleration(1.0, 0.4, 0.4, 0.3) == 1.0
     assert xbr_deceleration(-0.3, -0.5, 0.4, 0.3) == 0.0
+
+
+def test_the_pedal_has_the_bits_of_the_maps_arrays():
+    engine, rng = PARAMETERS.engine, np.random.default_rng(7)
+    table, fade = engine.pedal_map, np.minimum(1.0, engine.pedal_map.columns / engine.pedal_fade)
+    for speed, torque in rng.uniform((0.0, -900.0), (280.0, 3200.0), (2000, 2)).tolist():
+        row = int(np.clip(np.searchsorted(table.rows, speed) - 1, 0, len(table.rows) - 2))
+        low, high = table.rows[row : row + 2].tolist()
+        share = min(max((speed - low) / (high - low), 0.0), 1.0)
+        torques = (1.0 - share) * table.values[row] + share * table.values[row + 1]
+        drag = float(np.interp(speed, engine.drag_speed, engine.drag_torque))
+        torques = np.maximum.accumulate(fade * (torques + drag) - drag)
+        torques = torques + 1e-6 * np.arange(len(torques))
+        assert INVERSE.drag_torque(speed) == drag
+        assert INVERSE.pedal(torque, speed) == float(np.interp(torque, torques, table.columns))

@@ -83,3 +83,41 @@ def test_who_is_on_a_bridge_above_is_neither_ahead_nor_near() -> None:
     assert gaps.nearest_box_distance(ego, (crossing,), parameters) == 0.0
     assert gaps.lane_gaps(ego, 0, (above,), FOOTPRINT)[0] == math.inf
     assert gaps.lane_gaps(ego, 0, (uphill,), FOOTPRINT)[0] < 200.0
+
+
+def _distance_by_arrays(corners: np.ndarray, box: np.ndarray) -> float:
+    edge = np.roll(box, -1, axis=0) - box
+    relative = corners[:, None] - box
+    along = np.clip((relative * edge).sum(-1) / (edge * edge).sum(-1), 0.0, 1.0)
+    return float(np.linalg.norm(relative - along[..., None] * edge, axis=-1).min())
+
+
+def test_the_nearest_of_many_boxes_has_the_bits_of_looking_at_all_of_them() -> None:
+    parameters, rng = TruckParameters.load(), np.random.default_rng(5)
+    apart = 0
+    for _ in range(200):
+        ego = EgoState(yaw=float(rng.uniform(-4.0, 4.0)), articulation=float(rng.normal(0.0, 0.2)))
+        cars = [
+            TrackedVehicle(str(i), x=x, y=y, yaw=yaw, length=length, width=2.0)
+            for i, (x, y, yaw, length) in enumerate(
+                zip(*rng.normal(0.0, 20.0, (3, 6)).tolist(), rng.uniform(2, 17, 6), strict=True)
+            )
+        ]
+        every = [
+            min(_distance_by_arrays(unit, box), _distance_by_arrays(box, unit))
+            for unit in gaps.truck_boxes(ego, parameters)
+            for car in cars
+            for box in [_corners(car)]
+        ]
+        found = gaps.nearest_box_distance(ego, cars, parameters)
+        apart += found > 0.0
+        assert found in (min(every), 0.0)
+    assert apart > 50
+
+
+def _corners(car: TrackedVehicle) -> np.ndarray:
+    forward = np.array([math.cos(car.yaw), math.sin(car.yaw)])
+    left = np.array([-forward[1], forward[0]])
+    along = 0.5 * car.length * np.array([1.0, 1.0, -1.0, -1.0])[:, None]
+    across = 0.5 * car.width * np.array([-1.0, 1.0, 1.0, -1.0])[:, None]
+    return np.array([car.x, car.y]) + along * forward + across * left

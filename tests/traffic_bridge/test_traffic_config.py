@@ -28,6 +28,7 @@ from traffic_bridge import (
         ({"density": math.nan}, "0 to 0.5"),
         ({"speed_limit": -1.0}, "1 to 70"),
         ({"lane_change": "teleport"}, "lc2013, mobil"),
+        ({"lane_discipline": "left"}, "allowed are right, free"),
         ({"mix": {"tank": 1.0}}, "the kinds are"),
         ({"mix": {"car": 0.0}}, "at least positive"),
         ({"view_range": math.inf}, "view_range"),
@@ -52,6 +53,13 @@ from traffic_bridge import (
 def test_unusable_settings_are_refused_with_what_is_allowed(values, text):
     with pytest.raises(InputError, match=text):
         TrafficConfig(**values)
+
+
+def test_free_lane_discipline_takes_the_right_lanes_pull_from_every_type():
+    free = TrafficConfig(lane_discipline="free")
+    assert {(kind.keep_right_bias, kind.lc_keep_right) for kind in free.types} == {(0.0, 0.0)}
+    assert all(kind.keep_right_bias > 0.0 for kind in TrafficConfig().types)
+    assert dataclasses.replace(free).types == free.types
 
 
 def test_densities_have_the_papers_probabilities():

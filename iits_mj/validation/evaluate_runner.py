@@ -1,0 +1,192 @@
+"""Drives trials in several processes; what has been driven is kept whatever happens then."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from types import FrameType
+
+from iits_mj.errors import Error
+from iits_mj.validation.trials import Task, Trial
+
+Drive = Callable[[Task], Trial]
+FAULTS_MAX = 5
+DEATHS_MAX = 3
+_LEAVE_TIME = 5.0  # that a worker has for closing SUMO [s]
+_INTERRUPTED = 130  # exit code
+# One thread a process: N processes share the cores, and sums of floats keep their order.
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+class TrialsError(Error):
+    """Some trials could not be driven; all others were."""
+
+
+def drive_trials(
+    tasks: Sequence[Task],
+    jobs: int,
+    drive: Drive,
+    keep: Callable[[Trial], None],
+    make_pool: Callable[[int], Executor] | None = None,
+) -> None:
+    """Drives tasks, the first ones first, and gives every trial to `keep` when it ends.
+
+    A trial that cannot be driven is left out and the others go on; a worker that dies takes the
+    others' trials with it, which are driven again.
+
+    Args:
+      tasks: what to drive.
+      jobs: processes at a time, each one trial at a time.
+      drive: drives one; goes to the processes.
+      keep: called in this process, in the order in which trials end.
+      make_pool: of that many workers; default: processes of their own.
+
+    Raises:
+      TrialsError: at the end, when some could not be driven, or sooner when many cannot.
+    """
+    missing = dict.fromkeys(tasks)
+    faults: list[str] = []
+    deaths = 0
+    while missing:
+        try:
+            with _running(make_pool or worker_pool, min(jobs, len(missing))) as pool:
+                with _interrupts_held():
+                    futures: dict[Future[Trial], Task] = {
+                        pool.submit(_guarded, drive, task): task for task in missing
+                    }
+                for future in as_completed(futures):
+                    task = futures[future]
+                    try:
+                        trial = future.result()
+                    except Error as error:
+                        faults.append(f"{describe(task)}: {error}")
+                        if len(faults) >= FAULTS_MAX:
+                            raise TrialsError(_told(faults)) from error
+                    else:
+                        keep(trial)
+                    del missing[task]
+        except BrokenProcessPool as error:
+            deaths += 1
+            if deaths >= DEATHS_MAX:
+                raise TrialsError(
+                    f"processes that drive trials died {deaths} times, the last time while "
+                    f"{describe(next(iter(missing)))} or one of the next was driven (out of "
+                    "memory?); what was driven is kept, the same command drives the rest"
+                ) from error
+    if faults:
+        raise TrialsError(_told(faults))
+
+
+def describe(task: Task) -> str:
+    """A trial in a few words."""
+    return f"{task.density} {task.traffic_speed:g}, {task.method}, seed {task.seed}"
+
+
+def worker_pool(jobs: int) -> ProcessPoolExecutor:
+    """Processes of their own, as SUMO is one to a process; they end with this one."""
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin_worker)
+
+
+def _told(faults: list[str]) -> str:
+    return (
+        f"{len(faults)} trials could not be driven: {'; '.join(faults)}; what was driven is kept, "
+        "the same command drives the rest"
+    )
+
+
+@contextmanager
+def _running(make_pool: Callable[[int], Executor], jobs: int) -> Iterator[Executor]:
+    """A pool whose processes are gone when the block is left, however it is left."""
+    before = set(multiprocessing.active_children())
+    with _one_thread_each():
+        pool = make_pool(jobs)
+        try:
+            yield pool
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            _end(set(multiprocessing.active_children()) - before)
+            raise
+        pool.shutdown()
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Holds Ctrl-C back; processes that are started meanwhile do so until `_begin_worker`."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
+def _end(workers: set[multiprocessing.process.BaseProcess]) -> None:
+    for worker in workers:
+        if worker.pid is not None and worker.is_alive():
+            os.kill(worker.pid, signal.SIGINT)
+    for worker in workers:
+        worker.join(_LEAVE_TIME)
+        if worker.is_alive():
+            worker.kill()
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    given = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in given.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _guarded(drive: Drive, task: Task) -> Trial:
+    """Drives a task; ends the process when it was interrupted, after SUMO has been closed."""
+    _Worker.driving = True
+    try:
+        return drive(task)
+    except KeyboardInterrupt:
+        os._exit(_INTERRUPTED)
+    finally:
+        _Worker.driving = False
+
+
+class _Worker:
+    """What a process of the pool knows of itself."""
+
+    driving = False
+
+
+def _begin_worker() -> None:
+    """Ends the process quietly when it is interrupted, or when its parent is gone."""
+    signal.signal(signal.SIGINT, _leave)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    threading.Thread(target=_leave_with_parent, daemon=True).start()
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    del frame
+    if not _Worker.driving:
+        os._exit(_INTERRUPTED)
+    signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
+def _leave_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(_LEAVE_TIME)
+        os._exit(_INTERRUPTED)

@@ -1,0 +1,42 @@
+"""Trials that nobody drove, for tests of what is made of them."""
+
+import math
+
+from iits_mj.validation.trials import Task, Trial
+
+
+def trial(task: Task, loss: float, changes: int = 3, **figures) -> Trial:
+    known = {
+        "speed_loss": loss,
+        "speed_error": loss * 60.0 / 3.6,
+        "changes": changes,
+        "asked": changes + 1,
+        "refused": 1,
+        "unsafe": 1,
+        "collisions": 0,
+        "failures": 0,
+        "ended": "reached the end of the route",
+        "time_gap": 1.5,
+        "close_share": 0.01,
+        "box_distance": 0.9,
+        "fuel": 4.0,
+        "distance": 14_930.0,
+        "time": 14_930.0 / (1.0 - loss) * 3.6 / 60.0,
+        "wall_time": 60.0,
+        "code": "0123456789ab",
+    }
+    return Trial(**vars(task), **(known | figures))
+
+
+def task(method: str, seed: int, cell=("dense", 12.5), weights: str = "") -> Task:
+    return Task("full", *cell, method, weights, 12_000.0, 0.002, 15_000.0, 3_000.0, seed)
+
+
+def rows(losses, cell=("dense", 12.5), floor: float = 0.01, changes=None):
+    """Trials of a cell from losses by method, and its free road."""
+    made = [
+        trial(task(name, seed, cell), loss, (changes or {}).get(name, 3))
+        for name, values in losses.items()
+        for seed, loss in enumerate(values)
+    ]
+    return [*made, trial(task("keep", 0, ("empty", cell[1])), floor, time_gap=math.inf)]
