@@ -74,12 +74,13 @@ def drive_trip(world: World, job: Drive, network: QNetwork) -> Driven:
     transitions: list[Transition] = []
     over = False
     while not over:
+        action = greedy = int(np.argmax(network.values(observation)))
         if exploration.random() < job.epsilon:
             action = int(exploration.integers(len(ACTIONS)))
             if exploration.random() < job.guided:
                 action = ACTIONS.index(guide.decide(world.context()))
-        else:
-            action = int(np.argmax(network.values(observation)))
+        if action != greedy:
+            transitions += returns.cut()
         step = world.step(ACTIONS[action])
         over = step.terminated or step.truncated
         if job.steps:
@@ -89,7 +90,7 @@ def drive_trip(world: World, job: Drive, network: QNetwork) -> Driven:
             single = Transition(observation, action, reward, future, step.observation)
             transitions += returns.add(single, over)
         observation = step.observation
-    return Driven(world.summary, Batch.of(transitions) if transitions else None)
+    return Driven(world.summary, Batch.of(transitions) if job.steps else None)
 
 
 class Workers(Closing):

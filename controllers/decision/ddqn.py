@@ -2,9 +2,9 @@
 
 The online network chooses the next action, the target network values it (van Hasselt, Guez and
 Silver 2016, eq. 4): `Y = R + discount * Q_target(s', argmax_a Q_online(s', a))`. The target network
-is a separate copy that is renewed every `target_interval` updates. Durations of decisions differ
-(1 s, or a whole lane change), so each transition carries its own discount, which is 0 after a
-termination only.
+is a separate copy that is renewed every `target_interval` updates, or follows slowly. Durations of
+decisions differ (1 s, or a whole lane change), so each transition carries its own discount, which
+is 0 after a termination only.
 
 - dueling (Wang et al. 2016, eq. 9): `Q = V + A - mean_a A`, two linear heads on one trunk.
 - quantiles (Dabney et al. 2018): each value is the mean of N quantiles of the return, learned with
@@ -161,11 +161,24 @@ class DoubleDqn:
         nn.utils.clip_grad_norm_(self.online.parameters(), self.config.gradient_norm)
         self.optimizer.step()
         self.updates += 1
-        if self.updates % self.config.target_interval == 0:
-            self.target.load_state_dict(self.online.state_dict())
+        self._renew_target()
         mean = taken.detach().mean(dim=1)
         error = (wanted.mean(dim=1) - mean).abs().numpy()
         return Update(float(loss.item()), float(mean.mean().item()), error)
+
+    def set_rate(self, learning_rate: float) -> None:
+        """Another learning rate from now on."""
+        for group in self.optimizer.param_groups:
+            group["lr"] = learning_rate
+
+    def _renew_target(self) -> None:
+        """By a copy every so often, or by a small step each time."""
+        if self.config.target_rate > 0.0:
+            pairs = zip(self.target.parameters(), self.online.parameters(), strict=True)
+            for mine, theirs in pairs:
+                mine.lerp_(theirs.detach(), self.config.target_rate)
+        elif self.updates % self.config.target_interval == 0:
+            self.target.load_state_dict(self.online.state_dict())
 
     def network(self, **metadata: Any) -> QNetwork:
         """The online network as numpy arrays, a copy."""

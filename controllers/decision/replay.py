@@ -159,8 +159,18 @@ class Returns:
     def add(self, transition: Transition, over: bool) -> list[Transition]:
         """The transitions that are complete now; all of them when the episode is over."""
         self._recent.append(transition)
+        return self._released(0 if over else self._steps - 1)
+
+    def cut(self) -> list[Transition]:
+        """The transitions so far, each ending here: what follows is not the policy's choice.
+
+        After a random decision a return is not that of the greedy policy any more (Watkins 1989).
+        """
+        return self._released(0)
+
+    def _released(self, kept: int) -> list[Transition]:
         complete = []
-        while self._recent and (over or len(self._recent) >= self._steps):
+        while len(self._recent) > kept:
             complete.append(self._joined())
             self._recent.popleft()
         return complete

@@ -32,6 +32,13 @@ class LearnerConfig:
     target_interval: int = option(
         1000, help="updates between two copies to the target network", low=1, high=10**7
     )
+    target_rate: float = option(
+        0.0,
+        help="share by which the target network follows at every update, instead of the copies; "
+        "0 for copies",
+        low=0.0,
+        high=1.0,
+    )
     gradient_norm: float = option(
         10.0, help="longer gradients are shortened to this length", low=1e-6, high=1e9
     )
@@ -75,6 +82,12 @@ class TrainConfig(LearnerConfig):
     )
     updates_per_decision: float = option(0.5, help="gradient steps a decision", low=0.0, high=64.0)
     steps: int = option(3, help="n of the n-step returns, 1 for none", low=1, high=64)
+    learning_rate_end: float = option(
+        5e-4, help="of Adam in the end", low=1e-8, high=1.0, metavar="RATE"
+    )
+    learning_rate_decisions: int = option(
+        300_000, help="the rate changes over these", low=1, high=10**9
+    )
     replay_capacity: int = option(100_000, help="transitions kept", low=1, high=10**8)
     warm_up: int = option(4_000, help="transitions before the first update", low=1, high=10**8)
     prioritized: bool = option(False, help="prioritized replay (Schaul et al. 2016)")

@@ -18,8 +18,8 @@ from controllers.decision.trip import TripSummary
 
 LOG, EVENTS = "training.csv", "tensorboard"
 TERMS = tuple(field.name for field in fields(RewardTerms))
-LEARNER = ("loss", "mean_q", "td_error")
-PROGRESS = ("epsilon", "replay_size", "updates", "trips", "decisions_per_s")
+LEARNER = ("decisions_per_s", "loss", "mean_q", "td_error")
+PROGRESS = ("epsilon", "replay_size", "updates", "trips")
 TRIPS = (
     *("score_per_s", "speed_loss", "changes_per_trip", "unsafe_per_trip", "collisions"),
     *(f"{name}_per_s" for name in TERMS),

@@ -10,12 +10,6 @@ from pathlib import Path
 from controllers.decision.collection import WorldFactory
 from controllers.decision.train_config import TrainConfig
 from controllers.decision.train_log import LOG
-from controllers.decision.training_trips import (
-    TEST_SEEDS,
-    TRAINING_SEEDS,
-    VALIDATION_SEEDS,
-    sample_trip,
-)
 from iits_mj.errors import InputError
 
 
@@ -77,12 +71,4 @@ def train(
     return TrainSummary(weights, Path(out) / LOG, training.best, training.decisions, training.wall)
 
 
-__all__ = [
-    "TEST_SEEDS",
-    "TRAINING_SEEDS",
-    "VALIDATION_SEEDS",
-    "TrainConfig",
-    "TrainSummary",
-    "sample_trip",
-    "train",
-]
+__all__ = ["TrainConfig", "TrainSummary", "train"]

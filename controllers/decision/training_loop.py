@@ -31,9 +31,10 @@ from controllers.decision.highway_env import HighwayEnv
 from controllers.decision.interruption import Interrupted, Interruption
 from controllers.decision.network import OBSERVATION_SIZE, QNetwork
 from controllers.decision.replay import Replay
+from controllers.decision.seeds import TRAINING_SEEDS
 from controllers.decision.train_config import TrainConfig, settings
 from controllers.decision.train_log import Means, TrainLog, trip_figures
-from controllers.decision.training_trips import TRAINING_SEEDS, sample_trip, training_generator
+from controllers.decision.training_trips import sample_trip, training_generator
 from controllers.decision.validation import validate
 from iits_mj.errors import InputError
 
@@ -79,7 +80,7 @@ class Training:
         self.best, self.wall, self.debt = -math.inf, 0.0, 0.0
         self.stage = FULL if world is not None and config.fast_decisions == 0 else FAST
         self.flight = Round(0, self.stage, config.epsilon_start, self.learner.network())
-        self.means = Means()
+        self.means, self.round = Means(), Means()
         rows: list[str] = []
         try:
             (out / POLICIES).mkdir(parents=True, exist_ok=True)
@@ -102,13 +103,13 @@ class Training:
     def run(self, progress: Callable[[int, int], None] | None) -> None:
         """Rounds until all decisions are made. Between two rounds the state is whole."""
         config = self.config
-        self.began = time.monotonic() - self.wall
+        start = time.monotonic() - self.wall
         worlds = (HighwayEnv, self.world or HighwayEnv)
         with Interruption() as self.interruption, Workers(config.jobs, worlds) as self.workers:
             try:
                 under_way = [] if self.finished else self._send(self.flight)
                 while True:
-                    self.wall = time.monotonic() - self.began
+                    self.wall = time.monotonic() - start
                     if progress is not None:
                         progress(min(self.decisions, config.decisions), config.decisions)
                     if self._validation_due():
@@ -119,12 +120,14 @@ class Training:
                         self._save()
                     if self.finished:
                         break
+                    began = time.monotonic()
                     driven = self._gather(under_way)
                     self._count(driven)
                     following = self._next_round()
                     under_way = [] if self.finished else self._send(following)
                     self._learn(driven)
                     self.flight = following
+                    self._tell(driven, time.monotonic() - began)
             except Interrupted:
                 self._save()
                 raise
@@ -144,9 +147,9 @@ class Training:
                     flight.stage,
                     sampled,
                     generator,
-                    flight.epsilon,
-                    self.config.guided_share,
-                    self.config.steps,
+                    epsilon=flight.epsilon,
+                    guided=self.config.guided_share,
+                    steps=self.config.steps,
                 )
             )
         return self.workers.submit(drives, flight.network)
@@ -178,12 +181,11 @@ class Training:
             assert trip.transitions is not None
             self.replay.add(trip.transitions)
             decisions += len(trip.transitions)
-        means = Means()
-        means.add(trip_figures([trip.summary for trip in driven]), weight=len(driven))
         if len(self.replay) >= config.warm_up:
             self.debt += config.updates_per_decision * decisions
-        share = min(1.0, self.decisions / config.importance_decisions)
-        beta = config.importance_exponent + (1.0 - config.importance_exponent) * share
+        beta = self._between(config.importance_exponent, 1.0, config.importance_decisions)
+        rates = config.learning_rate, config.learning_rate_end
+        self.learner.set_rate(self._between(*rates, config.learning_rate_decisions))
         while self.debt >= 1.0:
             self.debt -= 1.0
             draw = self.replay.sample(config.batch_size, self.random, beta)
@@ -191,18 +193,29 @@ class Training:
             self.replay.renew(draw.indices, update.error)
             unscaled = 1.0 / config.reward_scale
             error = float(update.error.mean()) * unscaled
-            means.add({"loss": update.loss, "mean_q": update.value * unscaled, "td_error": error})
-        self.means.join(means)
-        self.log.scalars("training", self.decisions, {**self._progress(), **means.take()})
+            self.round.add(
+                {"loss": update.loss, "mean_q": update.value * unscaled, "td_error": error}
+            )
+
+    def _tell(self, driven: list[Driven], seconds: float) -> None:
+        """Figures of a round for the event files, and into the means of the table's next row."""
+        summaries = [trip.summary for trip in driven]
+        self.round.add(trip_figures(summaries), weight=len(driven))
+        rate = sum(summary.decisions for summary in summaries) / seconds
+        self.round.add({"decisions_per_s": rate}, weight=seconds)
+        self.means.join(self.round)
+        self.log.scalars("training", self.decisions, {**self._progress(), **self.round.take()})
+
+    def _between(self, start: float, end: float, over: int) -> float:
+        """From start to end, linearly over a number of decisions."""
+        return start + (end - start) * min(1.0, self.decisions / over)
 
     def _progress(self) -> dict[str, float]:
-        wall = max(time.monotonic() - self.began, 1e-9)
         return {
             "epsilon": self.flight.epsilon,
             "replay_size": len(self.replay),
             "updates": self.learner.updates,
             "trips": self.trips,
-            "decisions_per_s": self.decisions / wall,
         }
 
     def _switch(self) -> None:

@@ -1,4 +1,4 @@
-"""The trips of training and validation: their seeds, traffic, load and place on the road."""
+"""The trips of training and validation: their generators, traffic, load and place on the road."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from controllers.decision.seeds import TRAINING_SEEDS, VALIDATION_SEEDS
 from controllers.decision.train_config import TrainConfig
 from controllers.decision.trip import CELLS, TripConfig, cell_trip
 
-TRAINING_SEEDS, VALIDATION_SEEDS, TEST_SEEDS = 1_000_000, 2_000_000, 3_000_000
 ROAD_LENGTH = 15_000.0
 # Road beyond what the reference speed covers: a trip is over by its duration, not by the road.
 _MARGIN = 200.0

@@ -8,7 +8,6 @@ continues from, given the same settings; Ctrl-C writes one too. Needs torch: pip
 
 from __future__ import annotations
 
-import importlib
 import json
 import math
 import sys
@@ -19,6 +18,7 @@ from typing import NoReturn
 from tqdm import tqdm
 
 from controllers.decision.collection import WorldFactory
+from controllers.decision.interruption import Interrupted
 from controllers.decision.train_config import TrainConfig
 from controllers.decision.training import train
 from iits_mj.commands.output import prepare_folder
@@ -51,7 +51,7 @@ def run(options: Options) -> int:
                 world=_world(options.world),
                 note=_note,
             )
-        except KeyboardInterrupt:
+        except Interrupted:
             _note(f"the checkpoint is in {options.out}; --resume continues from it")
             raise
     score = summary.score if math.isfinite(summary.score) else None
@@ -79,8 +79,9 @@ def _world(name: str) -> WorldFactory | None:
     """What makes the world of the second stage; None where there is no such stage."""
     if name == "fast":
         return None
-    world: WorldFactory = importlib.import_module("iits_mj.simulation.truck_world").TruckWorld
-    return world
+    from iits_mj.simulation.truck_world import TruckWorld
+
+    return TruckWorld
 
 
 def _note(text: str) -> None:

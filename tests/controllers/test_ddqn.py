@@ -122,6 +122,23 @@ def test_target_network_is_separate_and_is_renewed_on_time():
     assert not torch.equal(target, start)
 
 
+def test_target_network_follows_by_its_rate():
+    learner = DoubleDqn(LearnerConfig(target_rate=0.25, target_interval=1), seed=0)
+    start = learner.target.trunk[0].weight.clone()
+    learner.update(batch())
+    online, target = learner.online.trunk[0].weight.detach(), learner.target.trunk[0].weight
+    assert torch.allclose(target, 0.75 * start + 0.25 * online, atol=1e-7)
+    assert not torch.equal(online, start)
+
+
+def test_a_rate_near_zero_stops_learning():
+    learner = DoubleDqn(LearnerConfig(), seed=0)
+    learner.set_rate(1e-20)
+    start = learner.network().weights[0]
+    learner.update(batch())
+    assert np.array_equal(learner.network().weights[0], start)
+
+
 @pytest.mark.parametrize("options", [{}, {"dueling": True}, {"quantiles": 8, "dueling": True}])
 def test_update_moves_values_towards_the_return(options):
     config = LearnerConfig(target_interval=10_000, reward_scale=1.0, **options)

@@ -41,6 +41,18 @@ def test_end_of_an_episode_releases_the_rest():
     assert [t.discount for t in joined] == [0.0, 0.0]
 
 
+def test_a_return_ends_before_a_decision_that_is_not_the_policys():
+    returns = Returns(3)
+    returns.add(transition(1.0, mark=0.1), over=False)
+    returns.add(transition(2.0, mark=0.2), over=False)
+    joined = returns.cut()
+    assert [t.reward for t in joined] == [1.0 + 0.5 * 2.0, 2.0]
+    assert [t.discount for t in joined] == [0.25, 0.5]
+    assert [t.following[0] for t in joined] == [np.float32(0.7)] * 2
+    assert returns.cut() == []
+    assert returns.add(transition(4.0), over=False) == []
+
+
 def test_truncation_keeps_the_value_of_what_follows():
     returns = Returns(3)
     (joined,) = returns.add(transition(1.0, discount=0.99), over=True)

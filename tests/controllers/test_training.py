@@ -12,8 +12,9 @@ import pytest
 from training_worlds import BlindWorld, DyingWorld, FailingWorld, FlatWorld, TorchlessWorld
 
 from controllers.decision.network import QNetwork
-from controllers.decision.training import TrainConfig, sample_trip, train
-from controllers.decision.training_trips import ROAD_LENGTH, validation_trips
+from controllers.decision.training import TrainConfig, train
+from controllers.decision.training_trips import ROAD_LENGTH, sample_trip, validation_trips
+from controllers.decision.trip import TripConfig
 from iits_mj import cli
 from iits_mj.errors import Error, InputError
 
@@ -341,10 +342,10 @@ def test_a_second_stage_without_decisions_is_refused(tmp_path):
 def test_training_trips_mix_the_six_cells_with_randomized_traffic():
     random = np.random.default_rng(0)
     trips = [sample_trip(TrainConfig(), random) for _ in range(400)]
-    cells = [t for t in trips if t.payload == 36_000.0]
+    cells = [t for t in trips if t.payload == TripConfig().payload]
     assert 0.5 < len(cells) / len(trips) < 0.7
     assert len({(t.spawn_probability, t.traffic_speed) for t in cells}) == 6
-    others = [t for t in trips if t.payload != 36_000.0]
+    others = [t for t in trips if t.payload != TripConfig().payload]
     for figure, low, high in (
         ("spawn_probability", 0.005, 0.12),
         ("traffic_speed", 11.0, 16.0),

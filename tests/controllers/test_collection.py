@@ -1,0 +1,77 @@
+"""Trips as they are driven for the learner: greedy, random, guided; where returns end."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from controllers.decision import make
+from controllers.decision.collection import Drive, drive_trip
+from controllers.decision.highway_env import HighwayEnv
+from controllers.decision.network import ACTIONS, LAYERS, QNetwork
+from controllers.decision.trip import TripConfig, cell_trip
+
+TRIP = cell_trip("dense", 12.5, TripConfig(duration=60.0))
+
+
+def always(action):
+    """A network that prefers one action."""
+    weights = [np.zeros((m, n), np.float32) for n, m in itertools.pairwise(LAYERS)]
+    biases = [np.zeros(n, np.float32) for n in LAYERS[1:]]
+    biases[-1][action] = 1.0
+    return QNetwork(tuple(weights), tuple(biases))
+
+
+def drive(network, seed=0, **settings):
+    job = Drive("a trip", 0, TRIP, np.random.default_rng(seed), **settings)
+    return drive_trip(HighwayEnv(), job, network)
+
+
+@pytest.mark.parametrize("action", [0, 1, 2])
+def test_without_randomness_the_network_drives(action):
+    driven = drive(always(action), steps=1)
+    assert set(driven.transitions.action.tolist()) == {action}
+    assert len(driven.transitions) == driven.summary.decisions
+
+
+def test_rewards_and_discounts_of_single_steps_are_those_of_the_world():
+    driven = drive(always(1), steps=1)
+    assert driven.transitions.reward.sum() == pytest.approx(driven.summary.reward.total, rel=1e-5)
+    assert driven.transitions.discount == pytest.approx(0.99)
+
+
+def test_without_steps_there_are_no_transitions():
+    assert drive(always(1)).transitions is None
+
+
+def test_random_decisions_are_as_many_as_asked_for():
+    actions = np.concatenate(
+        [drive(always(1), seed, epsilon=0.6, steps=1).transitions.action for seed in range(8)]
+    )
+    # Two random decisions of three are changes, which take six seconds.
+    assert np.mean(actions != 1) == pytest.approx(0.4, abs=0.1)
+
+
+def test_a_guided_trip_is_that_of_the_rule():
+    env, maker, actions, over = HighwayEnv(), make("mobil"), [], False
+    env.reset(np.random.default_rng(6), TRIP)
+    while not over:
+        decision = maker.decide(env.context())
+        actions.append(ACTIONS.index(decision))
+        step = env.step(decision)
+        over = step.terminated or step.truncated
+    driven = drive(always(1), 6, epsilon=1.0, guided=1.0, steps=1)
+    assert driven.transitions.action.tolist() == actions
+    assert {0, 1} <= set(actions)
+
+
+def test_returns_end_before_a_decision_that_is_not_the_policys():
+    driven = drive(always(1), seed=1, epsilon=0.3, steps=3)
+    other = driven.transitions.action != 1
+    assert other.any()
+    assert not other.all()
+    keeps = np.flatnonzero(~other[:-1])
+    ends = [other[i + 1] for i in keeps]
+    # A kept second followed by a random change counts alone; three kept ones are joined.
+    assert driven.transitions.discount[keeps][ends] == pytest.approx(0.99)
+    assert driven.transitions.discount[~other].min() <= 0.99**3 + 1e-6
