@@ -30,7 +30,7 @@ class LearnerConfig:
     learning_rate: float = option(5e-4, help="of Adam", low=1e-8, high=1.0, metavar="RATE")
     batch_size: int = option(64, help="transitions an update", low=1, high=65536)
     target_interval: int = option(
-        1000, help="updates between two copies to the target network", low=1, high=10**7
+        250, help="updates between two copies to the target network", low=1, high=10**7
     )
     target_rate: float = option(
         0.0,
@@ -81,7 +81,7 @@ class TrainConfig(LearnerConfig):
         0.4, help="share of trips with randomized traffic and load", low=0.0, high=1.0
     )
     updates_per_decision: float = option(0.5, help="gradient steps a decision", low=0.0, high=64.0)
-    steps: int = option(3, help="n of the n-step returns, 1 for none", low=1, high=64)
+    steps: int = option(1, help="n of the n-step returns, 1 for none", low=1, high=64)
     learning_rate_end: float = option(
         5e-4, help="of Adam in the end", low=1e-8, high=1.0, metavar="RATE"
     )

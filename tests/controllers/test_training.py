@@ -36,6 +36,7 @@ SMALL = {
     "validation_trips": 1,
     "validation_duration": 10.0,
     "checkpoint_interval": 30,
+    "steps": 3,
     "prioritized": True,
     "dueling": True,
     "quantiles": 4,
@@ -235,7 +236,7 @@ def test_ctrl_c_leaves_a_checkpoint_and_exit_code_130(tmp_path):
     process = command(
         "--decisions=1000000", "--checkpoint-interval=1000000", "--out", str(tmp_path)
     )
-    wait_for(lambda: (tmp_path / "policies").exists() and table(tmp_path), process)
+    wait_for(lambda: list(tmp_path.glob("policies/*.npz")), process)
     assert not (tmp_path / "checkpoint.pt").exists()
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=60)
@@ -291,7 +292,7 @@ def stored(tmp_path):
 
 
 def test_other_settings_than_those_stored_are_refused_by_name(stored):
-    for change in ({"steps": 2}, {"dueling": False}, {"seed": 7}, {"learning_rate": 1e-3}):
+    for change in ({"steps": 1}, {"dueling": False}, {"seed": 7}, {"learning_rate": 1e-3}):
         ((name, _),) = change.items()
         with pytest.raises(InputError, match=f"resume: {name.replace('_', '-')} is"):
             train(small(**{"decisions": 20, "resume": True, **change}), stored)
