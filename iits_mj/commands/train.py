@@ -17,10 +17,10 @@ from typing import NoReturn
 
 from tqdm import tqdm
 
-from controllers.decision.collection import WorldFactory
-from controllers.decision.interruption import Interrupted
-from controllers.decision.train_config import TrainConfig
-from controllers.decision.training import train
+from controllers.decision.learning.collection import WorldFactory
+from controllers.decision.learning.interruption import Interrupted
+from controllers.decision.learning.train_config import TrainConfig
+from controllers.decision.learning.training import train
 from iits_mj.commands.output import prepare_folder
 from iits_mj.options import option
 

@@ -16,8 +16,10 @@ from iits_mj.plugin_library import library_path
 from iits_mj.validation.config import ValidateConfig
 
 _KINDS = ("*.py", "*.toml", "*.csv", "*.xml", "*.npz")
-# What only shows or judges a drive does not change it.
-_NOT_DRIVING = ("validation", "render", "commands", "identification", "suite", "envs")
+# What only shows, judges or learns from a drive does not change it; a drive of the trained policy
+# is told by its weights' own digest.
+_NOT_DRIVING = {"validation", "render", "commands", "identification", "suite", "envs"}
+_NOT_DRIVING |= {"learning", "weights"}
 
 
 @functools.cache
@@ -28,7 +30,7 @@ def code_digest() -> str:
     for folder in (*packages, mjcf_dir(), Path(iits_mj.__file__).parent):
         for path in sorted(p for kind in _KINDS for p in folder.rglob(kind)):
             inside = path.relative_to(folder)
-            if inside.parts[0] not in _NOT_DRIVING:
+            if not _NOT_DRIVING.intersection(inside.parts):
                 digest.update(inside.as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
 

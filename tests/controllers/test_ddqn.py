@@ -5,14 +5,14 @@ import itertools
 import numpy as np
 import pytest
 
+from controllers.decision.learning.replay import Batch
 from controllers.decision.network import LAYERS
 from controllers.decision.observation import OBSERVATION_SIZE
-from controllers.decision.replay import Batch
 from iits_mj.errors import Error
 
 torch = pytest.importorskip("torch", reason="torch is not installed (the train extra)")
 
-from controllers.decision.ddqn import (  # noqa: E402
+from controllers.decision.learning.ddqn import (  # noqa: E402
     DoubleDqn,
     LearnerConfig,
     ValueNetwork,

@@ -40,7 +40,7 @@ def test_layers_are_the_papers():
 
 def test_values_equal_torch_to_1e_5():
     torch = pytest.importorskip("torch", reason="torch is not installed (the train extra)")
-    from controllers.decision.ddqn import DoubleDqn, LearnerConfig
+    from controllers.decision.learning.ddqn import DoubleDqn, LearnerConfig
 
     learner = DoubleDqn(LearnerConfig(), seed=3)
     batch = np.random.default_rng(1).uniform(-1.0, 1.0, (50, OBSERVATION_SIZE)).astype(np.float32)

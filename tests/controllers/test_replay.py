@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from controllers.decision.learning.priorities import Priorities, SumTree
+from controllers.decision.learning.replay import Batch, Replay, Returns, Transition
 from controllers.decision.observation import OBSERVATION_SIZE
-from controllers.decision.priorities import Priorities, SumTree
-from controllers.decision.replay import Batch, Replay, Returns, Transition
 from iits_mj.errors import InputError
 
 

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 from training_worlds import BlindWorld, DyingWorld, FailingWorld, FlatWorld, TorchlessWorld
 
+from controllers.decision.learning.training import TrainConfig, train
+from controllers.decision.learning.training_trips import ROAD_LENGTH, sample_trip, validation_trips
 from controllers.decision.network import QNetwork
-from controllers.decision.training import TrainConfig, train
-from controllers.decision.training_trips import ROAD_LENGTH, sample_trip, validation_trips
 from controllers.decision.trip import TripConfig
 from iits_mj import cli
 from iits_mj.errors import Error, InputError
 
 torch = pytest.importorskip("torch", reason="torch is not installed (the train extra)")
 
-from controllers.decision import checkpoint  # noqa: E402
+from controllers.decision.learning import checkpoint  # noqa: E402
 
 SMALL = {
     "decisions": 120,

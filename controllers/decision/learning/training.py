@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from controllers.decision.collection import WorldFactory
-from controllers.decision.train_config import TrainConfig
-from controllers.decision.train_log import LOG
+from controllers.decision.learning.collection import WorldFactory
+from controllers.decision.learning.train_config import TrainConfig
+from controllers.decision.learning.train_log import LOG
 from iits_mj.errors import InputError
 
 
@@ -56,7 +56,7 @@ def train(
     try:
         import torch
 
-        from controllers.decision.training_loop import BEST, Training
+        from controllers.decision.learning.training_loop import BEST, Training
     except ImportError as error:
         raise InputError("training needs torch: pip install 'iits-mj[train]'") from error
     torch.set_num_threads(1)

@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 
+from controllers.decision.learning.replay import Batch, Returns, Transition
 from controllers.decision.mobil import Mobil
 from controllers.decision.network import ACTIONS, QNetwork
-from controllers.decision.replay import Batch, Returns, Transition
 from controllers.decision.trip import TripConfig, TripSummary, World
 from iits_mj.closing import Closing
 from iits_mj.errors import Error

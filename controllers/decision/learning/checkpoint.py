@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from controllers.decision.train_config import CHANGEABLE
+from controllers.decision.learning.train_config import CHANGEABLE
 from iits_mj.errors import InputError
 
 CHECKPOINT, PREVIOUS = "checkpoint.pt", "checkpoint.previous.pt"

@@ -24,18 +24,18 @@ from typing import Any
 
 import numpy as np
 
-from controllers.decision import checkpoint
-from controllers.decision.collection import Drive, Driven, Workers, WorldFactory
-from controllers.decision.ddqn import DoubleDqn
 from controllers.decision.highway_env import HighwayEnv
-from controllers.decision.interruption import Interrupted, Interruption
+from controllers.decision.learning import checkpoint
+from controllers.decision.learning.collection import Drive, Driven, Workers, WorldFactory
+from controllers.decision.learning.ddqn import DoubleDqn
+from controllers.decision.learning.interruption import Interrupted, Interruption
+from controllers.decision.learning.replay import Replay
+from controllers.decision.learning.train_config import TrainConfig, settings
+from controllers.decision.learning.train_log import Means, TrainLog, trip_figures
+from controllers.decision.learning.training_trips import sample_trip, training_generator
+from controllers.decision.learning.validation import validate
 from controllers.decision.network import OBSERVATION_SIZE, QNetwork
-from controllers.decision.replay import Replay
 from controllers.decision.seeds import TRAINING_SEEDS
-from controllers.decision.train_config import TrainConfig, settings
-from controllers.decision.train_log import Means, TrainLog, trip_figures
-from controllers.decision.training_trips import sample_trip, training_generator
-from controllers.decision.validation import validate
 from iits_mj.errors import InputError
 
 BEST, POLICIES = "ddqn.npz", "policies"

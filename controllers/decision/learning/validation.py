@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from controllers.decision.collection import Drive, Workers
-from controllers.decision.interruption import Interruption
+from controllers.decision.learning.collection import Drive, Workers
+from controllers.decision.learning.interruption import Interruption
+from controllers.decision.learning.train_config import TrainConfig
+from controllers.decision.learning.train_log import trip_figures
+from controllers.decision.learning.training_trips import validation_trips
 from controllers.decision.network import QNetwork
-from controllers.decision.train_config import TrainConfig
-from controllers.decision.train_log import trip_figures
-from controllers.decision.training_trips import validation_trips
 
 
 def validate(

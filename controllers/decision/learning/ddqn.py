@@ -25,9 +25,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from controllers.decision.learning.replay import Batch
+from controllers.decision.learning.train_config import LearnerConfig
 from controllers.decision.network import LAYERS, QNetwork
-from controllers.decision.replay import Batch
-from controllers.decision.train_config import LearnerConfig
 from iits_mj.errors import Error
 
 ACTION_COUNT = LAYERS[-1]

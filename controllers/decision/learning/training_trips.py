@@ -8,13 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from controllers.decision.learning.train_config import TrainConfig
 from controllers.decision.seeds import TRAINING_SEEDS, VALIDATION_SEEDS
-from controllers.decision.train_config import TrainConfig
 from controllers.decision.trip import CELLS, TripConfig, cell_trip
 
 ROAD_LENGTH = 15_000.0
 # Road beyond what the reference speed covers: a trip is over by its duration, not by the road.
 _MARGIN = 200.0
+# Share of the randomized trips in traffic that keeps right.
+_KEEPS_RIGHT = 0.3
 
 
 def sample_trip(config: TrainConfig, generator: np.random.Generator) -> TripConfig:
@@ -27,6 +29,7 @@ def sample_trip(config: TrainConfig, generator: np.random.Generator) -> TripConf
             spawn_probability=math.exp(generator.uniform(math.log(0.005), math.log(0.12))),
             traffic_speed=float(generator.uniform(11.0, 16.0)),
             payload=float(generator.uniform(0.0, 36_000.0)),
+            keeps_right=bool(generator.random() < _KEEPS_RIGHT),
         )
     return start_anywhere(trip, generator)
 

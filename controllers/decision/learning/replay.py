@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.decision.base import Observation
-from controllers.decision.priorities import Priorities
+from controllers.decision.learning.priorities import Priorities
 from iits_mj.errors import InputError
 
 

@@ -1,0 +1,1 @@
+"""Double DQN: learner, memory, driving processes, checkpoints; only the learner needs torch."""
