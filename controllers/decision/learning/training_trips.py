@@ -15,6 +15,8 @@ from controllers.decision.trip import CELLS, TripConfig, cell_trip
 ROAD_LENGTH = 15_000.0
 # Road beyond what the reference speed covers: a trip is over by its duration, not by the road.
 _MARGIN = 200.0
+# Reference speeds of the randomized trips, 50 to 80 km/h: those of predictive cruise control vary.
+_REFERENCES = (50.0 / 3.6, 80.0 / 3.6)
 # Share of the randomized trips in traffic that keeps right.
 _KEEPS_RIGHT = 0.3
 
@@ -29,6 +31,7 @@ def sample_trip(config: TrainConfig, generator: np.random.Generator) -> TripConf
             spawn_probability=math.exp(generator.uniform(math.log(0.005), math.log(0.12))),
             traffic_speed=float(generator.uniform(11.0, 16.0)),
             payload=float(generator.uniform(0.0, 36_000.0)),
+            reference_speed=float(generator.uniform(*_REFERENCES)),
             keeps_right=bool(generator.random() < _KEEPS_RIGHT),
         )
     return start_anywhere(trip, generator)
