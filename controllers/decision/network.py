@@ -29,6 +29,7 @@ from iits_mj.messages import Decision
 
 LAYERS = (OBSERVATION_SIZE, 256, 512, 256, 3)
 ACTIONS = (Decision.LEFT, Decision.KEEP, Decision.RIGHT)
+_KEEP = ACTIONS.index(Decision.KEEP)
 FORMAT = "iits_mj.q_network.1"
 _SIZE_MAX = 64 * 2**20
 
@@ -37,15 +38,24 @@ FloatArray = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class QNetwork:
-    """Weights of shape (outputs, inputs) and biases of the four layers, float32."""
+    """The four layers, and how it decides.
+
+    Attributes:
+      weights: of shape (outputs, inputs), float32; biases: (outputs,).
+      metadata: JSON values that the file tells of itself.
+      margin: a change is decided on when its value exceeds that of keeping by more than this, in
+        the values' units: hysteresis, so that no change hangs on the values' noise.
+    """
 
     weights: tuple[FloatArray, ...]
     biases: tuple[FloatArray, ...]
     metadata: dict[str, Any] = field(default_factory=dict)
+    margin: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuses shapes other than the paper's and numbers that are not finite."""
         _check_layers(self.weights, self.biases, "network")
+        _check_margin(self.margin, "network")
 
     @classmethod
     def random(cls, generator: np.random.Generator) -> QNetwork:
@@ -72,8 +82,10 @@ class QNetwork:
         return x
 
     def greedy(self, observation: NDArray[np.floating[Any]]) -> Decision:
-        """The decision with the greatest value."""
-        return ACTIONS[int(np.argmax(self.values(observation)))]
+        """The decision with the greatest value, keeping the lane being worth the margin more."""
+        values = self.values(observation).copy()
+        values[_KEEP] += self.margin
+        return ACTIONS[int(np.argmax(values))]
 
     def save(self, path: str | Path, **metadata: Any) -> None:
         """Writes the npz; keyword arguments join its metadata."""
@@ -83,6 +95,7 @@ class QNetwork:
             "format": FORMAT,
             "observation_version": OBSERVATION_VERSION,
             "layers": list(LAYERS),
+            "margin": self.margin,
         }
         arrays: dict[str, Any] = {"metadata": np.array(json.dumps(header, sort_keys=True))}
         for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
@@ -125,7 +138,9 @@ class QNetwork:
         weights = tuple(arrays[f"w{i}"].astype(np.float32) for i in range(count))
         biases = tuple(arrays[f"b{i}"].astype(np.float32) for i in range(count))
         _check_layers(weights, biases, f"weights file {name!r}")
-        return cls(weights, biases, metadata)
+        margin = metadata.get("margin", 0.0)
+        _check_margin(margin, f"weights file {name!r}")
+        return cls(weights, biases, metadata, float(margin))
 
 
 def check_observation(observation: NDArray[np.floating[Any]]) -> None:
@@ -170,3 +185,9 @@ def _check_layers(
         raise InputError(f"{what} has layers of shape {found}; {shapes} are wanted")
     if not all(np.isfinite(a).all() for a in (*weights, *biases)):
         raise InputError(f"{what} holds numbers that are not finite")
+
+
+def _check_margin(margin: Any, what: str) -> None:
+    number = isinstance(margin, int | float) and not isinstance(margin, bool)
+    if not number or not (math.isfinite(margin) and margin >= 0.0):
+        raise InputError(f"{what} has the margin {margin!r}; it must be a number, zero or more")

@@ -1,5 +1,6 @@
 """The policy's network in numpy, its file, and the policy as a decision maker."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -160,3 +161,22 @@ def test_policy_never_asks_for_a_lane_that_is_not_there():
         QNetwork(tuple(np.zeros_like(w) for w in network().weights), tuple(biases))
     )
     assert policy.decide(env.context()) is Decision.KEEP
+
+
+def test_a_change_must_be_worth_the_margin_more_than_keeping(tmp_path):
+    layers = network()
+    biases = [np.zeros_like(bias) for bias in layers.biases]
+    weights = [np.zeros_like(weight) for weight in layers.weights]
+    biases[-1][:] = (1.0, 0.5, 0.2)  # left, keep, right, whatever is observed
+    observation = np.zeros(OBSERVATION_SIZE, np.float32)
+    for margin, decision in ((0.0, Decision.LEFT), (0.4, Decision.LEFT), (0.6, Decision.KEEP)):
+        made = QNetwork(tuple(weights), tuple(biases), margin=margin)
+        made.save(tmp_path / "policy.npz")
+        loaded = QNetwork.load(tmp_path / "policy.npz")
+        assert made.greedy(observation) is loaded.greedy(observation) is decision
+
+
+@pytest.mark.parametrize("margin", [-0.1, np.nan, np.inf, "0.1", None, True])
+def test_a_margin_that_is_none_is_refused(margin):
+    with pytest.raises(InputError, match="margin"):
+        dataclasses.replace(network(), margin=margin)

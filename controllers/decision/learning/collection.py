@@ -74,7 +74,7 @@ def drive_trip(world: World, job: Drive, network: QNetwork) -> Driven:
     transitions: list[Transition] = []
     over = False
     while not over:
-        action = greedy = int(np.argmax(network.values(observation)))
+        action = greedy = ACTIONS.index(network.greedy(observation))
         if exploration.random() < job.epsilon:
             action = int(exploration.integers(len(ACTIONS)))
             if exploration.random() < job.guided:

@@ -183,7 +183,8 @@ class DoubleDqn:
     def network(self, **metadata: Any) -> QNetwork:
         """The online network as numpy arrays, a copy."""
         weights, biases = zip(*self.online.layers(), strict=True)
-        return QNetwork(tuple(weights), tuple(biases), dict(metadata))
+        margin = self.config.margin * self.config.reward_scale
+        return QNetwork(tuple(weights), tuple(biases), dict(metadata), margin)
 
     def state(self) -> dict[str, Any]:
         """Everything that evolves, for a checkpoint; a copy."""

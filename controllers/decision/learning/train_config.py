@@ -45,6 +45,13 @@ class LearnerConfig:
     reward_scale: float = option(
         0.05, help="rewards are multiplied by it; changes no policy", low=1e-6, high=1e6
     )
+    margin: float = option(
+        0.0,
+        help="by how much the value of a change must exceed that of keeping the lane, in units of "
+        "the reward, for the policy to decide on it",
+        low=0.0,
+        high=1e4,
+    )
     dueling: bool = option(False, help="heads for value and advantage (Wang et al. 2016)")
     quantiles: int = option(
         0, help="quantiles of the return (Dabney et al. 2018), 0 for its mean", low=0, high=256

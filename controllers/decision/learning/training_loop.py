@@ -301,6 +301,8 @@ class Training:
         self.replay.restore(state["replay"])
         self.random.bit_generator.state = json.loads(state["generator"])
         index, stage, epsilon, weights, biases = state["flight"]
-        self.flight = Round(index, stage, epsilon, QNetwork(tuple(weights), tuple(biases)))
+        margin = self.learner.network().margin
+        network = QNetwork(tuple(weights), tuple(biases), margin=margin)
+        self.flight = Round(index, stage, epsilon, network)
         self.means = Means(state["means"])
         return list(state["rows"])
