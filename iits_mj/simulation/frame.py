@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -9,6 +10,9 @@ from iits_mj.messages import Decision, EgoState, Scene, Trajectory, VehicleComma
 
 if TYPE_CHECKING:
     from iits_mj.simulation.loop import Simulation
+
+
+_SLOWEST = 1.0  # [m/s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +50,12 @@ class Frame:
     distance: float
     lane_changes: int
     refused: int
+
+    @property
+    def time_gap(self) -> float:
+        """To the vehicle ahead [s]; inf without one, and below 1 m/s, where it says nothing."""
+        speed = self.ego.speed
+        return self.gap_ahead / speed if speed > _SLOWEST else math.inf
 
 
 class Observer(Protocol):

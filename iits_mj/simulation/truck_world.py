@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import mujoco
@@ -23,7 +22,6 @@ from traffic_bridge import InterSim, Traffic, TrafficConfig
 FAST_TIMESTEP = 0.005
 # The lane-change model that the paper names.
 LANE_CHANGE = "mobil"
-_MOVING = 1.0
 # What the truck's observers see beyond the end of a trip.
 _BEYOND = 1_000.0
 
@@ -206,9 +204,7 @@ class TruckWorld(Closing):
         summary.time += CYCLE_PERIOD
         summary.distance = frame.distance
         summary.loss_integral += (reference - frame.ego.speed) / reference * CYCLE_PERIOD
-        if frame.ego.speed > _MOVING and math.isfinite(frame.gap_ahead):
-            gap = frame.gap_ahead / frame.ego.speed
-            summary.time_gap_min = min(summary.time_gap_min, gap)
+        summary.time_gap_min = min(summary.time_gap_min, frame.time_gap)
 
     def _traffic(self, route: Route, footprint: EgoFootprint, seed: int) -> Traffic:
         trip = self.trip

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 from iits_mj.errors import Error
+from iits_mj.one_thread import one_thread_each
 from iits_mj.validation.trials import Task, Trial
 
 Drive = Callable[[Task], Trial]
@@ -21,8 +22,6 @@ FAULTS_MAX = 5
 DEATHS_MAX = 3
 _LEAVE_TIME = 5.0  # that a worker has for closing SUMO [s]
 _INTERRUPTED = 130  # exit code
-# One thread a process: N processes share the cores, and sums of floats keep their order.
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class TrialsError(Error):
@@ -106,7 +105,7 @@ def _told(faults: list[str]) -> str:
 def _running(make_pool: Callable[[int], Executor], jobs: int) -> Iterator[Executor]:
     """A pool whose processes are gone when the block is left, however it is left."""
     before = set(multiprocessing.active_children())
-    with _one_thread_each():
+    with one_thread_each():
         pool = make_pool(jobs)
         try:
             yield pool
@@ -135,20 +134,6 @@ def _end(workers: set[multiprocessing.process.BaseProcess]) -> None:
         worker.join(_LEAVE_TIME)
         if worker.is_alive():
             worker.kill()
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    given = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in given.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 def _guarded(drive: Drive, task: Task) -> Trial:

@@ -27,7 +27,6 @@ from iits_mj.validation.kept_runs import drive_digest
 from iits_mj.validation.trials import CLOSE, EMPTY, Task, Trial, weights_digest
 
 REFERENCE_SPEED = TripConfig().reference_speed
-_SLOWEST = 1.0  # below, a time gap says nothing [m/s]
 _PERIOD = 0.1  # [s]
 
 
@@ -88,10 +87,8 @@ class _Watch:
         speed = frame.ego.speed
         self._frames += 1
         self._error += abs(speed - REFERENCE_SPEED)
-        if speed > _SLOWEST:
-            gap = frame.gap_ahead / speed
-            self.time_gap = min(self.time_gap, gap)
-            self._close += gap < CLOSE
+        self.time_gap = min(self.time_gap, frame.time_gap)
+        self._close += frame.time_gap < CLOSE
         if frame.distance >= self._length:
             simulation.stop("reached the end of the trip")
 

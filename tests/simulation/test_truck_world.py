@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from controllers.decision import make
-from controllers.decision.trip import TripConfig, cell_trip
+from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig, cell_trip
 from iits_mj.errors import InputError
 from iits_mj.messages import Decision
+from traffic_bridge.config import DENSITIES
 
 pytest.importorskip("libsumo")
 
@@ -32,6 +33,12 @@ def drive(world, trip, decisions, seed=0):
 def world():
     with TruckWorld() as made:
         yield made
+
+
+def test_the_papers_densities_are_those_of_the_traffic():
+    # Decision makers and traffic do not know each other: each has the figures.
+    shared = {name: DENSITIES[name] for name in SPAWN_PROBABILITY}
+    assert shared == SPAWN_PROBABILITY
 
 
 def test_a_trip_repeats_itself_to_the_bit_and_a_seed_changes_it(world):

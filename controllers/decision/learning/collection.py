@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
-import os
 import queue
 import signal
 import threading
@@ -28,9 +27,9 @@ from controllers.decision.network import ACTIONS, QNetwork
 from controllers.decision.trip import TripConfig, TripSummary, World
 from iits_mj.closing import Closing
 from iits_mj.errors import Error
+from iits_mj.one_thread import one_thread_each
 
 WorldFactory = Callable[[], World]
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @dataclass(frozen=True)
@@ -181,17 +180,11 @@ def _work(pipe: Connection, factories: tuple[WorldFactory, ...]) -> None:
 @contextlib.contextmanager
 def _inherited_by_workers() -> Iterator[None]:
     """One thread for each worker, and Ctrl-C is for this process alone."""
-    before = {name: os.environ.get(name) for name in _THREADS}
     main = threading.current_thread() is threading.main_thread()
     handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
     try:
-        yield
+        with one_thread_each():
+            yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
         if main:
             signal.signal(signal.SIGINT, handler)
