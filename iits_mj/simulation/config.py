@@ -145,7 +145,7 @@ class DriveConfig(TruckStart):
         help="speed over station to drive instead, a table that pcc --profile has written",
         metavar="FILE.csv",
     )
-    decision: str = option("mobil", help="who decides on lane changes", choices=decision.NAMES)
+    decision: str = option("ddqn", help="who decides on lane changes", choices=decision.NAMES)
     commands: str = option(
         "direct",
         help="how commands reach the truck; direct: as they are; j1939: as frames at their rates, "

@@ -17,14 +17,14 @@ from iits_mj.validation.config import ValidateConfig
 
 _KINDS = ("*.py", "*.toml", "*.csv", "*.xml", "*.npz")
 # What only shows, judges or learns from a drive does not change it; a drive of the trained policy
-# is told by its weights' own digest.
+# is told by its weights' own digest, and the fast world drives no MuJoCo truck.
 _NOT_DRIVING = {"validation", "render", "commands", "identification", "suite", "envs"}
-_NOT_DRIVING |= {"learning", "weights"}
+_NOT_DRIVING |= {"learning", "weights", "fast_world"}
 
 
 @functools.cache
 def code_digest() -> str:
-    """Hexadecimal digest over what every drive depends on: code, figures, plugin."""
+    """Hexadecimal digest over what every drive of the truck depends on: code, figures, plugin."""
     digest = hashlib.sha256(library_path().read_bytes())
     packages = [Path(str(package.__file__)).parent for package in (controllers, traffic_bridge)]
     for folder in (*packages, mjcf_dir(), Path(iits_mj.__file__).parent):

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.decision.base import DecisionContext
-from controllers.decision.highway import HighwayTraffic
-from controllers.decision.highway_config import HighwayConfig, Obstacle
-from controllers.decision.highway_road import LANE_WIDTH
+from controllers.decision.fast_world.config import HighwayConfig, Obstacle
+from controllers.decision.fast_world.road import LANE_WIDTH
+from controllers.decision.fast_world.traffic import HighwayTraffic
 from controllers.decision.mobil import Mobil
 from controllers.decision.trip import SPAWN_PROBABILITY
 from iits_mj.messages import Decision, EgoState, Scene, TrackedVehicle

@@ -12,7 +12,11 @@ import numpy as np
 
 from controllers import decision as decisions
 from controllers.decision.base import DecisionContext, DecisionMaker
-from controllers.decision.highway_env import HighwayEnv
+from controllers.decision.fast_world import config as fast_config
+from controllers.decision.fast_world import env as fast_env
+from controllers.decision.fast_world import road as fast_road
+from controllers.decision.fast_world import traffic as fast_traffic
+from controllers.decision.fast_world import truck as fast_truck
 from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig
 from iits_mj.errors import InputError
 from iits_mj.messages import Decision
@@ -31,9 +35,10 @@ _PERIOD = 0.1  # [s]
 
 
 @functools.cache
-def trial_code() -> str:
-    """Digest of the code that drives trials."""
-    return drive_digest(trials, sys.modules[__name__])
+def trial_code(world: str) -> str:
+    """Digest of the code that drives trials in a world, "full" or "fast"."""
+    fast = (fast_config, fast_env, fast_road, fast_traffic, fast_truck) if world == "fast" else ()
+    return drive_digest(trials, sys.modules[__name__], *fast)
 
 
 def drive(task: Task, weights: Path | None = None) -> Trial:
@@ -46,7 +51,7 @@ def drive(task: Task, weights: Path | None = None) -> Trial:
     Raises:
       InputError: the weights are not those of the task. TrafficError: SUMO failed.
     """
-    code = trial_code()
+    code = trial_code(task.world)
     if weights_digest(task.method, weights) != task.weights:
         raise InputError("the weights' file is not the one that was asked for: it has been changed")
     policy = str(weights) if weights is not None and task.method == "ddqn" else None
@@ -170,7 +175,7 @@ def _drive_fast(task: Task, maker: _Counted, code: str) -> Trial:
         duration=task.duration_limit,
     )
     began = time.perf_counter()
-    env = HighwayEnv()
+    env = fast_env.HighwayEnv()
     maker.reset()
     env.reset(np.random.default_rng(task.seed), trip)
     over = False

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from controllers.decision import make
-from controllers.decision.highway_env import HighwayEnv
+from controllers.decision.fast_world.env import HighwayEnv
 from controllers.decision.learning.collection import Drive, drive_trip
 from controllers.decision.network import ACTIONS, LAYERS, QNetwork
 from controllers.decision.trip import TripConfig, cell_trip

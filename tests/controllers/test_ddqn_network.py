@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from controllers.decision import make
-from controllers.decision.highway_env import HighwayEnv
+from controllers.decision.fast_world.env import HighwayEnv
 from controllers.decision.network import LAYERS, QNetwork
 from controllers.decision.observation import OBSERVATION_SIZE
 from controllers.decision.policy import SHIPPED, GreedyPolicy

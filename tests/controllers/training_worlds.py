@@ -3,7 +3,7 @@
 import os
 import sys
 
-from controllers.decision.highway_env import HighwayEnv, HighwaySettings
+from controllers.decision.fast_world.env import HighwayEnv, HighwaySettings
 
 
 class FlatWorld(HighwayEnv):

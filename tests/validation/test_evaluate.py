@@ -30,7 +30,11 @@ class Fake:
             if asked.seed in self.faulty:
                 raise TrafficError("SUMO fell over")
             self.driven.append(asked)
-            keep(trial(asked, 0.1 + 1e-4 * (asked.seed % 7), code=trial_drives.trial_code()))
+            keep(
+                trial(
+                    asked, 0.1 + 1e-4 * (asked.seed % 7), code=trial_drives.trial_code(asked.world)
+                )
+            )
 
 
 def test_no_seed_is_of_two_kinds():

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from controllers.decision.highway_env import HighwayEnv
+from controllers.decision.fast_world.env import HighwayEnv
 from controllers.decision.learning import checkpoint
 from controllers.decision.learning.collection import Drive, Driven, Workers, WorldFactory
 from controllers.decision.learning.ddqn import DoubleDqn
@@ -259,7 +259,7 @@ class Training:
 
     def _worlds(self) -> list[str]:
         """Names of the worlds of both stages."""
-        fast = "fast world (controllers.decision.highway)"
+        fast = "fast world (controllers.decision.fast_world)"
         if self.world is None:
             return [fast, fast]
         return [fast, getattr(self.world, "__qualname__", type(self.world).__qualname__)]

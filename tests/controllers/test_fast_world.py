@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from controllers.decision import make
-from controllers.decision.highway import HighwayTraffic
-from controllers.decision.highway_config import HighwayConfig, Obstacle, idm_acceleration
-from controllers.decision.highway_env import HighwayEnv
-from controllers.decision.highway_truck import HighwayTruck
+from controllers.decision.fast_world.config import HighwayConfig, Obstacle, idm_acceleration
+from controllers.decision.fast_world.env import HighwayEnv
+from controllers.decision.fast_world.traffic import HighwayTraffic
+from controllers.decision.fast_world.truck import HighwayTruck
 from controllers.decision.reward import RewardConfig, decision_charge, speed_charge
 from controllers.decision.trip import CELLS, TripConfig, cell_trip
 from iits_mj.errors import InputError

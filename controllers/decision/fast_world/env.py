@@ -1,4 +1,4 @@
-"""Trips of the truck through the fast world of `controllers.decision.highway`."""
+"""Trips of the truck through the fast world."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from controllers.decision.base import DecisionContext, Observation
-from controllers.decision.highway import HighwayTraffic
-from controllers.decision.highway_config import HighwayConfig, Obstacle
-from controllers.decision.highway_road import LANE_WIDTH, LANES, HighwayRoad
-from controllers.decision.highway_truck import HighwayTruck
+from controllers.decision.fast_world.config import HighwayConfig, Obstacle
+from controllers.decision.fast_world.road import LANE_WIDTH, LANES, HighwayRoad
+from controllers.decision.fast_world.traffic import HighwayTraffic
+from controllers.decision.fast_world.truck import HighwayTruck
 from controllers.decision.observation import ObservationHistory, observe_frame
 from controllers.decision.reward import RewardTerms, decision_charge, speed_charge
 from controllers.decision.trip import TripConfig, TripStep, TripSummary

@@ -14,14 +14,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.decision.highway_config import (
+from controllers.decision.fast_world.config import (
     KINDS,
     SHARES,
     HighwayConfig,
     Obstacle,
     idm_acceleration,
 )
-from controllers.decision.highway_road import LANE_WIDTH, LANES
+from controllers.decision.fast_world.road import LANE_WIDTH, LANES
 from iits_mj.messages import TrackedVehicle
 
 FloatArray = NDArray[np.float64]

@@ -1,0 +1,1 @@
+"""The fast world: a point-mass truck among IDM and MOBIL vehicles, in numpy."""
