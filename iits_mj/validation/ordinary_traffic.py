@@ -50,7 +50,8 @@ def ordinary_drive(density: str, duration: float, seed: int = 0) -> Ordinary:
       seed: of the traffic.
     """
     route = Route.straight(length=30_000.0, lanes=2, lane_width=LANE_WIDTH)
-    config = HighwayConfig(SPAWN_PROBABILITY[density], traffic_speed=12.5, timestep=STEP)
+    density_there = SPAWN_PROBABILITY[density]
+    config = HighwayConfig(density_there, traffic_speed=12.5, keeps_right=True, timestep=STEP)
     traffic = HighwayTraffic(config, np.random.default_rng(seed))
     drive = IdealDrive(route, 400.0, 0, 12.5)
     traffic.fill(_obstacles(drive.ego, route)[0])

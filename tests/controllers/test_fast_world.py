@@ -1,10 +1,21 @@
 """The fast world: traffic that behaves, a truck on hills, rewards as stated."""
 
+import dataclasses
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from controllers.decision import make
-from controllers.decision.fast_world.config import HighwayConfig, Obstacle, idm_acceleration
+from controllers.decision.fast_world.changes import Vehicles, gains
+from controllers.decision.fast_world.config import (
+    KINDS,
+    Drivers,
+    HighwayConfig,
+    Kind,
+    Obstacle,
+    idm_acceleration,
+)
 from controllers.decision.fast_world.env import HighwayEnv
 from controllers.decision.fast_world.traffic import HighwayTraffic
 from controllers.decision.fast_world.truck import HighwayTruck
@@ -13,6 +24,8 @@ from controllers.decision.trip import CELLS, TripConfig, cell_trip
 from iits_mj.errors import InputError
 from iits_mj.messages import Decision
 from iits_mj.parameters import TruckParameters
+from traffic_bridge import TrafficConfig, default_types
+from traffic_bridge.vehicles import mobil
 
 PARAMETERS = TruckParameters.load()
 
@@ -37,12 +50,81 @@ def test_a_trip_repeats_itself_to_the_bit():
 
 
 def test_idm_holds_its_equilibrium_gap():
-    config = HighwayConfig()
-    v, v0, time_gap = 10.0, 15.0, 1.5
-    gap = (config.standstill_gap + v * time_gap) / np.sqrt(1.0 - (v / v0) ** 4)
+    kind, v, v0 = KINDS[0], 10.0, 15.0
+    gap = (kind.minimum_gap + v * kind.time_headway) / np.sqrt(1.0 - (v / v0) ** 4)
     one = np.ones(1)
-    a = idm_acceleration(v * one, v0 * one, gap * one, v * one, time_gap * one, config)
+    a = idm_acceleration(v * one, v0 * one, gap * one, v * one, Drivers(np.array([0])))
     assert a[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_drivers_are_those_of_the_sumo_traffic():
+    types = {kind.kind: kind for kind in default_types()}
+    shares = dict(TrafficConfig().mix)
+    names = [field.name for field in dataclasses.fields(Kind) if field.name != "share"]
+    for kind in KINDS:
+        for name in names:
+            assert getattr(kind, name) == getattr(types[kind.kind], name), (kind.kind, name)
+        assert kind.share == pytest.approx(shares[kind.kind] / sum(shares.values()))
+    assert len(KINDS) == len(shares)
+
+
+def brute_gain(vehicles, i, keeps_right):
+    """The SUMO traffic's MOBIL, one vehicle at a time, written with its own scalar functions."""
+    types = {kind.kind: kind for kind in default_types()}
+
+    def driver(j):
+        bias = {} if keeps_right else {"keep_right_bias": 0.0}
+        kind = dataclasses.replace(types[KINDS[vehicles.kind[j]].kind], **bias)
+        kind = dataclasses.replace(kind, length=float(vehicles.length[j]))
+        return mobil.Driver(str(j), float(vehicles.speed[j]), float(vehicles.desired[j]), kind)
+
+    def around(lane):
+        others = [j for j in range(len(vehicles.front)) if j != i and vehicles.lane[j] == lane]
+        ahead = [j for j in others if vehicles.front[j] > vehicles.front[i]]
+        behind = [j for j in others if vehicles.front[j] <= vehicles.front[i]]
+        found = {}
+        if ahead:
+            j = min(ahead, key=lambda j: vehicles.front[j])
+            gap = vehicles.front[j] - vehicles.length[j] - vehicles.front[i]
+            found |= {"gap_ahead": float(gap), "speed_ahead": float(vehicles.speed[j])}
+        if behind:
+            j = max(behind, key=lambda j: vehicles.front[j])
+            gap = vehicles.front[i] - vehicles.length[i] - vehicles.front[j]
+            found |= {"gap_behind": float(gap), "follower": driver(j)}
+        return mobil.Surroundings(**found)
+
+    lane = int(vehicles.lane[i])
+    return mobil.gain(driver(i), around(lane), around(1 - lane), to_right=lane == 1)
+
+
+@pytest.mark.parametrize("keeps_right", [False, True])
+def test_mobil_in_arrays_is_the_sumo_traffic_s_mobil(keeps_right):
+    rng = np.random.default_rng(7)
+    compared = refused = 0
+    for _ in range(60):
+        n = 9
+        kind = rng.integers(len(KINDS), size=n)
+        # Faster than the critical speed, too, where the keep-right rule is another.
+        vehicles = SimpleNamespace(
+            front=np.cumsum(rng.uniform(8.0, 45.0, n)),
+            length=np.array([KINDS[k].length for k in kind]),
+            speed=(speed := rng.uniform(9.0, 22.0, n)),
+            desired=speed + rng.uniform(0.5, 5.0, n),
+            lane=rng.integers(2, size=n),
+            kind=kind,
+        )
+        fields = {k: v for k, v in vars(vehicles).items() if k != "kind"}
+        found = gains(Vehicles(**fields, drivers=Drivers(kind)), np.arange(n), keeps_right)
+        for i in range(n):
+            wanted = brute_gain(vehicles, i, keeps_right)
+            if wanted is None:
+                assert found[i] == -np.inf
+                refused += 1
+            else:
+                assert found[i] == pytest.approx(wanted, abs=1e-9)
+                compared += 1
+    assert compared > 100
+    assert refused > 100
 
 
 def test_traffic_never_overlaps_in_a_lane():

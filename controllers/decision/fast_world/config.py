@@ -1,9 +1,9 @@
-"""What the fast world's traffic is: kinds of vehicles, densities, and the IDM they follow by."""
+"""What the fast world's traffic is: kinds of vehicles, density, the IDM they follow by."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,29 +13,129 @@ from iits_mj.errors import InputError
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Kind:
-    """A kind of vehicle: share of the traffic, size [m], IDM's T [s], speed factor's spread."""
+    """A kind of vehicle and its driver: those of the SUMO traffic, by the same names. SI units.
 
-    name: str
+    Attributes:
+      kind: its name; share: of the traffic; length, width, height: of its box.
+      minimum_gap, time_headway, acceleration, deceleration: IDM's s0, T, a, b.
+      desired_speed_mean, desired_speed_deviation, desired_speed_low: share of the traffic's limit,
+        normally distributed and cut to [low, 1].
+      politeness, change_threshold, keep_right_bias, safe_braking: MOBIL's p, a_th, a_bias, b_safe.
+    """
+
+    kind: str
     share: float
     length: float
     width: float
     height: float
-    time_gap: float
-    factor_mean: float
-    factor_deviation: float
-    factor_low: float
+    minimum_gap: float
+    time_headway: float
+    acceleration: float
+    deceleration: float = 2.0
+    desired_speed_mean: float
+    desired_speed_deviation: float
+    desired_speed_low: float
+    politeness: float = 0.25
+    change_threshold: float
+    keep_right_bias: float
+    safe_braking: float = 4.0
 
 
-# Shares, sizes, gaps and speed factors are the SUMO traffic's, traffic_bridge/vehicles/types.toml.
+# The SUMO traffic's figures, traffic_bridge/vehicles/types.toml; a test holds them to be the same.
 KINDS = (
-    Kind("car", 0.70, 4.7, 1.85, 1.5, 1.5, 0.95, 0.07, 0.75),
-    Kind("van", 0.12, 6.0, 2.05, 2.6, 1.5, 0.92, 0.06, 0.75),
-    Kind("truck", 0.08, 9.5, 2.50, 3.6, 2.0, 0.85, 0.05, 0.70),
-    Kind("articulated", 0.10, 16.5, 2.55, 4.0, 2.0, 0.82, 0.05, 0.68),
+    Kind(
+        kind="car",
+        share=0.70,
+        length=4.7,
+        width=1.85,
+        height=1.5,
+        minimum_gap=2.5,
+        time_headway=1.5,
+        acceleration=1.4,
+        desired_speed_mean=0.95,
+        desired_speed_deviation=0.07,
+        desired_speed_low=0.75,
+        change_threshold=0.1,
+        keep_right_bias=0.2,
+    ),
+    Kind(
+        kind="van",
+        share=0.12,
+        length=6.0,
+        width=2.05,
+        height=2.6,
+        minimum_gap=2.5,
+        time_headway=1.5,
+        acceleration=1.1,
+        desired_speed_mean=0.92,
+        desired_speed_deviation=0.06,
+        desired_speed_low=0.75,
+        change_threshold=0.1,
+        keep_right_bias=0.2,
+    ),
+    Kind(
+        kind="truck",
+        share=0.08,
+        length=9.5,
+        width=2.50,
+        height=3.6,
+        minimum_gap=4.0,
+        time_headway=2.0,
+        acceleration=0.7,
+        desired_speed_mean=0.85,
+        desired_speed_deviation=0.05,
+        desired_speed_low=0.70,
+        change_threshold=0.2,
+        keep_right_bias=0.4,
+    ),
+    Kind(
+        kind="articulated",
+        share=0.10,
+        length=16.5,
+        width=2.55,
+        height=4.0,
+        minimum_gap=4.0,
+        time_headway=2.0,
+        acceleration=0.7,
+        desired_speed_mean=0.82,
+        desired_speed_deviation=0.05,
+        desired_speed_low=0.68,
+        change_threshold=0.2,
+        keep_right_bias=0.4,
+    ),
 )
 SHARES = tuple(kind.share for kind in KINDS)
+# The truck is minded as a vehicle of this kind, as in the SUMO traffic.
+TRUCK_KIND = len(KINDS) - 1
+
+
+class Drivers:
+    """Parameters of many drivers: an array of shape (n,) for each number of `Kind`.
+
+    Args:
+      kinds: index into `KINDS` of each of the n drivers.
+    """
+
+    def __init__(self, kinds: NDArray[np.int64]) -> None:
+        self._kinds = kinds
+
+    def __getattr__(self, name: str) -> FloatArray:
+        values: FloatArray = _TABLE[name][self._kinds]
+        setattr(self, name, values)
+        return values
+
+    def of(self, index: NDArray[np.int64]) -> Drivers:
+        """Some of them, in the order of an index."""
+        return Drivers(self._kinds[index])
+
+
+_TABLE = {
+    field.name: np.array([getattr(kind, field.name) for kind in KINDS])
+    for field in fields(Kind)
+    if field.name != "kind"
+}
 
 
 @dataclass(frozen=True)
@@ -43,34 +143,28 @@ class HighwayConfig:
     """The traffic of the fast world. SI units.
 
     Attributes:
-      spawn_probability: of a vehicle appearing per lane and `spawn_period`.
-      spawn_period: clock of the spawn probability [s].
+      spawn_probability: of a vehicle appearing, per second and lane.
       traffic_speed: speed limit of the traffic [m/s].
-      window_behind, window_ahead: the simulated stretch about the truck [m].
+      keeps_right: whether it keeps right, else both lanes are as good.
+      window_behind, window_ahead: the simulated stretch about the truck [m]. Slow vehicles side by
+        side gather the others behind them; ahead there must be road enough for that to have
+        happened by the time that the truck arrives.
+      sight_behind, sight_ahead: the stretch whose vehicles are told of [m].
       timestep: of the traffic and the truck [s].
-      standstill_gap: IDM's s0 [m]; acceleration, deceleration: IDM's a and b [m/s2].
-      politeness, change_threshold: MOBIL's p and threshold [m/s2].
-      safe_deceleration: MOBIL's limit on what a change may ask of the follower [m/s2].
-      keep_right_bias: MOBIL's bias to the right lane [m/s2].
     """
 
     spawn_probability: float = 0.05
-    spawn_period: float = 1.0
     traffic_speed: float = 12.5
+    keeps_right: bool = False
     window_behind: float = 250.0
-    window_ahead: float = 450.0
+    window_ahead: float = 2_000.0
+    sight_behind: float = 250.0
+    sight_ahead: float = 450.0
     timestep: float = 0.2
-    standstill_gap: float = 2.5
-    acceleration: float = 1.2
-    deceleration: float = 2.0
-    politeness: float = 0.3
-    change_threshold: float = 0.25
-    safe_deceleration: float = 3.0
-    keep_right_bias: float = 0.1
 
     def __post_init__(self) -> None:
         """Refuses values that are not finite or make no traffic."""
-        for name in ("spawn_period", "traffic_speed", "timestep", "acceleration", "deceleration"):
+        for name in ("traffic_speed", "window_behind", "window_ahead", "timestep"):
             value = getattr(self, name)
             if not math.isfinite(value) or value <= 0.0:
                 raise InputError(f"{name} = {value!r} is not allowed: use a number above 0")
@@ -80,8 +174,8 @@ class HighwayConfig:
     @property
     def mean_headway(self) -> float:
         """Mean distance between the fronts of vehicles of a lane [m]; inf without traffic."""
-        rate = self.spawn_probability / self.spawn_period
-        return self.traffic_speed / rate if rate > 0.0 else math.inf
+        rate = self.spawn_probability
+        return 0.92 * self.traffic_speed / rate if rate > 0.0 else math.inf
 
 
 @dataclass(frozen=True)
@@ -99,17 +193,14 @@ def idm_acceleration(
     desired: FloatArray,
     gap: FloatArray,
     leader_speed: FloatArray,
-    time_gap: FloatArray,
-    config: HighwayConfig,
+    drivers: Drivers,
 ) -> FloatArray:
     """IDM acceleration [m/s2], Treiber et al. (2000) eq. 3; arrays of one shape, gap inf if free.
 
     Above the desired speed the free term is bounded at -b, which the original leaves unbounded.
     """
-    a, b = config.acceleration, config.deceleration
+    a, b = drivers.acceleration, drivers.deceleration
     free = a * np.maximum(1.0 - (speed / desired) ** 4, -b / a)
-    wanted = config.standstill_gap + np.maximum(
-        0.0, speed * time_gap + speed * (speed - leader_speed) / (2.0 * math.sqrt(a * b))
-    )
-    interaction = a * (wanted / np.maximum(gap, 0.1)) ** 2
-    return np.clip(free - interaction, -8.0, a)
+    dynamic = speed * (speed - leader_speed) / (2.0 * np.sqrt(a * b))
+    wanted = drivers.minimum_gap + np.maximum(0.0, speed * drivers.time_headway + dynamic)
+    return free - a * (wanted / np.maximum(gap, 0.1)) ** 2

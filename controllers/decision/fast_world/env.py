@@ -71,7 +71,7 @@ class HighwayEnv:
             settings.traffic,
             spawn_probability=trip.spawn_probability,
             traffic_speed=trip.traffic_speed,
-            keep_right_bias=settings.traffic.keep_right_bias if trip.keeps_right else 0.0,
+            keeps_right=trip.keeps_right,
         )
         self.traffic = HighwayTraffic(traffic, generator)
         self.traffic.fill(self._obstacles()[0])
@@ -229,6 +229,6 @@ class HighwayEnv:
             offset=offset,
             trailer_offset=offset,
         )
-        self._scene = Scene(self.time, ego, self.traffic.tracked(), self._footprint)
+        self._scene = Scene(self.time, ego, self.traffic.tracked(self.truck.front), self._footprint)
         route = cast("Route", self.road)
         self._history.add(self.time, observe_frame(self._scene, route, self.config.reference_speed))

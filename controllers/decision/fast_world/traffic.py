@@ -1,10 +1,10 @@
 """A two-lane highway with traffic, in numpy: the fast world that the policy is trained in.
 
-What it is: other vehicles follow by the IDM (Treiber et al. 2000, eq. 3) and change lanes by MOBIL
-(Kesting et al. 2007, eq. 3-5) on a straight two-lane road, in a window that moves with the truck.
-What it is not: there is no SUMO, no MuJoCo, no lateral dynamics; lane changes of the others are
-instant for their followers and drawn as a smooth move. It is some hundred times faster than the
-full chain, and figures from it are figures of this world only.
+What it is: the drivers of the SUMO traffic, who follow by the IDM (Treiber et al. 2000, eq. 3) and
+change lanes by MOBIL (Kesting et al. 2007, eq. 3-5), on a straight two-lane road, in a window that
+moves with the truck. What it is not: there is no SUMO, no MuJoCo, no lateral dynamics; lane changes
+of the others are instant for their followers and drawn as a smooth move. It is some hundred times
+faster than the full chain, and figures from it are figures of this world only.
 """
 
 from __future__ import annotations
@@ -14,9 +14,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.decision.fast_world.changes import Queue, Vehicles, gains
 from controllers.decision.fast_world.config import (
     KINDS,
     SHARES,
+    TRUCK_KIND,
+    Drivers,
     HighwayConfig,
     Obstacle,
     idm_acceleration,
@@ -26,6 +29,9 @@ from iits_mj.messages import TrackedVehicle
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+
+HARDEST_BRAKING = 8.0  # [m/s2], dry road
 
 
 class HighwayTraffic:
@@ -47,7 +53,6 @@ class HighwayTraffic:
         self.lane: IntArray = np.zeros(0, dtype=np.int64)
         self.length: FloatArray = np.zeros(0)
         self.desired: FloatArray = np.zeros(0)
-        self.time_gap: FloatArray = np.zeros(0)
         self.kind: IntArray = np.zeros(0, dtype=np.int64)
         self.change_time: FloatArray = np.zeros(0)
         self.change_from: FloatArray = np.zeros(0)
@@ -76,40 +81,54 @@ class HighwayTraffic:
         if self._clock >= self._round_due:
             self._round_due += 1.0
             self._change_lanes(obstacles)
-        acceleration = self._accelerations(obstacles)
-        new_speed = np.maximum(0.0, self.speed + acceleration * dt)
+        vehicles = self._vehicles(obstacles)
+        gap, leader_speed = Queue(vehicles).ahead()
+        wanted = idm_acceleration(
+            vehicles.speed, vehicles.desired, gap, leader_speed, vehicles.drivers
+        )
+        wanted = np.maximum(wanted[: self.front.size], -HARDEST_BRAKING)
+        new_speed = np.maximum(0.0, self.speed + wanted * dt)
         self.front += 0.5 * (self.speed + new_speed) * dt
         self.acceleration = (new_speed - self.speed) / dt
         self.speed = new_speed
         self._exchange(obstacles[0])
 
-    def tracked(self) -> tuple[TrackedVehicle, ...]:
-        """The vehicles as messages, x along the straight road, y to the left of lane 0's centre."""
-        phase = np.clip((self._clock - self.change_time) / self.CHANGE_DURATION, 0.0, 1.0)
+    def tracked(self, front: float | None = None) -> tuple[TrackedVehicle, ...]:
+        """The vehicles as messages, x along the straight road, y to the left of lane 0's centre.
+
+        Args:
+          front: of the truck [m]: only vehicles in sight of it; default: all.
+        """
+        seen = np.arange(self.front.size)
+        if front is not None:
+            distance = self.front - front
+            low, high = -self.config.sight_behind, self.config.sight_ahead
+            seen = np.flatnonzero((distance > low) & (distance < high))
+        change_from = self.change_from[seen]
+        phase = (self._clock - self.change_time[seen]) / self.CHANGE_DURATION
+        phase = np.minimum(np.maximum(phase, 0.0), 1.0)
         blend = phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2)
         rate = 30.0 * phase**2 * (1.0 - phase) ** 2 / self.CHANGE_DURATION
-        step = self.lane * LANE_WIDTH - self.change_from
-        offset = (self.change_from + step * blend).tolist()
+        step = self.lane[seen] * LANE_WIDTH - change_from
+        offset = (change_from + step * blend).tolist()
         lateral = (step * rate).tolist()
-        center = (self.front - 0.5 * self.length).tolist()
         rows = zip(
-            self.serial.tolist(),
-            self.kind.tolist(),
-            center,
+            self.serial[seen].tolist(),
+            self.kind[seen].tolist(),
+            (self.front - 0.5 * self.length)[seen].tolist(),
             offset,
             lateral,
-            self.speed.tolist(),
-            self.acceleration.tolist(),
-            self.lane.tolist(),
+            self.speed[seen].tolist(),
+            self.acceleration[seen].tolist(),
             strict=True,
         )
         vehicles = []
-        for serial, index, x, y, lateral_speed, speed, acceleration, lane in rows:
+        for serial, index, x, y, lateral_speed, speed, acceleration in rows:
             kind = KINDS[index]
             vehicles.append(
                 TrackedVehicle(
                     id=f"v{serial}",
-                    kind=kind.name,
+                    kind=kind.kind,
                     x=x,
                     y=y,
                     speed=speed,
@@ -117,7 +136,7 @@ class HighwayTraffic:
                     lateral_speed=lateral_speed,
                     station=x,
                     offset=y,
-                    lane=lane,
+                    lane=int(y / LANE_WIDTH + 0.5),
                     length=kind.length,
                     width=kind.width,
                     height=kind.height,
@@ -138,23 +157,25 @@ class HighwayTraffic:
         )
 
     def _headway(self) -> float:
-        """Distance between fronts [m]: a least headway plus an exponential rest."""
+        """Distance between fronts [m]: Poisson arrivals, far enough apart to drive at the limit."""
         mean = self.config.mean_headway
         if not math.isfinite(mean):
             return math.inf
-        least = min(12.0 + 1.5 * self.config.traffic_speed, 0.8 * mean)
-        return float(least + self._random.exponential(mean - least))
+        least = KINDS[0].length + KINDS[0].minimum_gap + 1.5 * self.config.traffic_speed
+        return max(least, float(self._random.exponential(mean)))
 
     def _spawn(self, lane: int, front: float) -> None:
         random = self._random
         index = int(random.choice(len(KINDS), p=SHARES))
         kind = KINDS[index]
-        factor = float(random.normal(kind.factor_mean, kind.factor_deviation))
-        desired = self.config.traffic_speed * min(1.0, max(kind.factor_low, factor))
+        factor = float(random.normal(kind.desired_speed_mean, kind.desired_speed_deviation))
+        desired = self.config.traffic_speed * min(1.0, max(kind.desired_speed_low, factor))
         speed = desired
-        leader, _ = self.neighbors(front, lane)
+        leader, follower = self.neighbors(front, lane)
         if leader >= 0 and self.front[leader] - self.length[leader] - front < 2.0 * speed:
             speed = min(speed, float(self.speed[leader]))
+        if follower >= 0 and front - kind.length - self.front[follower] < kind.minimum_gap:
+            return  # It is longer than the place is.
         self._serial += 1
         row: dict[str, float] = {
             "serial": self._serial,
@@ -164,7 +185,6 @@ class HighwayTraffic:
             "lane": lane,
             "length": kind.length,
             "desired": desired,
-            "time_gap": kind.time_gap,
             "kind": index,
             "change_time": -math.inf,
             "change_from": lane * LANE_WIDTH,
@@ -201,85 +221,34 @@ class HighwayTraffic:
         mine = self.front[self.lane == lane]
         return not bool((np.abs(mine - front) < 30.0).any())
 
-    def _sorted(self, obstacles: list[Obstacle]) -> tuple[FloatArray, ...]:
-        """Front, rear, speed, lane and order of vehicles and obstacles, by lane and position."""
-        front = np.concatenate([self.front, [o.front for o in obstacles]])
-        length = np.concatenate([self.length, [o.length for o in obstacles]])
-        speed = np.concatenate([self.speed, [o.speed for o in obstacles]])
-        lane = np.concatenate([self.lane, np.array([o.lane for o in obstacles], dtype=np.int64)])
-        return front, front - length, speed, lane
-
-    def _accelerations(self, obstacles: list[Obstacle]) -> FloatArray:
-        front, rear, speed, lane = self._sorted(obstacles)
-        order = np.lexsort((front, lane))
-        gap = np.full(front.size, np.inf)
-        leader_speed = speed.copy()
-        follower, leader = order[:-1], order[1:]
-        same = lane[follower] == lane[leader]
-        follower, leader = follower[same], leader[same]
-        gap[follower] = rear[leader] - front[follower]
-        leader_speed[follower] = speed[leader]
-        n = self.front.size
-        return idm_acceleration(
-            speed[:n], self.desired, gap[:n], leader_speed[:n], self.time_gap, self.config
+    def _vehicles(self, obstacles: list[Obstacle]) -> Vehicles:
+        """The vehicles, and after them the truck, once for each lane that it is in."""
+        count = len(obstacles)
+        kind = np.append(self.kind, np.full(count, TRUCK_KIND))
+        speed = np.append(self.speed, [o.speed for o in obstacles])
+        return Vehicles(
+            front=np.append(self.front, [o.front for o in obstacles]),
+            length=np.append(self.length, [o.length for o in obstacles]),
+            speed=speed,
+            # The truck goes on as it does.
+            desired=np.append(self.desired, [max(o.speed, 1.0) for o in obstacles]),
+            lane=np.append(self.lane, [o.lane for o in obstacles]),
+            drivers=Drivers(kind),
         )
 
     def _change_lanes(self, obstacles: list[Obstacle]) -> None:
-        """One MOBIL round, front to back; a change counts at once for those that follow it."""
-        current = self._accelerations(obstacles)
-        held = (current < 0.6) | (self.lane > 0)
-        rested = self._clock - self.change_time > self.CHANGE_INTERVAL
-        for i in np.flatnonzero(held & rested)[::-1]:
-            if self._wants_change(int(i), float(current[i]), obstacles):
-                self.change_from[i] = self.lane[i] * LANE_WIDTH
-                self.change_time[i] = self._clock
-                self.lane[i] = 1 - self.lane[i]
-
-    def _wants_change(self, i: int, current: float, obstacles: list[Obstacle]) -> bool:
-        config = self.config
-        target = 1 - int(self.lane[i])
-        gap, leader_speed, rear_gap, rear_speed, rear = self._gaps(i, target, obstacles)
-        if gap < config.standstill_gap or rear_gap < config.standstill_gap:
-            return False
-        pair = np.array([self.speed[i], rear_speed])
-        rear_desired = self.desired[rear] if rear >= 0 else max(rear_speed, 1.0)
-        rear_time_gap = self.time_gap[rear] if rear >= 0 else 1.5
-        after = idm_acceleration(
-            pair,
-            np.array([self.desired[i], rear_desired]),
-            np.array([gap, rear_gap]),
-            np.array([leader_speed, self.speed[i]]),
-            np.array([self.time_gap[i], rear_time_gap]),
-            config,
-        )
-        if after[1] < -config.safe_deceleration or after[0] < -config.safe_deceleration:
-            return False
-        before_rear = self.acceleration[rear] if rear >= 0 else 0.0
-        loss = max(0.0, float(before_rear - after[1])) if math.isfinite(rear_gap) else 0.0
-        bias = config.keep_right_bias if target == 0 else -config.keep_right_bias
-        return bool(after[0] - current + bias - config.politeness * loss > config.change_threshold)
-
-    def _gaps(
-        self, i: int, target: int, obstacles: list[Obstacle]
-    ) -> tuple[float, float, float, float, int]:
-        """Gap and speed of the leader, gap, speed and index of the follower in another lane."""
-        front, rear = float(self.front[i]), float(self.front[i] - self.length[i])
-        lead, follow = self.neighbors(front, target)
-        gap, leader_speed = math.inf, float(self.speed[i])
-        rear_gap, rear_speed, index = math.inf, float(self.speed[i]), -1
-        if lead >= 0:
-            gap = float(self.front[lead] - self.length[lead]) - front
-            leader_speed = float(self.speed[lead])
-        if follow >= 0:
-            rear_gap, rear_speed, index = rear - self.front[follow], self.speed[follow], follow
-        for obstacle in obstacles:
-            if obstacle.lane != target:
-                continue
-            if obstacle.front > front and obstacle.front - obstacle.length - front < gap:
-                gap, leader_speed = obstacle.front - obstacle.length - front, obstacle.speed
-            if obstacle.front <= front and rear - obstacle.front < rear_gap:
-                rear_gap, rear_speed, index = rear - obstacle.front, obstacle.speed, -1
-        return gap, leader_speed, float(rear_gap), float(rear_speed), index
+        """One MOBIL round, in the order of the vehicles; each sees the changes decided before."""
+        rested = np.flatnonzero(self._clock - self.change_time > self.CHANGE_INTERVAL)
+        while rested.size:
+            vehicles = self._vehicles(obstacles)
+            wanting = np.flatnonzero(gains(vehicles, rested, self.config.keeps_right) > 0.0)
+            if wanting.size == 0:
+                return
+            first = int(rested[wanting[0]])
+            self.change_from[first] = self.lane[first] * LANE_WIDTH
+            self.change_time[first] = self._clock
+            self.lane[first] = 1 - self.lane[first]
+            rested = rested[wanting[0] + 1 :]
 
 
 _COLUMNS = (
@@ -290,7 +259,6 @@ _COLUMNS = (
     "lane",
     "length",
     "desired",
-    "time_gap",
     "kind",
     "change_time",
     "change_from",

@@ -1,0 +1,144 @@
+"""MOBIL for all vehicles of the fast world at once; the rule is `traffic_bridge`'s, in arrays.
+
+    safety      a~_n >= -b_safe, a~_c >= -b_safe, and room for the vehicle
+    symmetric   a~_c - a_c + p (a~_n - a_n + a~_o - a_o) > a_th
+    keep right  to the right   a~_c^eur - a_c + p (a~_o - a_o) > a_th - a_bias
+                to the left    a~_c - a_c^eur + p (a~_n - a_n) > a_th + a_bias
+
+c decides, n is the follower to be, o the one that was, `a~` are accelerations after the change.
+Kesting, Treiber and Helbing, Transportation Research Record 1999 (2007), 86-94.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.decision.fast_world.config import Drivers, idm_acceleration
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+MARGIN = 2.0  # [m] before and behind that must be free after a change
+CRITICAL_SPEED = 60.0 / 3.6  # [m/s]: below it lanes may pass on the right
+
+
+@dataclass(frozen=True)
+class Vehicles:
+    """Vehicles of a road with two lanes, arrays of shape (n,); positions of front bumpers."""
+
+    front: FloatArray
+    length: FloatArray
+    speed: FloatArray
+    desired: FloatArray
+    lane: IntArray
+    drivers: Drivers
+
+
+class Queue:
+    """Who drives behind whom.
+
+    Args:
+      vehicles: n of them, on any lanes.
+    """
+
+    def __init__(self, vehicles: Vehicles) -> None:
+        self._vehicles = vehicles
+        n = vehicles.front.size
+        order = np.lexsort((vehicles.front, vehicles.lane))
+        same = vehicles.lane[order[:-1]] == vehicles.lane[order[1:]]
+        self.leader = np.full(n, -1)
+        self.leader[order[:-1][same]] = order[1:][same]
+        self.follower = np.full(n, -1)
+        self.follower[order[1:][same]] = order[:-1][same]
+
+    def ahead(self) -> tuple[FloatArray, FloatArray]:
+        """Gap to and speed of each one's leader, (n,); inf and its own speed without one."""
+        everyone = np.arange(self.leader.size)
+        return gap_between(self._vehicles, everyone, self.leader)
+
+
+def gap_between(
+    vehicles: Vehicles, behind: IntArray, leader: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Gap to and speed of leaders, where the index is -1 inf and the follower's own speed."""
+    has = leader >= 0
+    gap = (vehicles.front - vehicles.length)[leader] - vehicles.front[behind]
+    speed = np.where(has, vehicles.speed[leader], vehicles.speed[behind])
+    return np.where(has, gap, np.inf), speed
+
+
+def gains(vehicles: Vehicles, deciders: IntArray, keeps_right: bool) -> FloatArray:
+    """What a change to the other one of two lanes gains each decider above its threshold [m/s2].
+
+    Args:
+      vehicles: all of them.
+      deciders: indices, shape (m,).
+      keeps_right: the keep-right rule, else the symmetric one.
+
+    Returns:
+      (m,); -inf where the change is not safe.
+    """
+    queue = Queue(vehicles)
+    leader, follower = queue.leader[deciders], queue.follower[deciders]
+    new_leader, new_follower = _beside(vehicles, deciders)
+    kinds = vehicles.drivers.of(deciders)
+    rear = (vehicles.front - vehicles.length)[deciders]
+
+    def alone(gap: FloatArray, speed: FloatArray) -> FloatArray:
+        own, desired = vehicles.speed[deciders], vehicles.desired[deciders]
+        return idm_acceleration(own, desired, gap, speed, kinds)
+
+    def behind(index: IntArray, gap: FloatArray, speed: FloatArray) -> FloatArray:
+        own, desired = vehicles.speed[index], vehicles.desired[index]
+        value = idm_acceleration(own, desired, gap, speed, vehicles.drivers.of(index))
+        return np.where(index >= 0, value, 0.0)
+
+    gap, speed = gap_between(vehicles, deciders, leader)
+    new_gap, new_speed = gap_between(vehicles, deciders, new_leader)
+    gap_behind = np.where(follower >= 0, rear - vehicles.front[follower], np.inf)
+    new_gap_behind = np.where(new_follower >= 0, rear - vehicles.front[new_follower], np.inf)
+
+    before, after = alone(gap, speed), alone(new_gap, new_speed)
+    braking = behind(new_follower, new_gap_behind, vehicles.speed[deciders])
+    without = behind(new_follower, *gap_between(vehicles, new_follower, new_leader))
+    new = braking - without
+    freed = behind(follower, *gap_between(vehicles, follower, leader))
+    old = freed - behind(follower, gap_behind, vehicles.speed[deciders])
+    if keeps_right:
+        to_right = vehicles.lane[deciders] > 0
+        left_gap, left_speed = (
+            np.where(to_right, gap, new_gap),
+            np.where(to_right, speed, new_speed),
+        )
+        own_speed = vehicles.speed[deciders]
+        bound = (left_gap < np.inf) & (own_speed > left_speed) & (left_speed > CRITICAL_SPEED)
+        lesser = np.minimum(before, after)
+        other = np.where(to_right, old, new)
+        gain = np.where(bound & to_right, lesser, after) - np.where(
+            bound & ~to_right, lesser, before
+        )
+        gain = gain + np.where(to_right, 1.0, -1.0) * kinds.keep_right_bias
+    else:
+        gain, other = after - before, new + old
+    gain = gain + kinds.politeness * other - kinds.change_threshold
+    safe = (new_gap >= MARGIN) & (new_gap_behind >= MARGIN)
+    safe &= (after >= -kinds.safe_braking) & (braking >= -kinds.safe_braking)
+    return np.where(safe, gain, -np.inf)
+
+
+def _beside(vehicles: Vehicles, deciders: IntArray) -> tuple[IntArray, IntArray]:
+    """Who would be leader and follower in the other lane: indices, -1 for nobody."""
+    leader, follower = np.full(deciders.size, -1), np.full(deciders.size, -1)
+    for lane in (0, 1):
+        asks = np.flatnonzero(vehicles.lane[deciders] == 1 - lane)
+        there = np.flatnonzero(vehicles.lane == lane)
+        if asks.size == 0 or there.size == 0:
+            continue
+        there = there[np.argsort(vehicles.front[there], kind="stable")]
+        place = np.searchsorted(vehicles.front[there], vehicles.front[deciders[asks]], side="right")
+        leader[asks] = np.where(place < there.size, there[np.minimum(place, there.size - 1)], -1)
+        follower[asks] = np.where(place > 0, there[np.maximum(place - 1, 0)], -1)
+    return leader, follower
