@@ -16,6 +16,7 @@ from controllers.decision.fast_world.truck import HighwayTruck
 from controllers.decision.observation import ObservationHistory, observe_frame
 from controllers.decision.reward import RewardTerms, decision_charge, speed_charge
 from controllers.decision.trip import TripConfig, TripStep, TripSummary
+from controllers.lane_change import LaneChangeConfig
 from controllers.safety import SafetyConfig, front_gap_needed, rear_gap_needed
 from iits_mj.errors import InputError
 from iits_mj.messages import Decision, EgoFootprint, EgoState, Scene
@@ -31,13 +32,16 @@ class HighwaySettings:
 
     Attributes:
       traffic: how the others drive; a trip gives its density and speed.
-      change_duration: of a lane change of the truck [s].
+      change_duration: shortest and longest lane change of the truck, whole seconds; the full chain
+        takes 6 to 9 s by speed, load and road.
+      pause: between two changes [s].
       grade_max: greatest grade of the hills; 0 for a flat road.
       safety: gaps without which a change is refused.
     """
 
     traffic: HighwayConfig = field(default_factory=HighwayConfig)
-    change_duration: float = 6.0
+    change_duration: tuple[int, int] = (6, 9)
+    pause: float = LaneChangeConfig.pause
     grade_max: float = 0.045
     safety: SafetyConfig = field(default_factory=SafetyConfig)
 
@@ -65,7 +69,9 @@ class HighwayEnv:
         self.truck.front = trip.start_station + self._footprint.front_overhang
         self.truck.speed = min(trip.traffic_speed, trip.reference_speed)
         self.lane, self._source = 0, 0
-        self._change_left = 0.0
+        self._change_left, self._change_lasts = 0.0, 1.0
+        self._changed_at = -math.inf
+        self._random = generator
         self.time = 0.0
         traffic = replace(
             settings.traffic,
@@ -119,18 +125,21 @@ class HighwayEnv:
             raise InputError("the trip has not begun: call reset(generator) first")
         changes = decision is not Decision.KEEP
         target = self.lane - int(decision)  # LEFT is -1, lanes count from the right
-        exists = 0 <= target < LANES
-        dangerous = changes and exists and not self.safe(target)
+        rested = self.time - self._changed_at >= self.settings.pause - 1e-6
+        possible = 0 <= target < LANES and rested
+        dangerous = changes and possible and not self.safe(target)
         reward = decision_charge(changes, dangerous, self.config.reward)
         seconds = 1.0
         self.summary.decisions += 1
-        if changes and (dangerous or not exists):
+        if changes and (dangerous or not possible):
             self.summary.refused += 1
             self.summary.dangerous += int(dangerous)
         elif changes:
             self.summary.changes += 1
             self._source, self.lane = self.lane, target
-            self._change_left = seconds = self.settings.change_duration
+            shortest, longest = self.settings.change_duration
+            seconds = float(self._random.integers(shortest, longest, endpoint=True))
+            self._change_left = self._change_lasts = seconds
         terminated = False
         elapsed = 0.0
         while elapsed < seconds - 1e-9 and not terminated and not self._over():
@@ -143,7 +152,8 @@ class HighwayEnv:
         if terminated:
             factor = self.config.reward.discount ** max(elapsed - 1.0, 0.0)
             reward += RewardTerms(collision=-self.config.reward.collision * factor)
-        self._source = self.lane
+        if self._source != self.lane:
+            self._source, self._changed_at = self.lane, self.time
         self._change_left = 0.0
         self.summary.reward += reward
         over = self._over()
@@ -180,7 +190,7 @@ class HighwayEnv:
         """Progress of the change, 0 to 1."""
         if self._source == self.lane:
             return 1.0
-        return 1.0 - self._change_left / self.settings.change_duration
+        return 1.0 - self._change_left / self._change_lasts
 
     def _obstacles(self) -> list[Obstacle]:
         """The lanes the truck's body is in: its own, and the one it leaves for 70 % of a change."""
@@ -215,7 +225,7 @@ class HighwayEnv:
         blend = phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2)
         step = (self.lane - self._source) * LANE_WIDTH
         offset = self._source * LANE_WIDTH + step * blend
-        rate = 30.0 * phase**2 * (1.0 - phase) ** 2 / self.settings.change_duration
+        rate = 30.0 * phase**2 * (1.0 - phase) ** 2 / self._change_lasts
         station = self.truck.front - self._footprint.front_overhang
         ego = EgoState(
             time=self.time,
