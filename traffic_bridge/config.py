@@ -35,8 +35,9 @@ class TrafficConfig:
         of it (see `VehicleType`). The paper uses 12.5 and 15.
       lane_change: "lc2013" (SUMO's model) or "mobil" (ours, see `traffic_bridge.vehicles.mobil`).
       lane_discipline: "right": the traffic keeps to the right lane as its types want to; "free":
-        nobody keeps right for its own sake and overtakers stay in their lane, which fills all lanes
-        alike (`keep_right_bias` and `lc_keep_right` of all types are zero).
+        each for itself: nobody keeps right for its own sake nor gives way to who comes from behind,
+        and overtakers stay in their lane, which fills all lanes alike (`keep_right_bias`,
+        `politeness` and `lc_keep_right` of all types are zero).
       mix: name and weight of each type of vehicle that comes by chance.
       types: the `VehicleType`s there are, each with a name of its own.
       view_range: vehicles within this distance of the ego are reported [m].
@@ -120,7 +121,7 @@ class TrafficConfig:
             object.__setattr__(self, what, _all_of(what, getattr(self, what), kind))
         if self.lane_discipline == "free":
             kinds = tuple(
-                dataclasses.replace(kind, keep_right_bias=0.0, lc_keep_right=0.0)
+                dataclasses.replace(kind, keep_right_bias=0.0, politeness=0.0, lc_keep_right=0.0)
                 for kind in self.types
             )
             object.__setattr__(self, "types", kinds)

@@ -55,10 +55,11 @@ def test_unusable_settings_are_refused_with_what_is_allowed(values, text):
         TrafficConfig(**values)
 
 
-def test_free_lane_discipline_takes_the_right_lanes_pull_from_every_type():
+def test_free_lane_discipline_takes_the_right_lanes_pull_and_politeness_from_every_type():
     free = TrafficConfig(lane_discipline="free")
-    assert {(kind.keep_right_bias, kind.lc_keep_right) for kind in free.types} == {(0.0, 0.0)}
-    assert all(kind.keep_right_bias > 0.0 for kind in TrafficConfig().types)
+    for name in ("keep_right_bias", "lc_keep_right", "politeness"):
+        assert {getattr(kind, name) for kind in free.types} == {0.0}
+        assert all(getattr(kind, name) > 0.0 for kind in TrafficConfig().types)
     assert dataclasses.replace(free).types == free.types
 
 

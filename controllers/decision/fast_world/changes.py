@@ -1,7 +1,7 @@
 """MOBIL for all vehicles of the fast world at once; the rule is `traffic_bridge`'s, in arrays.
 
     safety      a~_n >= -b_safe, a~_c >= -b_safe, and room for the vehicle
-    symmetric   a~_c - a_c + p (a~_n - a_n + a~_o - a_o) > a_th
+    for itself  a~_c - a_c > a_th (the symmetric rule with p = 0)
     keep right  to the right   a~_c^eur - a_c + p (a~_o - a_o) > a_th - a_bias
                 to the left    a~_c - a_c^eur + p (a~_n - a_n) > a_th + a_bias
 
@@ -76,7 +76,7 @@ def gains(vehicles: Vehicles, deciders: IntArray, keeps_right: bool) -> FloatArr
     Args:
       vehicles: all of them.
       deciders: indices, shape (m,).
-      keeps_right: the keep-right rule, else the symmetric one.
+      keeps_right: the keep-right rule; else the symmetric one with p = 0, each for itself.
 
     Returns:
       (m,); -inf where the change is not safe.
@@ -84,14 +84,10 @@ def gains(vehicles: Vehicles, deciders: IntArray, keeps_right: bool) -> FloatArr
     queue = Queue(vehicles)
     leader, follower = queue.leader[deciders], queue.follower[deciders]
     new_leader, new_follower = _beside(vehicles, deciders)
-    kinds = vehicles.drivers.of(deciders)
+    kinds, own_speed = vehicles.drivers.of(deciders), vehicles.speed[deciders]
     rear = (vehicles.front - vehicles.length)[deciders]
 
-    def alone(gap: FloatArray, speed: FloatArray) -> FloatArray:
-        own, desired = vehicles.speed[deciders], vehicles.desired[deciders]
-        return idm_acceleration(own, desired, gap, speed, kinds)
-
-    def behind(index: IntArray, gap: FloatArray, speed: FloatArray) -> FloatArray:
+    def driven(index: IntArray, gap: FloatArray, speed: FloatArray) -> FloatArray:
         own, desired = vehicles.speed[index], vehicles.desired[index]
         value = idm_acceleration(own, desired, gap, speed, vehicles.drivers.of(index))
         return np.where(index >= 0, value, 0.0)
@@ -100,33 +96,25 @@ def gains(vehicles: Vehicles, deciders: IntArray, keeps_right: bool) -> FloatArr
     new_gap, new_speed = gap_between(vehicles, deciders, new_leader)
     gap_behind = np.where(follower >= 0, rear - vehicles.front[follower], np.inf)
     new_gap_behind = np.where(new_follower >= 0, rear - vehicles.front[new_follower], np.inf)
-
-    before, after = alone(gap, speed), alone(new_gap, new_speed)
-    braking = behind(new_follower, new_gap_behind, vehicles.speed[deciders])
-    without = behind(new_follower, *gap_between(vehicles, new_follower, new_leader))
-    new = braking - without
-    freed = behind(follower, *gap_between(vehicles, follower, leader))
-    old = freed - behind(follower, gap_behind, vehicles.speed[deciders])
+    before, after = driven(deciders, gap, speed), driven(deciders, new_gap, new_speed)
+    braking = driven(new_follower, new_gap_behind, own_speed)
+    gain = after - before
     if keeps_right:
         to_right = vehicles.lane[deciders] > 0
-        left_gap, left_speed = (
-            np.where(to_right, gap, new_gap),
-            np.where(to_right, speed, new_speed),
-        )
-        own_speed = vehicles.speed[deciders]
+        left_gap = np.where(to_right, gap, new_gap)
+        left_speed = np.where(to_right, speed, new_speed)
         bound = (left_gap < np.inf) & (own_speed > left_speed) & (left_speed > CRITICAL_SPEED)
         lesser = np.minimum(before, after)
-        other = np.where(to_right, old, new)
-        gain = np.where(bound & to_right, lesser, after) - np.where(
-            bound & ~to_right, lesser, before
-        )
-        gain = gain + np.where(to_right, 1.0, -1.0) * kinds.keep_right_bias
-    else:
-        gain, other = after - before, new + old
-    gain = gain + kinds.politeness * other - kinds.change_threshold
+        there = np.where(bound & to_right, lesser, after)
+        here = np.where(bound & ~to_right, lesser, before)
+        new = braking - driven(new_follower, *gap_between(vehicles, new_follower, new_leader))
+        freed = driven(follower, *gap_between(vehicles, follower, leader))
+        old = freed - driven(follower, gap_behind, own_speed)
+        bias = np.where(to_right, 1.0, -1.0) * kinds.keep_right_bias
+        gain = there - here + bias + kinds.politeness * np.where(to_right, old, new)
     safe = (new_gap >= MARGIN) & (new_gap_behind >= MARGIN)
     safe &= (after >= -kinds.safe_braking) & (braking >= -kinds.safe_braking)
-    return np.where(safe, gain, -np.inf)
+    return np.where(safe, gain - kinds.change_threshold, -np.inf)
 
 
 def _beside(vehicles: Vehicles, deciders: IntArray) -> tuple[IntArray, IntArray]:

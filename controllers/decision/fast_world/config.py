@@ -145,7 +145,7 @@ class HighwayConfig:
     Attributes:
       spawn_probability: of a vehicle appearing, per second and lane.
       traffic_speed: speed limit of the traffic [m/s].
-      keeps_right: whether it keeps right, else both lanes are as good.
+      keeps_right: whether it keeps right; else each drives for itself, on either lane.
       window_behind, window_ahead: the simulated stretch about the truck [m]. Slow vehicles side by
         side gather the others behind them; ahead there must be road enough for that to have
         happened by the time that the truck arrives.
