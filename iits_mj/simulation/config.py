@@ -87,7 +87,7 @@ class DriveConfig(TruckStart):
     lane_discipline: str = option(
         "right",
         help="which lanes the traffic fills; right: it keeps right and overtakes on the left; "
-        "free: all alike, it overtakes on both sides and stays there",
+        "free: all alike, each for itself: it overtakes on both sides and gives nobody way",
         choices=LANE_DISCIPLINES,
     )
     traffic_scope: str = option(

@@ -34,6 +34,7 @@ SMALL = {
     "importance_decisions": 100,
     "evaluate_interval": 50,
     "validation_trips": 1,
+    "truck_validation_trips": 1,
     "validation_duration": 10.0,
     "checkpoint_interval": 30,
     "steps": 3,
@@ -366,14 +367,16 @@ def test_trips_begin_anywhere_and_fit_the_road():
         assert min(t.start_station for t in trips) >= 60.0
         # No trip is over by its length before it is by its duration, unless the road is too short.
         assert all(t.length >= min(t.reference_speed * duration, ROAD_LENGTH - 60.0) for t in trips)
-    starts = [sample_trip(TrainConfig(), random).start_station for _ in range(200)]
+    starts = [
+        sample_trip(TrainConfig(trip_duration=300.0), random).start_station for _ in range(200)
+    ]
     assert min(starts) < 600.0
     assert max(starts) > 9_000.0
 
 
 def test_validation_trips_are_the_same_each_time_and_no_training_trips():
-    config = TrainConfig()
-    first, second = list(validation_trips(config)), list(validation_trips(config))
+    config = TrainConfig(validation_duration=600.0)
+    first, second = list(validation_trips(config, 3)), list(validation_trips(config, 3))
     assert len(first) == 6 * 3
     assert [trip for _, trip, _ in first] == [trip for _, trip, _ in second]
     assert [g.random() for *_, g in first] == [g.random() for *_, g in second]

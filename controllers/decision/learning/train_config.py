@@ -79,10 +79,15 @@ class TrainConfig(LearnerConfig):
         2, help="processes that drive; the outcome does not depend on it", low=1, high=256
     )
     trips_per_round: int = option(
-        4, help="trips driven on one state of the network", low=1, high=1024
+        2, help="trips driven on one state of the network", low=1, high=1024
     )
     trip_duration: float = option(
-        300.0, help="length of a trip", unit="s", low=10.0, high=1e5, metavar="S"
+        1_000.0,
+        help="length of a trip: platoons take time to form",
+        unit="s",
+        low=10.0,
+        high=1e5,
+        metavar="S",
     )
     random_share: float = option(
         0.4, help="share of trips with randomized traffic and load", low=0.0, high=1.0
@@ -113,9 +118,14 @@ class TrainConfig(LearnerConfig):
         0.5, help="share of the random decisions that the rule MOBIL makes", low=0.0, high=1.0
     )
     evaluate_interval: int = option(20_000, help="between two validations", low=1, high=10**9)
-    validation_trips: int = option(3, help="in each of the six cells", low=1, high=1000)
+    validation_trips: int = option(
+        10, help="in each of the six cells, in the fast world", low=1, high=1000
+    )
+    truck_validation_trips: int = option(
+        2, help="the same in the other world, which takes longer", low=1, high=1000
+    )
     validation_duration: float = option(
-        600.0, help="length of a validation trip", unit="s", low=10.0, high=1e5, metavar="S"
+        1_000.0, help="length of a validation trip", unit="s", low=10.0, high=1e5, metavar="S"
     )
     checkpoint_interval: int = option(10_000, help="between two checkpoints", low=1, high=10**9)
     checkpoint_seconds: float = option(

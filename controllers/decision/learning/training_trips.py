@@ -50,10 +50,12 @@ def training_generator(config: TrainConfig, round_index: int, trip: int) -> np.r
     return np.random.default_rng([config.seed, TRAINING_SEEDS, round_index, trip])
 
 
-def validation_trips(config: TrainConfig) -> Iterator[tuple[str, TripConfig, np.random.Generator]]:
-    """Name, trip and generator of every validation trip: the same in each validation."""
+def validation_trips(
+    config: TrainConfig, count: int
+) -> Iterator[tuple[str, TripConfig, np.random.Generator]]:
+    """Name, trip and generator of `count` trips in each cell: the same in each validation."""
     for cell, (density, speed) in enumerate(CELLS):
-        for trip in range(config.validation_trips):
+        for trip in range(count):
             generator = np.random.default_rng(VALIDATION_SEEDS + 1000 * cell + trip)
             base = cell_trip(density, speed, TripConfig(duration=config.validation_duration))
             name = f"validation trip {trip} in {density} traffic at {speed:g} m/s"
