@@ -131,6 +131,22 @@ def test_target_network_follows_by_its_rate():
     assert not torch.equal(online, start)
 
 
+def test_the_policy_is_the_mean_of_the_networks_and_then_their_running_average():
+    learner = DoubleDqn(LearnerConfig(average_rate=0.4), seed=0)
+    weights = []
+    for _ in range(4):
+        learner.update(batch())
+        weights.append(learner.online.trunk[0].weight.detach().numpy().copy())
+    # Shares 1, 1/2, then 0.4 where 1/3 and 1/4 would be less.
+    mean = 0.5 * (weights[0] + weights[1])
+    for later in weights[2:]:
+        mean += 0.4 * (later - mean)
+    assert np.abs(learner.network().weights[0] - mean).max() < 1e-7
+    resumed = DoubleDqn(LearnerConfig(average_rate=0.4), seed=1)
+    resumed.restore(learner.state())
+    assert np.array_equal(resumed.network().weights[0], learner.network().weights[0])
+
+
 def test_a_rate_near_zero_stops_learning():
     learner = DoubleDqn(LearnerConfig(), seed=0)
     learner.set_rate(1e-20)

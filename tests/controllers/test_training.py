@@ -41,6 +41,7 @@ SMALL = {
     "prioritized": True,
     "dueling": True,
     "quantiles": 4,
+    "average_rate": 0.1,
 }
 # Figures of the table that a clock makes.
 CLOCKS = {"wall_s", "training_decisions_per_s"}

@@ -10,6 +10,8 @@ is 0 after a termination only.
 - quantiles (Dabney et al. 2018): each value is the mean of N quantiles of the return, learned with
   the quantile Huber loss; actions are chosen by the means.
 
+The policy may be a running average of the online network, which its gradient steps shake about.
+
 Heads are linear, so both fold exactly into the one last layer of the network that is shipped.
 """
 
@@ -113,6 +115,12 @@ def _of_action(values: Tensor, action: Tensor) -> Tensor:
     return values[torch.arange(len(action)), action]
 
 
+def _follow(mine: ValueNetwork, theirs: ValueNetwork, rate: float) -> None:
+    """Moves all parameters a share of the way to another network's."""
+    for parameter, other in zip(mine.parameters(), theirs.parameters(), strict=True):
+        parameter.lerp_(other.detach(), rate)
+
+
 class DoubleDqn:
     """The learner: online and target network, optimizer, and how often they were updated."""
 
@@ -122,6 +130,7 @@ class DoubleDqn:
             torch.manual_seed(seed)
             self.online = ValueNetwork(config.dueling, config.quantiles)
         self.target = copy.deepcopy(self.online).requires_grad_(False)
+        self.average = copy.deepcopy(self.target) if config.average_rate else None
         self.optimizer = torch.optim.Adam(
             self.online.parameters(), lr=config.learning_rate, fused=True
         )
@@ -162,6 +171,7 @@ class DoubleDqn:
         self.optimizer.step()
         self.updates += 1
         self._renew_target()
+        self._renew_average()
         mean = taken.detach().mean(dim=1)
         error = (wanted.mean(dim=1) - mean).abs().numpy()
         return Update(float(loss.item()), float(mean.mean().item()), error)
@@ -174,15 +184,20 @@ class DoubleDqn:
     def _renew_target(self) -> None:
         """By a copy every so often, or by a small step each time."""
         if self.config.target_rate > 0.0:
-            pairs = zip(self.target.parameters(), self.online.parameters(), strict=True)
-            for mine, theirs in pairs:
-                mine.lerp_(theirs.detach(), self.config.target_rate)
+            _follow(self.target, self.online, self.config.target_rate)
         elif self.updates % self.config.target_interval == 0:
             self.target.load_state_dict(self.online.state_dict())
 
+    def _renew_average(self) -> None:
+        """The plain mean of all networks at first, in which there is no trace of the first one."""
+        if self.average is not None:
+            rate = max(self.config.average_rate, 1.0 / self.updates)
+            _follow(self.average, self.online, rate)
+
     def network(self, **metadata: Any) -> QNetwork:
-        """The online network as numpy arrays, a copy."""
-        weights, biases = zip(*self.online.layers(), strict=True)
+        """The policy as numpy arrays, a copy: the online network, or its running average."""
+        policy = self.online if self.average is None else self.average
+        weights, biases = zip(*policy.layers(), strict=True)
         margin = self.config.margin * self.config.reward_scale
         return QNetwork(tuple(weights), tuple(biases), dict(metadata), margin)
 
@@ -191,6 +206,7 @@ class DoubleDqn:
         state = {
             "online": self.online.state_dict(),
             "target": self.target.state_dict(),
+            "average": None if self.average is None else self.average.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "updates": self.updates,
         }
@@ -200,5 +216,7 @@ class DoubleDqn:
         """Takes up what `state` gave."""
         self.online.load_state_dict(state["online"])
         self.target.load_state_dict(state["target"])
+        if self.average is not None:
+            self.average.load_state_dict(state["average"])
         self.optimizer.load_state_dict(state["optimizer"])
         self.updates = int(state["updates"])

@@ -39,6 +39,14 @@ class LearnerConfig:
         low=0.0,
         high=1.0,
     )
+    average_rate: float = option(
+        0.0,
+        help="share by which the policy follows the online network at every update: a running "
+        "average over 1 / RATE updates; 0 for the online network itself",
+        low=0.0,
+        high=1.0,
+        metavar="RATE",
+    )
     gradient_norm: float = option(
         10.0, help="longer gradients are shortened to this length", low=1e-6, high=1e9
     )
