@@ -16,7 +16,6 @@ from controllers.decision.fast_world.config import HighwayConfig, Obstacle
 from controllers.decision.fast_world.road import LANE_WIDTH
 from controllers.decision.fast_world.traffic import HighwayTraffic
 from controllers.decision.mobil import Mobil
-from controllers.decision.trip import SPAWN_PROBABILITY
 from iits_mj.messages import Decision, EgoState, Scene, TrackedVehicle
 from iits_mj.road import Route
 from iits_mj.validation.ideal_drive import STEP, IdealDrive
@@ -41,17 +40,16 @@ class Ordinary:
     cost: float
 
 
-def ordinary_drive(density: str, duration: float, seed: int = 0) -> Ordinary:
-    """Drives among traffic of the paper's density at 12.5 m/s.
+def ordinary_drive(probability: float, duration: float, seed: int = 0) -> Ordinary:
+    """Drives among traffic at 12.5 m/s that fills both lanes.
 
     Args:
-      density: "dense", "medium" or "sparse".
+      probability: of a vehicle per second and lane; the paper's densest traffic has 0.05.
       duration: [s].
       seed: of the traffic.
     """
     route = Route.straight(length=30_000.0, lanes=2, lane_width=LANE_WIDTH)
-    density_there = SPAWN_PROBABILITY[density]
-    config = HighwayConfig(density_there, traffic_speed=12.5, keeps_right=True, timestep=STEP)
+    config = HighwayConfig(probability, traffic_speed=12.5, timestep=STEP)
     traffic = HighwayTraffic(config, np.random.default_rng(seed))
     drive = IdealDrive(route, 400.0, 0, 12.5)
     traffic.fill(_obstacles(drive.ego, route)[0])
