@@ -375,6 +375,15 @@ def test_trips_begin_anywhere_and_fit_the_road():
     assert max(starts) > 9_000.0
 
 
+def test_all_trips_are_charged_as_asked_for():
+    config = TrainConfig(change_charge=25.0, discount=0.97)
+    trips = [trip for _, trip, _ in validation_trips(config, 1)]
+    trips += [sample_trip(config, np.random.default_rng(k)) for k in range(5)]
+    assert {(t.reward.change, t.reward.discount, t.reward.danger) for t in trips} == {
+        (25.0, 0.97, 20.0)
+    }
+
+
 def test_validation_trips_are_the_same_each_time_and_no_training_trips():
     config = TrainConfig(validation_duration=600.0)
     first, second = list(validation_trips(config, 3)), list(validation_trips(config, 3))

@@ -9,6 +9,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
+from controllers.decision.reward import RewardConfig
 from iits_mj import options as option_fields
 from iits_mj.errors import InputError
 from iits_mj.options import option
@@ -97,6 +98,13 @@ class TrainConfig(LearnerConfig):
         high=1e5,
         metavar="S",
     )
+    discount: float = option(0.99, help="of a reward one second later", low=0.0, high=0.9999)
+    change_charge: float = option(
+        RewardConfig.change,
+        help="of a decision to change lanes, in m/s seconds of distance from the reference speed",
+        low=0.0,
+        high=1e4,
+    )
     random_share: float = option(
         0.4, help="share of trips with randomized traffic and load", low=0.0, high=1.0
     )
@@ -149,6 +157,11 @@ class TrainConfig(LearnerConfig):
                 f"warm-up {self.warm_up} is not allowed; use {self.replay_capacity} "
                 "(replay-capacity) or less"
             )
+
+
+def reward(config: TrainConfig) -> RewardConfig:
+    """Of all trips of a training, those of validations too."""
+    return RewardConfig(change=config.change_charge, discount=config.discount)
 
 
 def settings(config: TrainConfig) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from controllers.decision.learning.train_config import TrainConfig
+from controllers.decision.learning.train_config import TrainConfig, reward
 from controllers.decision.seeds import TRAINING_SEEDS, VALIDATION_SEEDS
 from controllers.decision.trip import CELLS, TripConfig, cell_trip
 
@@ -24,7 +24,8 @@ _KEEPS_RIGHT = 0.3
 def sample_trip(config: TrainConfig, generator: np.random.Generator) -> TripConfig:
     """A trip of the training mixture: one of the six cells, or a randomized traffic and load."""
     density, speed = CELLS[int(generator.integers(len(CELLS)))]
-    trip = cell_trip(density, speed, TripConfig(duration=config.trip_duration))
+    base = TripConfig(duration=config.trip_duration, reward=reward(config))
+    trip = cell_trip(density, speed, base)
     if generator.random() < config.random_share:
         trip = replace(
             trip,
@@ -57,6 +58,6 @@ def validation_trips(
     for cell, (density, speed) in enumerate(CELLS):
         for trip in range(count):
             generator = np.random.default_rng(VALIDATION_SEEDS + 1000 * cell + trip)
-            base = cell_trip(density, speed, TripConfig(duration=config.validation_duration))
+            base = TripConfig(duration=config.validation_duration, reward=reward(config))
             name = f"validation trip {trip} in {density} traffic at {speed:g} m/s"
-            yield name, start_anywhere(base, generator), generator
+            yield name, start_anywhere(cell_trip(density, speed, base), generator), generator
