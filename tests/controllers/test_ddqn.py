@@ -141,10 +141,11 @@ def test_the_policy_is_the_mean_of_the_networks_and_then_their_running_average()
     mean = 0.5 * (weights[0] + weights[1])
     for later in weights[2:]:
         mean += 0.4 * (later - mean)
-    assert np.abs(learner.network().weights[0] - mean).max() < 1e-7
+    assert np.abs(learner.policy().weights[0] - mean).max() < 1e-7
+    assert np.array_equal(learner.network().weights[0], weights[-1])
     resumed = DoubleDqn(LearnerConfig(average_rate=0.4), seed=1)
     resumed.restore(learner.state())
-    assert np.array_equal(resumed.network().weights[0], learner.network().weights[0])
+    assert np.array_equal(resumed.policy().weights[0], learner.policy().weights[0])
 
 
 def test_a_rate_near_zero_stops_learning():

@@ -10,7 +10,8 @@ is 0 after a termination only.
 - quantiles (Dabney et al. 2018): each value is the mean of N quantiles of the return, learned with
   the quantile Huber loss; actions are chosen by the means.
 
-The policy may be a running average of the online network, which its gradient steps shake about.
+The policy that is shipped may be a running average of the online network, which its gradient steps
+shake about; experience is gathered by the online network itself, whose errors only that can mend.
 
 Heads are linear, so both fold exactly into the one last layer of the network that is shipped.
 """
@@ -194,12 +195,18 @@ class DoubleDqn:
             rate = max(self.config.average_rate, 1.0 / self.updates)
             _follow(self.average, self.online, rate)
 
-    def network(self, **metadata: Any) -> QNetwork:
-        """The policy as numpy arrays, a copy: the online network, or its running average."""
-        policy = self.online if self.average is None else self.average
-        weights, biases = zip(*policy.layers(), strict=True)
+    def network(self) -> QNetwork:
+        """The online network as numpy arrays, a copy: what gathers experience."""
+        return self._arrays(self.online)
+
+    def policy(self) -> QNetwork:
+        """What is validated and shipped: the running average, or the online network; a copy."""
+        return self._arrays(self.online if self.average is None else self.average)
+
+    def _arrays(self, values: ValueNetwork) -> QNetwork:
+        weights, biases = zip(*values.layers(), strict=True)
         margin = self.config.margin * self.config.reward_scale
-        return QNetwork(tuple(weights), tuple(biases), dict(metadata), margin)
+        return QNetwork(tuple(weights), tuple(biases), margin=margin)
 
     def state(self) -> dict[str, Any]:
         """Everything that evolves, for a checkpoint; a copy."""

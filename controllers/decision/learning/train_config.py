@@ -42,8 +42,8 @@ class LearnerConfig:
     )
     average_rate: float = option(
         0.0,
-        help="share by which the policy follows the online network at every update: a running "
-        "average over 1 / RATE updates; 0 for the online network itself",
+        help="share by which the policy that is kept follows the online network at every update: a "
+        "running average over 1 / RATE updates; 0 for the online network itself",
         low=0.0,
         high=1.0,
         metavar="RATE",

@@ -235,7 +235,7 @@ class Training:
 
     def _validate(self) -> None:
         """Drives the greedy policy over the six cells; keeps it, and apart when it is the best."""
-        network = self.learner.network()
+        network = self.learner.policy()
         result = validate(network, self.config, self.workers, self.stage, self.interruption)
         self.evaluated = self.decisions
         training = {**self._progress(), **self.means.take()}
