@@ -39,11 +39,14 @@ def drive_digest(*drivers: ModuleType) -> str:
     """Twelve hexadecimal digits of the code of drives.
 
     Args:
-      drivers: modules of this package that set up the drives: a change of them counts, too.
+      drivers: modules that set up the drives, or packages with all of their modules: a change of
+        them counts, too.
     """
     digest = hashlib.sha256(code_digest().encode())
     for driver in drivers:
-        digest.update(Path(str(driver.__file__)).read_bytes())
+        path = Path(str(driver.__file__))
+        for file in sorted(path.parent.glob("*.py")) if hasattr(driver, "__path__") else [path]:
+            digest.update(file.read_bytes())
     return digest.hexdigest()[:12]
 
 

@@ -11,12 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from controllers import decision as decisions
+from controllers.decision import fast_world
 from controllers.decision.base import DecisionContext, DecisionMaker
-from controllers.decision.fast_world import config as fast_config
-from controllers.decision.fast_world import env as fast_env
-from controllers.decision.fast_world import road as fast_road
-from controllers.decision.fast_world import traffic as fast_traffic
-from controllers.decision.fast_world import truck as fast_truck
+from controllers.decision.fast_world.env import HighwayEnv
 from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig
 from iits_mj.errors import InputError
 from iits_mj.messages import Decision
@@ -37,8 +34,8 @@ _PERIOD = 0.1  # [s]
 @functools.cache
 def trial_code(world: str) -> str:
     """Digest of the code that drives trials in a world, "full" or "fast"."""
-    fast = (fast_config, fast_env, fast_road, fast_traffic, fast_truck) if world == "fast" else ()
-    return drive_digest(trials, sys.modules[__name__], *fast)
+    drivers = [trials, sys.modules[__name__]]
+    return drive_digest(*drivers, fast_world) if world == "fast" else drive_digest(*drivers)
 
 
 def drive(task: Task, weights: Path | None = None) -> Trial:
@@ -175,7 +172,7 @@ def _drive_fast(task: Task, maker: _Counted, code: str) -> Trial:
         duration=task.duration_limit,
     )
     began = time.perf_counter()
-    env = fast_env.HighwayEnv()
+    env = HighwayEnv()
     maker.reset()
     env.reset(np.random.default_rng(task.seed), trip)
     over = False

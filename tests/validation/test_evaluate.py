@@ -6,6 +6,7 @@ import itertools
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from types import ModuleType
 
 import pytest
 from evaluate_rows_of import die_once, task, trial
@@ -13,7 +14,7 @@ from evaluate_rows_of import die_once, task, trial
 from controllers.decision import seeds
 from controllers.decision.policy import SHIPPED
 from iits_mj.errors import InputError, TrafficError
-from iits_mj.validation import evaluate_rows, evaluate_runner, trial_drives, trials
+from iits_mj.validation import evaluate_rows, evaluate_runner, kept_runs, trial_drives, trials
 from iits_mj.validation.evaluate import EvaluateConfig, run, tasks_of, trial_seed
 
 CONFIG = EvaluateConfig(trials=2, methods="keep,aggressive", cells="dense-12.5,medium-15")
@@ -35,6 +36,17 @@ class Fake:
                     asked, 0.1 + 1e-4 * (asked.seed % 7), code=trial_drives.trial_code(asked.world)
                 )
             )
+
+
+def test_the_code_of_fast_trials_is_every_module_of_the_fast_world(tmp_path):
+    assert trial_drives.trial_code("fast") != trial_drives.trial_code("full")
+    for name in ("__init__.py", "env.py", "changes.py"):
+        (tmp_path / name).write_text("")
+    package = ModuleType("package")
+    package.__path__, package.__file__ = [str(tmp_path)], str(tmp_path / "__init__.py")
+    before = kept_runs.drive_digest(package)
+    (tmp_path / "changes.py").write_text("MARGIN = 3.0")
+    assert kept_runs.drive_digest(package) != before
 
 
 def test_no_seed_is_of_two_kinds():

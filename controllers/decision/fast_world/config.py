@@ -109,6 +109,8 @@ KINDS = (
 SHARES = tuple(kind.share for kind in KINDS)
 # The truck is minded as a vehicle of this kind, as in the SUMO traffic.
 TRUCK_KIND = len(KINDS) - 1
+# Of the traffic's limit; the SUMO traffic fills the road by the same figure.
+MEAN_DESIRED_SPEED = 0.92
 
 
 class Drivers:
@@ -175,7 +177,7 @@ class HighwayConfig:
     def mean_headway(self) -> float:
         """Mean distance between the fronts of vehicles of a lane [m]; inf without traffic."""
         rate = self.spawn_probability
-        return 0.92 * self.traffic_speed / rate if rate > 0.0 else math.inf
+        return MEAN_DESIRED_SPEED * self.traffic_speed / rate if rate > 0.0 else math.inf
 
 
 @dataclass(frozen=True)

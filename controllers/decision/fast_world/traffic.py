@@ -223,17 +223,14 @@ class HighwayTraffic:
 
     def _vehicles(self, obstacles: list[Obstacle]) -> Vehicles:
         """The vehicles, and after them the truck, once for each lane that it is in."""
-        count = len(obstacles)
-        kind = np.append(self.kind, np.full(count, TRUCK_KIND))
-        speed = np.append(self.speed, [o.speed for o in obstacles])
         return Vehicles(
             front=np.append(self.front, [o.front for o in obstacles]),
             length=np.append(self.length, [o.length for o in obstacles]),
-            speed=speed,
+            speed=np.append(self.speed, [o.speed for o in obstacles]),
             # The truck goes on as it does.
             desired=np.append(self.desired, [max(o.speed, 1.0) for o in obstacles]),
             lane=np.append(self.lane, [o.lane for o in obstacles]),
-            drivers=Drivers(kind),
+            drivers=Drivers(np.append(self.kind, [TRUCK_KIND] * len(obstacles))),
         )
 
     def _change_lanes(self, obstacles: list[Obstacle]) -> None:

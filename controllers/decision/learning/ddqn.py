@@ -197,13 +197,13 @@ class DoubleDqn:
 
     def network(self) -> QNetwork:
         """The online network as numpy arrays, a copy: what gathers experience."""
-        return self._arrays(self.online)
+        return self._in_numpy(self.online)
 
     def policy(self) -> QNetwork:
         """What is validated and shipped: the running average, or the online network; a copy."""
-        return self._arrays(self.online if self.average is None else self.average)
+        return self._in_numpy(self.online if self.average is None else self.average)
 
-    def _arrays(self, values: ValueNetwork) -> QNetwork:
+    def _in_numpy(self, values: ValueNetwork) -> QNetwork:
         weights, biases = zip(*values.layers(), strict=True)
         margin = self.config.margin * self.config.reward_scale
         return QNetwork(tuple(weights), tuple(biases), margin=margin)
