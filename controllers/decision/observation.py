@@ -46,6 +46,7 @@ RANGE_AHEAD = 100.0
 RANGE_BEHIND = 50.0
 _BEHIND, _AHEAD = 2, 6
 _LANE_PROBE = 12.5
+_DY, _LATERAL_SPEED = FEATURES.index("dy"), FEATURES.index("lateral_speed")
 
 Frame = NDArray[np.float32]
 
@@ -150,6 +151,22 @@ def observation(frames: list[Frame]) -> Observation:
     for age, frame in reversed(list(zip(FRAME_AGES, frames, strict=True))):
         history.add(-age, frame)
     return history.observation()
+
+
+def mirrored(observation: NDArray[np.floating], width: float) -> Observation:
+    """The same situation with left and right in each other's place.
+
+    Args:
+      observation: shape (..., 216).
+      width: between the middles of the rightmost and the leftmost lane [m].
+
+    Returns:
+      float32 of the same shape.
+    """
+    rows = np.array(observation, np.float32).reshape(-1, len(FRAME_AGES), *FRAME_SHAPE)
+    rows[..., [_DY, _LATERAL_SPEED]] *= -1.0
+    rows[..., 0, _DY] += width / SCALE[_DY]
+    return rows.reshape(np.shape(observation))
 
 
 def _check_finite(rows: NDArray[np.floating]) -> None:

@@ -1,5 +1,6 @@
 """Trips as they are driven for the learner: greedy, random, guided; where returns end."""
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -38,6 +39,14 @@ def test_rewards_and_discounts_of_single_steps_are_those_of_the_world():
     driven = drive(always(1), steps=1)
     assert driven.transitions.reward.sum() == pytest.approx(driven.summary.reward.total, rel=1e-5)
     assert driven.transitions.discount == pytest.approx(0.99)
+
+
+@pytest.mark.parametrize("keeps_right", [False, True])
+def test_left_and_right_are_alike_where_traffic_does_not_keep_right(keeps_right):
+    trip = dataclasses.replace(TRIP, keeps_right=keeps_right)
+    job = Drive("a trip", 0, trip, np.random.default_rng(0), steps=3)
+    transitions = drive_trip(HighwayEnv(), job, always(1)).transitions
+    assert set(transitions.symmetric.tolist()) == {not keeps_right}
 
 
 def test_without_steps_there_are_no_transitions():

@@ -39,6 +39,7 @@ def batch(count=64, seed=0, discount=0.9):
         random.normal(size=count).astype(np.float32),
         np.full(count, discount, np.float32),
         random.uniform(-1.0, 1.0, shape).astype(np.float32),
+        np.zeros(count, bool),
     )
 
 

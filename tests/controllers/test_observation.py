@@ -8,6 +8,7 @@ from controllers.decision.observation import (
     FEATURES,
     OBSERVATION_SIZE,
     ObservationHistory,
+    mirrored,
     observation,
     observe_frame,
 )
@@ -57,6 +58,23 @@ def test_who_drives_on_no_lane_is_not_seen():
 def test_values_are_clipped_to_one():
     rows = frame(car(ROUTE, "rocket", 1050.0, 0, 90.0))
     assert np.abs(rows).max() == 1.0
+
+
+def test_a_mirrored_observation_is_that_of_the_mirrored_road():
+    road = Route.straight(length=5000.0, lanes=2, lane_width=4.0)
+
+    def seen(lanes, side):
+        offset = float(road.lane_offset(lanes[0], 1000.0)) + 0.25 * side
+        ego = EgoState(station=1000.0, offset=offset, speed=16.0, lateral_speed=0.4 * side)
+        cars = [
+            car(road, f"v{i}", 1040.0 - 70.0 * i, lane, 12.0 + i, lateral_speed=0.3 * side)
+            for i, lane in enumerate(lanes[1:])
+        ]
+        return observation([observe_frame(Scene(0.0, ego, tuple(cars)), road, 16.67)] * 4)
+
+    here, there = seen((0, 1, 0), 1), seen((1, 0, 1), -1)
+    assert np.allclose(mirrored(here, 4.0), there, atol=1e-6)
+    assert np.allclose(mirrored(np.stack([there, here]), 4.0), [here, there], atol=1e-6)
 
 
 @pytest.mark.parametrize("field", ["station", "offset", "speed", "lateral_speed"])

@@ -38,6 +38,7 @@ SMALL = {
     "validation_duration": 10.0,
     "checkpoint_interval": 30,
     "steps": 3,
+    "mirror": True,
     "prioritized": True,
     "dueling": True,
     "quantiles": 4,

@@ -86,7 +86,8 @@ def drive_trip(world: World, job: Drive, network: QNetwork) -> Driven:
             # Truncation is not termination: the value of what follows still counts.
             future = 0.0 if step.terminated else job.trip.reward.discount**step.seconds
             reward = step.reward.total
-            single = Transition(observation, action, reward, future, step.observation)
+            symmetric = not job.trip.keeps_right
+            single = Transition(observation, action, reward, future, step.observation, symmetric)
             transitions += returns.add(single, over)
         observation = step.observation
     return Driven(world.summary, Batch.of(transitions) if job.steps else None)

@@ -22,6 +22,7 @@ class Transition(NamedTuple):
       observation, action (0 left, 1 keep, 2 right), reward: discounted sum up to `following`.
       discount: of the value at `following`; 0 after a termination, never after a truncation.
       following: observation at the later decision.
+      symmetric: whether left and right are alike where it was driven.
     """
 
     observation: Observation
@@ -29,6 +30,7 @@ class Transition(NamedTuple):
     reward: float
     discount: float
     following: Observation
+    symmetric: bool = False
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,7 @@ class Batch:
     reward: NDArray[np.float32]
     discount: NDArray[np.float32]
     following: NDArray[np.float32]
+    symmetric: NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.action)
@@ -54,6 +57,7 @@ class Batch:
             np.array(columns[2], np.float32),
             np.array(columns[3], np.float32),
             np.stack(columns[4]).astype(np.float32),
+            np.array(columns[5], np.bool_),
         )
 
 
@@ -83,6 +87,7 @@ class Replay:
             "reward": np.zeros(capacity, np.float32),
             "discount": np.zeros(capacity, np.float32),
             "following": np.zeros((capacity, size), np.float16),
+            "symmetric": np.zeros(capacity, np.bool_),
         }
         self._priorities = (
             None if priority_exponent is None else Priorities(capacity, priority_exponent)
@@ -181,4 +186,4 @@ class Returns:
             reward += discount * step.reward
             discount *= step.discount
         first, last = self._recent[0], self._recent[-1]
-        return Transition(first.observation, first.action, reward, discount, last.following)
+        return first._replace(reward=reward, discount=discount, following=last.following)

@@ -118,6 +118,10 @@ class TrainConfig(LearnerConfig):
     )
     replay_capacity: int = option(100_000, help="transitions kept", low=1, high=10**8)
     warm_up: int = option(4_000, help="transitions before the first update", low=1, high=10**8)
+    mirror: bool = option(
+        False,
+        help="learn from mirror images of transitions too, where traffic does not keep right",
+    )
     prioritized: bool = option(False, help="prioritized replay (Schaul et al. 2016)")
     priority_exponent: float = option(
         0.6, help="alpha: 0 draws uniformly, 1 in proportion to the error", low=0.0, high=1.0

@@ -29,6 +29,7 @@ from controllers.decision.learning import checkpoint
 from controllers.decision.learning.collection import Drive, Driven, Workers, WorldFactory
 from controllers.decision.learning.ddqn import DoubleDqn
 from controllers.decision.learning.interruption import Interrupted, Interruption
+from controllers.decision.learning.mirror import mirror_half
 from controllers.decision.learning.replay import Replay
 from controllers.decision.learning.train_config import TrainConfig, settings
 from controllers.decision.learning.train_log import Means, TrainLog, trip_figures
@@ -189,7 +190,8 @@ class Training:
         while self.debt >= 1.0:
             self.debt -= 1.0
             draw = self.replay.sample(config.batch_size, self.random, beta)
-            update = self.learner.update(draw.batch, draw.weight)
+            batch = mirror_half(draw.batch, self.random) if config.mirror else draw.batch
+            update = self.learner.update(batch, draw.weight)
             self.replay.renew(draw.indices, update.error)
             unscaled = 1.0 / config.reward_scale
             error = float(update.error.mean()) * unscaled

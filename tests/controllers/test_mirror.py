@@ -1,0 +1,82 @@
+"""Learning from mirror images: which transitions have one, and that the fast world has it too."""
+
+import numpy as np
+import pytest
+
+from controllers.decision.fast_world.config import HighwayConfig, Obstacle
+from controllers.decision.fast_world.traffic import HighwayTraffic
+from controllers.decision.learning.mirror import mirror_half
+from controllers.decision.learning.replay import Batch, Transition
+from controllers.decision.observation import OBSERVATION_SIZE, mirrored
+
+
+def batch(symmetric, count=400):
+    random = np.random.default_rng(0)
+    return Batch.of(
+        [
+            Transition(
+                random.uniform(-1.0, 1.0, OBSERVATION_SIZE).astype(np.float32),
+                int(random.integers(3)),
+                float(random.normal()),
+                0.9,
+                random.uniform(-1.0, 1.0, OBSERVATION_SIZE).astype(np.float32),
+                symmetric,
+            )
+            for _ in range(count)
+        ]
+    )
+
+
+def test_half_of_a_batch_is_mirrored_with_its_actions():
+    before = batch(symmetric=True)
+    after = mirror_half(before, np.random.default_rng(1))
+    changed = (after.observation != before.observation).any(axis=1)
+    assert changed.mean() == pytest.approx(0.5, abs=0.1)
+    assert np.array_equal(after.observation[changed], mirrored(before.observation[changed], 4.0))
+    assert np.array_equal(after.following[changed], mirrored(before.following[changed], 4.0))
+    assert np.array_equal(after.action[changed], 2 - before.action[changed])
+    assert np.array_equal(after.action[~changed], before.action[~changed])
+    assert np.array_equal(after.following[~changed], before.following[~changed])
+    assert np.array_equal(after.reward, before.reward)
+
+
+def test_traffic_that_keeps_right_has_no_mirror_image():
+    before = batch(symmetric=False)
+    after = mirror_half(before, np.random.default_rng(1))
+    assert np.array_equal(after.observation, before.observation)
+    assert np.array_equal(after.action, before.action)
+
+
+def fronts_by_lane(flipped, keeps_right):
+    """A minute of dense traffic behind a slow truck, none coming or leaving."""
+    config = HighwayConfig(spawn_probability=0.1, keeps_right=keeps_right)
+    traffic = HighwayTraffic(config, np.random.default_rng(3))
+    truck = Obstacle(0.0, 16.5, 8.0, 0)
+    traffic.fill(truck)
+    # Nobody comes or leaves: whoever does is drawn for each lane on its own.
+    inside = (traffic.front > -250.0) & (traffic.front < 400.0)
+    for name in ("serial", "front", "speed", "acceleration", "lane", "length", "desired", "kind"):
+        setattr(traffic, name, getattr(traffic, name)[inside])
+    for name in ("change_time", "change_from"):
+        setattr(traffic, name, getattr(traffic, name)[inside])
+    traffic._exchange = lambda truck: None
+    if flipped:
+        traffic.lane = 1 - traffic.lane
+    before = traffic.lane.copy()
+    for k in range(300):
+        traffic.step([Obstacle(8.0 * 0.2 * k, 16.5, 8.0, int(flipped))])
+    return traffic.front, 1 - traffic.lane if flipped else traffic.lane, traffic.lane != before
+
+
+def test_traffic_that_does_not_keep_right_is_its_own_mirror_image():
+    front, lane, changed = fronts_by_lane(False, keeps_right=False)
+    other_front, other_lane, _ = fronts_by_lane(True, keeps_right=False)
+    assert changed.any()
+    assert np.array_equal(lane, other_lane)
+    assert np.array_equal(front, other_front)
+
+
+def test_traffic_that_keeps_right_is_not():
+    _, lane, _ = fronts_by_lane(False, keeps_right=True)
+    _, other_lane, _ = fronts_by_lane(True, keeps_right=True)
+    assert not np.array_equal(lane, other_lane)
