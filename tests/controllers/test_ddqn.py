@@ -5,9 +5,13 @@ import itertools
 import numpy as np
 import pytest
 
+from controllers.decision import make
+from controllers.decision.fast_world.env import HighwayEnv
+from controllers.decision.learning.inputs import usual_and_spread
 from controllers.decision.learning.replay import Batch
 from controllers.decision.network import LAYERS
-from controllers.decision.observation import OBSERVATION_SIZE
+from controllers.decision.observation import FEATURES, OBSERVATION_SIZE, ROWS
+from controllers.decision.trip import cell_trip
 from iits_mj.errors import Error
 
 torch = pytest.importorskip("torch", reason="torch is not installed (the train extra)")
@@ -107,6 +111,34 @@ def test_shipped_network_gives_what_torch_gives(dueling, quantiles):
     shipped = learner.network()
     assert [w.shape for w in shipped.weights] == [(n, m) for m, n in itertools.pairwise(LAYERS)]
     assert np.abs(shipped.values(data) - wanted).max() < 1e-6
+
+
+@pytest.mark.parametrize("dueling", [False, True])
+def test_units_of_the_inputs_fold_into_the_shipped_network(dueling):
+    config = LearnerConfig(standardized=True, dueling=dueling)
+    learner = DoubleDqn(config, seed=3)
+    data = batch(50, seed=9).observation
+    plain = learner.network().values(data)
+    with torch.no_grad():
+        wanted = learner.online(torch.from_numpy(data)).mean(dim=2).numpy()
+    assert np.abs(plain - wanted).max() < 1e-4 * np.abs(wanted).max()
+    other = DoubleDqn(LearnerConfig(dueling=dueling), seed=3).network().values(data)
+    assert np.abs(plain - other).max() > 0.1 * np.abs(wanted).max()
+
+
+def test_standardized_inputs_of_a_drive_are_of_one_size():
+    env, maker, seen = HighwayEnv(), make("mobil"), []
+    env.reset(np.random.default_rng(0), cell_trip("dense", 12.5))
+    for _ in range(300):
+        seen.append(env.step(maker.decide(env.context())).observation)
+    usual, spread = usual_and_spread()
+    inputs = ((np.array(seen) - usual) / spread).reshape(-1, len(ROWS), len(FEATURES))
+    raw = np.array(seen).reshape(inputs.shape)
+    present = raw[:, 1:, FEATURES.index("presence")].astype(bool)
+    sizes = np.sqrt((inputs[:, 1:][present] ** 2).mean(axis=0))
+    assert (sizes > 0.3).all()
+    assert (sizes < 3.0).all()
+    assert np.sqrt((raw[:, 1:][present] ** 2).mean(axis=0)).min() < 0.01
 
 
 def test_target_network_is_separate_and_is_renewed_on_time():

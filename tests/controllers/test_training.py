@@ -39,6 +39,7 @@ SMALL = {
     "checkpoint_interval": 30,
     "steps": 3,
     "mirror": True,
+    "standardized": True,
     "prioritized": True,
     "dueling": True,
     "quantiles": 4,

@@ -13,7 +13,8 @@ is 0 after a termination only.
 The policy that is shipped may be a running average of the online network, which its gradient steps
 shake about; experience is gathered by the online network itself, whose errors only that can mend.
 
-Heads are linear, so both fold exactly into the one last layer of the network that is shipped.
+Heads are linear, so both fold exactly into the one last layer of the network that is shipped, and
+units of the inputs into its first.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from controllers.decision.learning.inputs import usual_and_spread
 from controllers.decision.learning.replay import Batch
 from controllers.decision.learning.train_config import LearnerConfig
 from controllers.decision.network import LAYERS, QNetwork
@@ -52,11 +54,13 @@ class ValueNetwork(nn.Module):
 
     Args:
       dueling: heads for value and advantage; quantiles: of each value, 0 for the value itself.
+      standardized: inputs are seen around their usual values, in units of their spread.
     """
 
-    def __init__(self, dueling: bool, quantiles: int) -> None:
+    def __init__(self, dueling: bool, quantiles: int, standardized: bool = False) -> None:
         super().__init__()
         self.width = max(1, quantiles)
+        self._inputs = usual_and_spread() if standardized else None
         layers: list[nn.Module] = []
         for inputs, outputs in itertools.pairwise(LAYERS[:-1]):
             layers += [nn.Linear(inputs, outputs), nn.ReLU()]
@@ -66,6 +70,9 @@ class ValueNetwork(nn.Module):
 
     def forward(self, observation: Tensor) -> Tensor:
         """Quantiles of the return, (n, 3, width), of observations (n, 216)."""
+        if self._inputs is not None:
+            usual, spread = map(torch.from_numpy, self._inputs)
+            observation = (observation - usual) / spread
         hidden = self.trunk(observation)
         advantage = self.advantage(hidden).unflatten(1, (ACTION_COUNT, self.width))
         if self.value is None:
@@ -73,8 +80,12 @@ class ValueNetwork(nn.Module):
         return self.value(hidden)[:, None] + advantage - advantage.mean(dim=1, keepdim=True)
 
     def layers(self) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
-        """Weights and biases of the four layers, the heads folded into the last one; copies."""
+        """Weights and biases of the four layers, with all that is linear folded in; copies."""
         pairs = [_arrays(layer) for layer in self.trunk if isinstance(layer, nn.Linear)]
+        if self._inputs is not None:
+            usual, spread = self._inputs
+            weight = pairs[0][0] / spread
+            pairs[0] = weight, pairs[0][1] - weight @ usual
         # The mean over quantiles is linear, and so is V + A - mean A: one matrix does it all.
         last = [a.reshape(ACTION_COUNT, self.width, -1).mean(1) for a in _arrays(self.advantage)]
         if self.value is not None:
@@ -129,7 +140,7 @@ class DoubleDqn:
         self.config = config
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.online = ValueNetwork(config.dueling, config.quantiles)
+            self.online = ValueNetwork(config.dueling, config.quantiles, config.standardized)
         self.target = copy.deepcopy(self.online).requires_grad_(False)
         self.average = copy.deepcopy(self.target) if config.average_rate else None
         self.optimizer = torch.optim.Adam(

@@ -61,6 +61,9 @@ class LearnerConfig:
         low=0.0,
         high=1e4,
     )
+    standardized: bool = option(
+        False, help="inputs in units of their usual spread (LeCun et al. 1998)"
+    )
     dueling: bool = option(False, help="heads for value and advantage (Wang et al. 2016)")
     quantiles: int = option(
         0, help="quantiles of the return (Dabney et al. 2018), 0 for its mean", low=0, high=256
