@@ -22,6 +22,7 @@ from controllers.decision.learning.ddqn import (  # noqa: E402
     ValueNetwork,
     double_q_target,
     quantile_huber,
+    shortfall,
 )
 
 
@@ -62,6 +63,30 @@ def test_double_q_chooses_by_the_mean_of_the_quantiles():
     target = torch.tensor([[[9.0, 9.0], [-1.0, 2.0], [9.0, 9.0]]])
     wanted = double_q_target(torch.tensor([1.0]), torch.tensor([0.5]), online, target)
     assert wanted.tolist() == [[1.0 - 0.5, 1.0 + 1.0]]
+
+
+def test_shortfall_by_hand():
+    # Means 2, 4, 3: the second action is the best one.
+    values = torch.tensor([[[1.0, 3.0], [4.0, 4.0], [0.0, 6.0]]]).expand(3, 3, 2)
+    assert shortfall(values, torch.tensor([0, 1, 2])).tolist() == [2.0, 0.0, 1.0]
+
+
+def test_advantage_learning_widens_the_gap_and_keeps_the_best_value():
+    # One state for ever, rewards of the three actions -1, 0, -0.5 and a discount of 0.5: the values
+    # are -1, 0 and -0.5, and those of the lesser ones twice as far below with half of it charged.
+    def learned(gap):
+        learner = DoubleDqn(
+            LearnerConfig(gap=gap, reward_scale=1.0, learning_rate=1e-3, target_interval=20), seed=0
+        )
+        rewards = np.array([-1.0, 0.0, -0.5], np.float32)
+        state = np.full((3, OBSERVATION_SIZE), 0.1, np.float32)
+        alike = np.full(3, 0.5, np.float32)
+        for _ in range(400):
+            learner.update(Batch(state, np.arange(3), rewards, alike, state, np.zeros(3, bool)))
+        return learner.network().values(state[0])
+
+    assert learned(0.0) == pytest.approx([-1.0, 0.0, -0.5], abs=0.03)
+    assert learned(0.5) == pytest.approx([-2.0, 0.0, -1.0], abs=0.05)
 
 
 def test_quantile_huber_loss_by_hand():

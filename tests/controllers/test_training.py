@@ -40,6 +40,7 @@ SMALL = {
     "steps": 3,
     "mirror": True,
     "standardized": True,
+    "gap": 0.5,
     "prioritized": True,
     "dueling": True,
     "quantiles": 4,

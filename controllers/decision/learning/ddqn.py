@@ -108,6 +108,17 @@ def double_q_target(
     return reward[:, None] + discount[:, None] * _of_action(target_next, chosen)
 
 
+def shortfall(values: Tensor, action: Tensor) -> Tensor:
+    """By how much an action is worth less than the best one, (n,), of values (n, 3, width).
+
+    Charged in part, it widens the gap between the best action and the others and leaves the best
+    one as it is (Bellemare et al. 2016, eq. 7). Where decisions come often, the gap is small: the
+    next decision may make good for this one, and errors of the values decide.
+    """
+    means = values.mean(dim=2)
+    return means.max(dim=1).values - _of_action(means, action)
+
+
 def quantile_huber(taken: Tensor, wanted: Tensor) -> Tensor:
     """Loss (n,) of quantiles (n, N) against samples (n, M) of the return.
 
@@ -163,6 +174,10 @@ class DoubleDqn:
                 self.online(following),
                 self.target(following),
             )
+            if self.config.gap:
+                here = self.target(torch.from_numpy(batch.observation))
+                missing = shortfall(here, torch.from_numpy(batch.action))
+                wanted -= self.config.gap * missing[:, None]
         values = self.online(torch.from_numpy(batch.observation))
         taken = _of_action(values, torch.from_numpy(batch.action))
         if self.config.quantiles:

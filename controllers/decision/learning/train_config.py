@@ -64,6 +64,13 @@ class LearnerConfig:
     standardized: bool = option(
         False, help="inputs in units of their usual spread (LeCun et al. 1998)"
     )
+    gap: float = option(
+        0.0,
+        help="share of an action's shortfall from the best one that is charged again: values of "
+        "the others lie 1 / (1 - gap) as far below (advantage learning, Bellemare et al. 2016)",
+        low=0.0,
+        high=0.99,
+    )
     dueling: bool = option(False, help="heads for value and advantage (Wang et al. 2016)")
     quantiles: int = option(
         0, help="quantiles of the return (Dabney et al. 2018), 0 for its mean", low=0, high=256
