@@ -26,6 +26,12 @@ from controllers.decision.learning.ddqn import (  # noqa: E402
 )
 
 
+def plain(**settings):
+    """The paper's learner, with what is asked for besides."""
+    options = {"dueling": False, "standardized": False, "gap": 0.0, "average_rate": 0.0}
+    return LearnerConfig(**{**options, **settings})
+
+
 @pytest.fixture(autouse=True)
 def one_thread():
     """As training does: threads that wait for each other's cores take ten times as long."""
@@ -76,7 +82,7 @@ def test_advantage_learning_widens_the_gap_and_keeps_the_best_value():
     # are -1, 0 and -0.5, and those of the lesser ones twice as far below with half of it charged.
     def learned(gap):
         learner = DoubleDqn(
-            LearnerConfig(gap=gap, reward_scale=1.0, learning_rate=1e-3, target_interval=20), seed=0
+            plain(gap=gap, reward_scale=1.0, learning_rate=1e-3, target_interval=20), seed=0
         )
         rewards = np.array([-1.0, 0.0, -0.5], np.float32)
         state = np.full((3, OBSERVATION_SIZE), 0.1, np.float32)
@@ -127,7 +133,7 @@ def test_advantages_of_dueling_heads_do_not_move_the_mean_value():
 @pytest.mark.parametrize("dueling", [False, True])
 @pytest.mark.parametrize("quantiles", [0, 1, 5])
 def test_shipped_network_gives_what_torch_gives(dueling, quantiles):
-    learner = DoubleDqn(LearnerConfig(dueling=dueling, quantiles=quantiles), seed=3)
+    learner = DoubleDqn(plain(dueling=dueling, quantiles=quantiles), seed=3)
     for seed in range(3):
         learner.update(batch(seed=seed))
     data = batch(50, seed=9).observation
@@ -140,15 +146,15 @@ def test_shipped_network_gives_what_torch_gives(dueling, quantiles):
 
 @pytest.mark.parametrize("dueling", [False, True])
 def test_units_of_the_inputs_fold_into_the_shipped_network(dueling):
-    config = LearnerConfig(standardized=True, dueling=dueling)
+    config = plain(standardized=True, dueling=dueling)
     learner = DoubleDqn(config, seed=3)
     data = batch(50, seed=9).observation
-    plain = learner.network().values(data)
+    shipped = learner.network().values(data)
     with torch.no_grad():
         wanted = learner.online(torch.from_numpy(data)).mean(dim=2).numpy()
-    assert np.abs(plain - wanted).max() < 1e-4 * np.abs(wanted).max()
-    other = DoubleDqn(LearnerConfig(dueling=dueling), seed=3).network().values(data)
-    assert np.abs(plain - other).max() > 0.1 * np.abs(wanted).max()
+    assert np.abs(shipped - wanted).max() < 1e-4 * np.abs(wanted).max()
+    other = DoubleDqn(plain(dueling=dueling), seed=3).network().values(data)
+    assert np.abs(shipped - other).max() > 0.1 * np.abs(wanted).max()
 
 
 def test_standardized_inputs_of_a_drive_are_of_one_size():
@@ -167,7 +173,7 @@ def test_standardized_inputs_of_a_drive_are_of_one_size():
 
 
 def test_target_network_is_separate_and_is_renewed_on_time():
-    learner = DoubleDqn(LearnerConfig(target_interval=3), seed=0)
+    learner = DoubleDqn(plain(target_interval=3), seed=0)
     online, target = learner.online.trunk[0].weight, learner.target.trunk[0].weight
     start = target.clone()
     assert target.data_ptr() != online.data_ptr()
@@ -181,7 +187,7 @@ def test_target_network_is_separate_and_is_renewed_on_time():
 
 
 def test_target_network_follows_by_its_rate():
-    learner = DoubleDqn(LearnerConfig(target_rate=0.25, target_interval=1), seed=0)
+    learner = DoubleDqn(plain(target_rate=0.25, target_interval=1), seed=0)
     start = learner.target.trunk[0].weight.clone()
     learner.update(batch())
     online, target = learner.online.trunk[0].weight.detach(), learner.target.trunk[0].weight
@@ -190,7 +196,7 @@ def test_target_network_follows_by_its_rate():
 
 
 def test_the_policy_is_the_mean_of_the_networks_and_then_their_running_average():
-    learner = DoubleDqn(LearnerConfig(average_rate=0.4), seed=0)
+    learner = DoubleDqn(plain(average_rate=0.4), seed=0)
     weights = []
     for _ in range(4):
         learner.update(batch())
@@ -201,13 +207,13 @@ def test_the_policy_is_the_mean_of_the_networks_and_then_their_running_average()
         mean += 0.4 * (later - mean)
     assert np.abs(learner.policy().weights[0] - mean).max() < 1e-7
     assert np.array_equal(learner.network().weights[0], weights[-1])
-    resumed = DoubleDqn(LearnerConfig(average_rate=0.4), seed=1)
+    resumed = DoubleDqn(plain(average_rate=0.4), seed=1)
     resumed.restore(learner.state())
     assert np.array_equal(resumed.policy().weights[0], learner.policy().weights[0])
 
 
 def test_a_rate_near_zero_stops_learning():
-    learner = DoubleDqn(LearnerConfig(), seed=0)
+    learner = DoubleDqn(plain(), seed=0)
     learner.set_rate(1e-20)
     start = learner.network().weights[0]
     learner.update(batch())
@@ -216,7 +222,7 @@ def test_a_rate_near_zero_stops_learning():
 
 @pytest.mark.parametrize("options", [{}, {"dueling": True}, {"quantiles": 8, "dueling": True}])
 def test_update_moves_values_towards_the_return(options):
-    config = LearnerConfig(target_interval=10_000, reward_scale=1.0, **options)
+    config = plain(target_interval=10_000, reward_scale=1.0, **options)
     learner = DoubleDqn(config, seed=0)
     data = batch(discount=0.0)
     errors = [learner.update(data).error.mean() for _ in range(150)]
@@ -224,7 +230,7 @@ def test_update_moves_values_towards_the_return(options):
 
 
 def test_update_tells_its_errors_and_the_mean_value():
-    learner = DoubleDqn(LearnerConfig(reward_scale=0.5), seed=0)
+    learner = DoubleDqn(plain(reward_scale=0.5), seed=0)
     data = batch(discount=0.0)
     values = learner.network().values(data.observation)[np.arange(64), data.action]
     update = learner.update(data)
@@ -237,7 +243,7 @@ def test_a_transition_of_weight_zero_teaches_nothing():
     weight[10:] = 0.0
     results = []
     for reward in (0.0, 50.0):
-        learner = DoubleDqn(LearnerConfig(), seed=0)
+        learner = DoubleDqn(plain(), seed=0)
         data = batch()
         data.reward[10:] = reward
         learner.update(data, weight)
@@ -249,11 +255,11 @@ def test_a_loss_that_is_not_finite_is_refused():
     data = batch()
     data.reward[0] = np.nan
     with pytest.raises(Error, match="diverged: the loss of update 1 is nan"):
-        DoubleDqn(LearnerConfig(), seed=0).update(data)
+        DoubleDqn(plain(), seed=0).update(data)
 
 
 def test_learner_is_restored_to_the_bit():
-    learner, other = DoubleDqn(LearnerConfig(), seed=0), DoubleDqn(LearnerConfig(), seed=1)
+    learner, other = DoubleDqn(plain(), seed=0), DoubleDqn(plain(), seed=1)
     for seed in range(3):
         learner.update(batch(seed=seed))
     other.restore(learner.state())
@@ -265,5 +271,5 @@ def test_the_seed_of_the_network_leaves_others_draws_alone():
     torch.manual_seed(5)
     wanted = torch.rand(3)
     torch.manual_seed(5)
-    DoubleDqn(LearnerConfig(), seed=0)
+    DoubleDqn(plain(), seed=0)
     assert torch.equal(torch.rand(3), wanted)

@@ -41,7 +41,7 @@ class LearnerConfig:
         high=1.0,
     )
     average_rate: float = option(
-        0.0,
+        1e-4,
         help="share by which the policy that is kept follows the online network at every update: a "
         "running average over 1 / RATE updates; 0 for the online network itself",
         low=0.0,
@@ -62,16 +62,16 @@ class LearnerConfig:
         high=1e4,
     )
     standardized: bool = option(
-        False, help="inputs in units of their usual spread (LeCun et al. 1998)"
+        True, help="inputs in units of their usual spread (LeCun et al. 1998)"
     )
     gap: float = option(
-        0.0,
+        0.8,
         help="share of an action's shortfall from the best one that is charged again: values of "
         "the others lie 1 / (1 - gap) as far below (advantage learning, Bellemare et al. 2016)",
         low=0.0,
         high=0.99,
     )
-    dueling: bool = option(False, help="heads for value and advantage (Wang et al. 2016)")
+    dueling: bool = option(True, help="heads for value and advantage (Wang et al. 2016)")
     quantiles: int = option(
         0, help="quantiles of the return (Dabney et al. 2018), 0 for its mean", low=0, high=256
     )
@@ -89,7 +89,9 @@ class TrainConfig(LearnerConfig):
       InputError: a value is out of bounds, or two do not fit; the message names it.
     """
 
-    decisions: int = option(300_000, help="decisions of the truck, one a second", low=1, high=10**9)
+    decisions: int = option(
+        1_200_000, help="decisions of the truck, one a second", low=1, high=10**9
+    )
     fast_decisions: int = option(
         150_000, help="of these in the fast world, before another one", low=0, high=10**9
     )
@@ -118,18 +120,18 @@ class TrainConfig(LearnerConfig):
     random_share: float = option(
         0.4, help="share of trips with randomized traffic and load", low=0.0, high=1.0
     )
-    updates_per_decision: float = option(0.5, help="gradient steps a decision", low=0.0, high=64.0)
+    updates_per_decision: float = option(0.25, help="gradient steps a decision", low=0.0, high=64.0)
     steps: int = option(1, help="n of the n-step returns, 1 for none", low=1, high=64)
     learning_rate_end: float = option(
-        5e-4, help="of Adam in the end", low=1e-8, high=1.0, metavar="RATE"
+        2e-5, help="of Adam in the end", low=1e-8, high=1.0, metavar="RATE"
     )
     learning_rate_decisions: int = option(
-        300_000, help="the rate changes over these", low=1, high=10**9
+        1_200_000, help="the rate changes over these", low=1, high=10**9
     )
-    replay_capacity: int = option(100_000, help="transitions kept", low=1, high=10**8)
+    replay_capacity: int = option(300_000, help="transitions kept", low=1, high=10**8)
     warm_up: int = option(4_000, help="transitions before the first update", low=1, high=10**8)
     mirror: bool = option(
-        False,
+        True,
         help="learn from mirror images of transitions too, where traffic does not keep right",
     )
     prioritized: bool = option(False, help="prioritized replay (Schaul et al. 2016)")
@@ -139,17 +141,17 @@ class TrainConfig(LearnerConfig):
     importance_exponent: float = option(
         0.4, help="beta at the start; it rises to 1", low=0.0, high=1.0
     )
-    importance_decisions: int = option(300_000, help="beta rises over these", low=1, high=10**9)
+    importance_decisions: int = option(1_200_000, help="beta rises over these", low=1, high=10**9)
     epsilon_start: float = option(1.0, help="share of random decisions", low=0.0, high=1.0)
     epsilon_stage: float = option(0.2, help="the same after the fast world", low=0.0, high=1.0)
-    epsilon_end: float = option(0.03, help="the same in the end", low=0.0, high=1.0)
-    epsilon_decisions: int = option(80_000, help="it falls over these", low=1, high=10**9)
+    epsilon_end: float = option(0.05, help="the same in the end", low=0.0, high=1.0)
+    epsilon_decisions: int = option(120_000, help="it falls over these", low=1, high=10**9)
     guided_share: float = option(
         0.5, help="share of the random decisions that the rule MOBIL makes", low=0.0, high=1.0
     )
-    evaluate_interval: int = option(20_000, help="between two validations", low=1, high=10**9)
+    evaluate_interval: int = option(100_000, help="between two validations", low=1, high=10**9)
     validation_trips: int = option(
-        10, help="in each of the six cells, in the fast world", low=1, high=1000
+        5, help="in each of the six cells, in the fast world", low=1, high=1000
     )
     truck_validation_trips: int = option(
         2, help="the same in the other world, which takes longer", low=1, high=1000
