@@ -16,9 +16,9 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-# What is left out of the settings that the shipped policy is trained with, or put in its place.
+# What is left out of the defaults, or put in the place of one.
 OPTIONS = {
-    "as shipped": [],
+    "defaults": [],
     "no mirror": ["--no-mirror"],
     "no standardized": ["--no-standardized"],
     "gap 0": ["--gap", "0"],

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from controllers.decision.fast_world.config import HighwayConfig, Obstacle
-from controllers.decision.fast_world.traffic import HighwayTraffic
+from controllers.decision.fast_world.road import LANE_WIDTH
+from controllers.decision.fast_world.traffic import _COLUMNS, HighwayTraffic
 from controllers.decision.learning.mirror import mirror_half
 from controllers.decision.learning.replay import Batch, Transition
 from controllers.decision.observation import OBSERVATION_SIZE, mirrored
+from iits_mj.road import RoadMap
 
 
 def batch(symmetric, count=400):
@@ -40,6 +42,13 @@ def test_half_of_a_batch_is_mirrored_with_its_actions():
     assert np.array_equal(after.reward, before.reward)
 
 
+def test_lanes_of_the_built_in_road_are_as_wide_as_the_mirror_takes_them():
+    road = RoadMap.builtin().route()
+    stations = np.linspace(0.0, road.length, 50)
+    widths = [road.lane_offset(1, s) - road.lane_offset(0, s) for s in stations]
+    assert np.allclose(widths, LANE_WIDTH)
+
+
 def test_traffic_that_keeps_right_has_no_mirror_image():
     before = batch(symmetric=False)
     after = mirror_half(before, np.random.default_rng(1))
@@ -55,9 +64,7 @@ def fronts_by_lane(flipped, keeps_right):
     traffic.fill(truck)
     # Nobody comes or leaves: whoever does is drawn for each lane on its own.
     inside = (traffic.front > -250.0) & (traffic.front < 400.0)
-    for name in ("serial", "front", "speed", "acceleration", "lane", "length", "desired", "kind"):
-        setattr(traffic, name, getattr(traffic, name)[inside])
-    for name in ("change_time", "change_from"):
+    for name in _COLUMNS:
         setattr(traffic, name, getattr(traffic, name)[inside])
     traffic._exchange = lambda truck: None
     if flipped:

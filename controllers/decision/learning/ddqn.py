@@ -166,7 +166,8 @@ class DoubleDqn:
           Error: the loss is not finite.
         """
         reward = torch.from_numpy(batch.reward) * self.config.reward_scale
-        following = torch.from_numpy(batch.following)
+        observation, following = map(torch.from_numpy, (batch.observation, batch.following))
+        action = torch.from_numpy(batch.action)
         with torch.no_grad():
             wanted = double_q_target(
                 reward,
@@ -175,11 +176,8 @@ class DoubleDqn:
                 self.target(following),
             )
             if self.config.gap:
-                here = self.target(torch.from_numpy(batch.observation))
-                missing = shortfall(here, torch.from_numpy(batch.action))
-                wanted -= self.config.gap * missing[:, None]
-        values = self.online(torch.from_numpy(batch.observation))
-        taken = _of_action(values, torch.from_numpy(batch.action))
+                wanted -= self.config.gap * shortfall(self.target(observation), action)[:, None]
+        taken = _of_action(self.online(observation), action)
         if self.config.quantiles:
             losses = quantile_huber(taken, wanted)
         else:
