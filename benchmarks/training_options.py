@@ -3,7 +3,7 @@
     python benchmarks/training_options.py --out out/options --seeds 0 1 > docs/training_options.csv
 
 Every training is a process of its own in a folder of its own; an interrupted run goes on where it
-was. A row is the mean over the last three validations of a training, 60 trips each in the fast
+was. A row is the mean over the last three validations of a training, 30 trips each in the fast
 world on seeds that training does not use; figures are those of `training.csv`.
 """
 
@@ -40,6 +40,7 @@ def train(name: str, seed: int, decisions: int, out: Path) -> None:
     folder = out / f"{name.replace(' ', '_')}-{seed}"
     flags = ["--decisions", str(decisions), "--seed", str(seed), "--jobs", "1", *OPTIONS[name]]
     flags += ["--epsilon-decisions", str(decisions // 2)]
+    flags += ["--learning-rate-decisions", str(decisions), "--importance-decisions", str(decisions)]
     flags += ["--evaluate-interval", str(decisions // 8)]
     if (folder / "checkpoint.pt").exists():
         flags.append("--resume")
@@ -62,7 +63,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/options"))
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1])
-    parser.add_argument("--decisions", type=int, default=80_000)
+    parser.add_argument("--decisions", type=int, default=240_000)
     parser.add_argument("--options", nargs="+", default=list(OPTIONS), choices=list(OPTIONS))
     parser.add_argument("--at-a-time", type=int, default=1)
     asked = parser.parse_args()
