@@ -7,14 +7,18 @@ in this order. A frame's rows are the truck, the nearest two vehicles behind, th
 | feature         | truck's row                        | other rows                      | /      |
 |-----------------|------------------------------------|---------------------------------|--------|
 | presence        | 1                                  | 1                               | 1      |
-| dx              | road left in its lane, <= 100 m    | its front minus truck's front   | 100 m  |
+| dx              | road left in its lane, <= 250 m    | its front minus truck's front   | 250 m  |
 | dy              | offset from rightmost lane's middle| its offset minus the truck's    | 8 m    |
 | relative speed  | own speed                          | its speed minus the truck's     | 40 m/s |
 | lateral speed   | own                                | its own                         | 40 m/s |
 | reference speed | reference speed                    | reference speed minus its speed | 40 m/s |
 
+The paper says how many vehicles are seen, not how far. Its release sees 100 m ahead, which a truck
+that closes in by 4 m/s covers in 25 s: whether the other lane is worth a change shows only beyond.
+Here it is 250 m, the reach of a truck's long-range radar.
+
 Longitudinal distance is measured along the route from front bumper to front bumper. A vehicle is
-"ahead" when its front is ahead of the truck's and within 100 m, else "behind" while its front is at
+"ahead" when its front is ahead of the truck's and within 250 m, else "behind" while its front is at
 most 50 m behind the *trailer's* rear: what drives beside the trailer counts as behind. Vehicles
 that are on no driving lane of the route (lane -1: other carriageway, parking) are not observed.
 """
@@ -35,17 +39,17 @@ if TYPE_CHECKING:
     from controllers.decision.base import Observation
     from iits_mj.road import Route
 
-OBSERVATION_VERSION = 1
+OBSERVATION_VERSION = 2
 FRAME_AGES = (0.0, 1.0, 2.0, 3.0)
 FEATURES = ("presence", "dx", "dy", "relative_speed", "lateral_speed", "reference_speed")
 ROWS = ("ego", "behind1", "behind2", "ahead1", "ahead2", "ahead3", "ahead4", "ahead5", "ahead6")
 FRAME_SHAPE = (len(ROWS), len(FEATURES))
 OBSERVATION_SIZE = len(FRAME_AGES) * len(ROWS) * len(FEATURES)
-SCALE = np.array([1.0, 100.0, 8.0, 40.0, 40.0, 40.0])
-RANGE_AHEAD = 100.0
+RANGE_AHEAD = 250.0
+SCALE = np.array([1.0, RANGE_AHEAD, 8.0, 40.0, 40.0, 40.0])
 RANGE_BEHIND = 50.0
 _BEHIND, _AHEAD = 2, 6
-_LANE_PROBE = 12.5
+_LANE_PROBE = 25.0
 _DY, _LATERAL_SPEED = FEATURES.index("dy"), FEATURES.index("lateral_speed")
 
 Frame = NDArray[np.float32]
@@ -181,7 +185,7 @@ def _check_finite(rows: NDArray[np.floating]) -> None:
 
 
 def _road_left(route: Route, station: float, offset: float) -> float:
-    """Distance to the end of the truck's lane or of the road, at most 100 m."""
+    """Distance to the end of the truck's lane or of the road, at most RANGE_AHEAD."""
     lane = route.lane_at(station, offset)
     distance = 0.0
     while distance < RANGE_AHEAD:

@@ -36,7 +36,7 @@ def test_rows_are_nearest_first_two_behind_and_six_ahead():
     ahead = [car(ROUTE, f"a{i}", 1030.0 + 8.0 * i, 0, 12.0) for i in range(8)]
     behind = [car(ROUTE, f"b{i}", 970.0 - 8.0 * i, 2, 18.0) for i in range(3)]
     rows = frame(*reversed(ahead), *reversed(behind))
-    dx = rows[:, 1] * 100.0
+    dx = rows[:, 1] * 250.0
     assert np.allclose(dx[3:], [31.0 + 8.0 * i for i in range(6)], atol=1e-3)
     assert np.allclose(dx[1:3], [-29.0, -37.0], atol=1e-3)
     assert np.allclose(rows[3, 2:] * [8, 40, 40, 40], [-4.0, -4.0, 0.0, 4.67], atol=1e-3)
@@ -44,9 +44,9 @@ def test_rows_are_nearest_first_two_behind_and_six_ahead():
 
 @pytest.mark.parametrize(
     ("station", "seen"),
-    [(1098.9, True), (1099.2, False), (1000.0 - 67.4, True), (1000.0 - 67.6, False)],
+    [(1248.9, True), (1249.2, False), (1000.0 - 67.4, True), (1000.0 - 67.6, False)],
 )
-def test_reach_is_100_m_ahead_and_50_m_behind_the_trailer(station, seen):
+def test_reach_is_250_m_ahead_and_50_m_behind_the_trailer(station, seen):
     assert frame(car(ROUTE, "v", station, 0, 12.0)).any(axis=1).sum() == 1 + seen
 
 

@@ -112,7 +112,7 @@ class TrainConfig(LearnerConfig):
     )
     discount: float = option(0.99, help="of a reward one second later", low=0.0, high=0.9999)
     change_charge: float = option(
-        RewardConfig.change,
+        80.0,
         help="of a decision to change lanes, in m/s seconds of distance from the reference speed",
         low=0.0,
         high=1e4,
