@@ -185,7 +185,7 @@ def _check_finite(rows: NDArray[np.floating]) -> None:
 
 
 def _road_left(route: Route, station: float, offset: float) -> float:
-    """Distance to the end of the truck's lane or of the road, at most RANGE_AHEAD."""
+    """Distance to the end of its lane or of the road, in probes' steps, up to RANGE_AHEAD [m]."""
     lane = route.lane_at(station, offset)
     distance = 0.0
     while distance < RANGE_AHEAD:
