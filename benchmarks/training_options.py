@@ -6,8 +6,9 @@ Every training is a process of its own in a folder of its own; an interrupted ru
 was. A row is the mean over the last three of a training's six validations, 30 trips each in the
 fast world on seeds that training does not use; figures are those of `training.csv`.
 
-With the defaults' charge on changes no training of this length would leave the policy that never
-changes lanes, so changes are cheaper here and updates more frequent.
+With the defaults' charge on changes and their discount no training of this length would leave the
+policy that never changes lanes: changes are cheaper here, what is far off counts less, and updates
+are more frequent.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 # What makes a short training tell something.
-SHORT = ["--change-charge", "40", "--updates-per-decision", "0.5"]
+SHORT = ["--change-charge", "40", "--discount", "0.99", "--updates-per-decision", "0.5"]
 # What is left out of the defaults, or put in the place of one.
 OPTIONS = {
     "defaults": [],

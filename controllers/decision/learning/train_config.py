@@ -110,9 +110,9 @@ class TrainConfig(LearnerConfig):
         high=1e5,
         metavar="S",
     )
-    discount: float = option(0.99, help="of a reward one second later", low=0.0, high=0.9999)
+    discount: float = option(0.995, help="of a reward one second later", low=0.0, high=0.9999)
     change_charge: float = option(
-        80.0,
+        150.0,
         help="of a decision to change lanes, in m/s seconds of distance from the reference speed",
         low=0.0,
         high=1e4,
