@@ -29,7 +29,8 @@ from iits_mj.model.road_table import add_road_table
 from iits_mj.parameters import TruckParameters
 from iits_mj.plugin_library import register
 from iits_mj.road import Route
-from iits_mj.truck_report import Reporter
+from iits_mj.truck_pose import Placement, Poser
+from iits_mj.truck_report import Reporter, sensor_addresses
 
 COMMAND_FIELDS = tuple(field.name for field in dataclasses.fields(VehicleCommand))
 _COMMAND_INDEX = {name: index for index, name in enumerate(COMMAND_FIELDS)}
@@ -47,22 +48,61 @@ _FATAL_WARNINGS = (
 )
 
 
+def compiled(spec: mujoco.MjSpec, timestep: float) -> mujoco.MjModel:
+    """The model of a scene with trucks, at a time step of 0.0005 to 0.005 s.
+
+    Raises:
+      InputError: the time step is not allowed, or MuJoCo refuses the scene.
+    """
+    if not (math.isfinite(timestep) and 0.0005 <= timestep <= 0.005):
+        raise InputError(f"timestep {timestep!r} s is not allowed: use 0.0005 to 0.005 s")
+    spec.option.timestep = timestep
+    try:
+        return spec.compile()
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"the truck's model does not compile: {reason}") from error
+
+
+def bring_up_to_date(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Computes the sensors of the state as it is now; after a step they are those before it.
+
+    The solver's first guess is put back: watching leaves no trace in the bits that follow.
+    """
+    warm_start = data.qacc_warmstart.copy()
+    mujoco.mj_forward(model, data)
+    data.qacc_warmstart[:] = warm_start
+
+
 class Truck:
     """The articulated truck in MuJoCo, on a route or on a flat plane.
 
     `model` and `data` are plain MuJoCo objects: `mujoco.mj_step`, `mujoco.rollout` and the viewer
-    work on them. `data.ctrl` has the order of `VehicleCommand`'s fields.
+    work on them. `data.ctrl` has the order of `VehicleCommand`'s fields, from `control_start` on.
+
+    Args:
+      model: a compiled scene with the truck in it; use `load` to make one.
+      parameters, payload, route: what it was built from.
+      prefix: of the truck's names in the model, where there are several (`iits_mj.fleet`).
+      data: of the scene; default: new ones, with the truck put at the beginning of its road.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, parameters: TruckParameters, payload: float, route: Route
+        self,
+        model: mujoco.MjModel,
+        parameters: TruckParameters,
+        payload: float,
+        route: Route,
+        *,
+        prefix: str = "",
+        data: mujoco.MjData | None = None,
     ) -> None:
-        """Wraps a compiled model; use `load` to make one."""
         self.model = model
-        self.data = mujoco.MjData(model)
+        self.data = mujoco.MjData(model) if data is None else data
         self.parameters = parameters
         self.payload = payload
         self.route = route
+        self.prefix = prefix
         tractor, trailer = parameters.tractor, parameters.semitrailer
         rear = parameters.fifth_wheel.position + trailer.length - trailer.front_overhang
         self.footprint = EgoFootprint(
@@ -71,25 +111,26 @@ class Truck:
             width=trailer.width,
             height=trailer.height,
         )
-        names = tuple(model.actuator(i).name for i in range(model.nactuator))
+        names = tuple(
+            name.removeprefix(prefix)
+            for name in (model.actuator(i).name for i in range(model.nactuator))
+            if name.startswith(prefix)
+        )
         if names[: len(COMMAND_FIELDS)] != COMMAND_FIELDS:
             raise InputError(f"the model's controls are {names}, wanted are {COMMAND_FIELDS}")
-        self._tractor = model.body("tractor").id
-        self._trailer = model.body("trailer").id
-        self._rear_site = model.site("trailer_axle_center").id
-        self._spin = {
-            axle.name: [
-                model.joint(f"{axle.name}_{side}_spin").dofadr[0] for side in ("left", "right")
-            ]
-            for axle in parameters.axles
-        }
-        sensors = [model.sensor(i) for i in range(model.nsensor)]
-        self._address = {sensor.name: int(sensor.adr[0]) for sensor in sensors}
-        self._ranges = model.actuator_ctrlrange[: len(COMMAND_FIELDS)].tolist()
-        self._reporter = Reporter(model, parameters, payload)
+        first = model.actuator(prefix + COMMAND_FIELDS[0]).id
+        self.control_start = int(model.actuator_ctrladr[first])
+        self._controls = slice(self.control_start, self.control_start + len(COMMAND_FIELDS))
+        self._tractor = model.body(f"{prefix}tractor").id
+        self._rear_site = model.site(f"{prefix}trailer_axle_center").id
+        self._address = sensor_addresses(model, prefix)
+        self._ranges = model.actuator_ctrlrange[first : first + len(COMMAND_FIELDS)].tolist()
+        self._reporter = Reporter(model, parameters, payload, prefix)
+        self._poser = Poser(model, parameters, route, prefix)
         self._station_hint: float | None = None
         self._trailer_hint: float | None = None
-        self.reset()
+        if data is None:
+            self.reset()
 
     @classmethod
     def load(
@@ -125,10 +166,7 @@ class Truck:
         parameters = parameters.with_payload_height(payload_height)
         payload = parameters.payload.mass_max if payload is None else payload
         payload = parameters.check_payload(payload)
-        if not (math.isfinite(timestep) and 0.0005 <= timestep <= 0.005):
-            raise InputError(f"timestep {timestep!r} s is not allowed: use 0.0005 to 0.005 s")
         spec = truck_spec(parameters, payload)
-        spec.option.timestep = timestep
         if route is not None:
             add_road_table(spec, route)
         shown = route if route is not None else Route.straight()
@@ -136,11 +174,7 @@ class Truck:
             add_road(spec, shown)
         if edit_spec is not None:
             edit_spec(spec)
-        try:
-            model = spec.compile()
-        except ValueError as error:
-            reason = " ".join(str(error).split())
-            raise InputError(f"the truck's model does not compile: {reason}") from error
+        model = compiled(spec, timestep)
         return cls(model, parameters, payload, shown)
 
     @property
@@ -148,27 +182,40 @@ class Truck:
         """Simulation time [s]."""
         return float(self.data.time)
 
-    def reset(self, *, station: float = 20.0, offset: float = 0.0, speed: float = 0.0) -> EgoState:
-        """Puts the truck on its route, aligned with the lane, rolling freely at `speed`.
+    def reset(
+        self,
+        *,
+        station: float = 20.0,
+        offset: float = 0.0,
+        speed: float = 0.0,
+        heading: float = 0.0,
+        articulation: float | None = None,
+    ) -> EgoState:
+        """Puts the truck on its route, rolling freely; all else of the scene begins anew, too.
 
         Args:
           station: of the steer axle's centre on the route [m].
           offset: of the same, to the left [m].
-          speed: along the road [m/s], zero or positive.
+          speed: along the tractor [m/s], zero or positive.
+          heading: of the tractor against the road, positive to the left [rad].
+          articulation: tractor's yaw less the trailer's [rad]; None: the trailer lies along the
+            road.
 
         Raises:
           InputError: a value is not finite, or the speed is negative.
         """
-        for name, value in (("station", station), ("offset", offset), ("speed", speed)):
-            if not math.isfinite(value):
-                raise InputError(f"reset: {name} = {value!r} must be a finite number")
-        if speed < 0:
-            raise InputError(f"reset: speed = {speed!r} m/s must not be negative")
+        place = Placement(
+            station=station, offset=offset, speed=speed, heading=heading, articulation=articulation
+        )
         mujoco.mj_resetData(self.model, self.data)
-        self._place(station, offset, speed)
-        self._station_hint, self._trailer_hint = station, station - 11.5
+        self.place(place)
         mujoco.mj_forward(self.model, self.data)
         return self.observe()
+
+    def place(self, place: Placement) -> None:
+        """Writes a pose into data that were reset; what follows from it is not computed yet."""
+        self._poser.pose(self.data, place)
+        self._station_hint, self._trailer_hint = place.station, place.station - 11.5
 
     def command(self, command: VehicleCommand | None = None, **fields: float) -> None:
         """Sets the controls; fields not given by name keep their last value.
@@ -188,7 +235,7 @@ class Truck:
             number = float(value)
             if not (low <= number <= high):
                 raise InputError(f"command {name} = {value!r} is outside [{low:g}, {high:g}]")
-            self.data.ctrl[index] = number
+            self.data.ctrl[self.control_start + index] = number
 
     def _set_all(self, command: VehicleCommand) -> bool:
         """Sets all controls at once; False, and none is set, where a value is not allowed."""
@@ -196,7 +243,7 @@ class Truck:
         for value, (low, high) in zip(values, self._ranges, strict=True):
             if not low <= value <= high:
                 return False
-        self.data.ctrl[: len(values)] = values
+        self.data.ctrl[self._controls] = values
         return True
 
     def step(self, n: int = 1) -> None:
@@ -220,7 +267,7 @@ class Truck:
 
     def sensor(self, name: str) -> NDArray[np.float64]:
         """A sensor's reading, as at the last step or observation."""
-        return np.array(self.data.sensor(name).data)
+        return np.array(self.data.sensor(self.prefix + name).data)
 
     def read(self, name: str, index: int = 0) -> float:
         """One number of a sensor, as at the last step or observation; quicker than `sensor`."""
@@ -228,12 +275,12 @@ class Truck:
 
     def observe(self) -> EgoState:
         """What the truck reports at this instant."""
+        bring_up_to_date(self.model, self.data)
+        return self.state()
+
+    def state(self) -> EgoState:
+        """What the truck reports, by sensors that are up to date (`bring_up_to_date`)."""
         model, data = self.model, self.data
-        # Sensors belong to the state before the last step; this brings them up to now. The solver's
-        # first guess is put back, so that watching leaves no trace in the bits that follow.
-        warm_start = data.qacc_warmstart.copy()
-        mujoco.mj_forward(model, data)
-        data.qacc_warmstart[:] = warm_start
         sensors, at = data.sensordata.tolist(), self._address
         x, y, z = data.xpos[self._tractor].tolist()
         rotation = data.xmat[self._tractor].reshape(3, 3)
@@ -279,7 +326,7 @@ class Truck:
 
     def last_command(self) -> VehicleCommand:
         """The controls as they stand."""
-        values = dict(zip(COMMAND_FIELDS, map(float, self.data.ctrl), strict=False))
+        values = dict(zip(COMMAND_FIELDS, map(float, self.data.ctrl[self._controls]), strict=True))
         return VehicleCommand(
             **{
                 **values,
@@ -295,56 +342,3 @@ class Truck:
         A quantity for which this model has neither sensor nor control is None.
         """
         return self._reporter.read(self.data)
-
-    def _place(self, station: float, offset: float, speed: float) -> None:
-        """Poses the combination on the road: tractor by its axles, trailer by its own."""
-        data, p = self.data, self.parameters
-        wheelbase = p.tractor.axles[1].position
-        front = self._point(station, offset)
-        rear = self._point(station - wheelbase, offset)
-        rotation = _frame(front - rear, self._across(station - 0.5 * wheelbase))
-        data.qpos[:3] = front
-        mujoco.mju_mat2Quat(data.qpos[3:7], rotation.ravel())
-        reach = p.fifth_wheel.position
-        tri = float(np.mean([axle.position for axle in p.semitrailer.axles]))
-        king = front + rotation @ np.array([-reach, 0.0, p.fifth_wheel.height])
-        bogie_station = station - reach - tri
-        bogie = self._point(bogie_station, offset)
-        across = self._across(bogie_station)
-        # The trailer's frame lies at the kingpin's height above the road, there as at the bogie.
-        along = self._point(bogie_station + 1.0, offset) - self._point(bogie_station - 1.0, offset)
-        bogie = bogie + _frame(along, across)[:, 2] * p.fifth_wheel.height
-        relative = rotation.T @ _frame(king - bogie, across)
-        yaw = math.atan2(relative[1, 0], relative[0, 0])
-        pitch = -math.asin(relative[2, 0])
-        roll = math.atan2(relative[2, 1], relative[2, 2])
-        for name, angle in (("yaw", yaw), ("pitch", pitch), ("roll", roll)):
-            data.qpos[self.model.joint(f"fifth_wheel_{name}").qposadr[0]] = angle
-        data.qvel[:3] = rotation[:, 0] * speed
-        for axle in p.axles:
-            spin = speed / p.tires[axle.tire].rolling_radius
-            data.qvel[self._spin[axle.name]] = spin
-
-    def _point(self, station: float, offset: float) -> NDArray[np.float64]:
-        point = self.route.evaluate(station, offset)
-        return np.array([float(point.x), float(point.y), float(point.z)])
-
-    def _across(self, station: float) -> NDArray[np.float64]:
-        """Unit vector to the left across the road."""
-        point = self.route.evaluate(station, 0.0)
-        heading, tilt = float(point.heading), float(point.superelevation)
-        return np.array(
-            [
-                -math.sin(heading) * math.cos(tilt),
-                math.cos(heading) * math.cos(tilt),
-                math.sin(tilt),
-            ]
-        )
-
-
-def _frame(forward: NDArray[np.float64], left: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotation matrix whose x is `forward` and whose y is as near to `left` as can be."""
-    x = forward / np.linalg.norm(forward)
-    z = np.cross(x, left)
-    z /= np.linalg.norm(z)
-    return np.column_stack([x, np.cross(z, x), z])

@@ -28,19 +28,36 @@ _SIDES = ("left", "right")
 _VERTICAL = 2
 
 
+def sensor_addresses(model: mujoco.MjModel, prefix: str) -> dict[str, int]:
+    """Where each sensor of one truck begins in `sensordata`, by its name without the prefix."""
+    sensors = [model.sensor(i) for i in range(model.nsensor)]
+    return {
+        sensor.name.removeprefix(prefix): int(sensor.adr[0])
+        for sensor in sensors
+        if sensor.name.startswith(prefix)
+    }
+
+
 class Reporter:
     """Reads the `TruckReport` out of a model's data.
 
     Args:
-      model: a compiled truck.
-      parameters: what it was built from.
+      model: a compiled scene.
+      parameters: what the truck was built from.
       payload: that it carries [kg].
+      prefix: of the truck's names in the model.
     """
 
-    def __init__(self, model: mujoco.MjModel, parameters: TruckParameters, payload: float) -> None:
-        sensors = [model.sensor(i) for i in range(model.nsensor)]
-        address = {sensor.name: int(sensor.adr[0]) for sensor in sensors}
-        controls = {model.actuator(i).name: i for i in range(model.nactuator)}
+    def __init__(
+        self, model: mujoco.MjModel, parameters: TruckParameters, payload: float, prefix: str = ""
+    ) -> None:
+        address = sensor_addresses(model, prefix)
+        actuators = {
+            model.actuator(i).name.removeprefix(prefix): i
+            for i in range(model.nactuator)
+            if model.actuator(i).name.startswith(prefix)
+        }
+        controls = {name: int(model.actuator_ctrladr[i]) for name, i in actuators.items()}
         # The plural sensor of all wheels is not the field of that name.
         places = {n: _SENSORS.get(n, (n, 0)) for n in _FIELDS if n != "wheel_speeds"}
         sensed = {name: address[s] + i for name, (s, i) in places.items() if s in address}
@@ -58,7 +75,7 @@ class Reporter:
         self._meters_per_radian = drive.rolling_radius / gearbox.final_drive
         self._ratios = {-1: gearbox.reverse_ratio} | dict(enumerate(gearbox.ratios.tolist(), 1))
         self._constants = {
-            "xbr_acceleration_limit": float(model.actuator("xbr_demand").ctrlrange[0]),
+            "xbr_acceleration_limit": float(model.actuator(f"{prefix}xbr_demand").ctrlrange[0]),
             "tractor_mass": tractor.mass,
             "trailer_mass": parameters.semitrailer.mass + payload,
             "cargo_mass": payload,

@@ -13,11 +13,9 @@ from pathlib import Path
 
 from iits_mj.j1939.frame import Frame
 from iits_mj.j1939.layouts import layouts
-from iits_mj.units import GRAVITY, KMH, RPM
+from iits_mj.units import DIESEL_DENSITY, GRAVITY, KMH, RPM
 
-# EN 590 diesel fuel at 15 C lies at 820 to 845 kg/m3.
-DIESEL_DENSITY = 832.0
-_LITRE = 1e-3 * DIESEL_DENSITY
+_LITRE = DIESEL_DENSITY  # of fuel [kg]
 
 # SI units in one unit of the signal.
 _UNITS = {

@@ -17,6 +17,7 @@ from iits_mj.messages import Decision, PlanMode
 from iits_mj.render.lane_sketch import LaneSketch
 from iits_mj.render.trajectory import MODE_COLORS
 from iits_mj.road import Route
+from iits_mj.units import DIESEL_DENSITY
 
 if TYPE_CHECKING:
     from iits_mj.simulation import Frame
@@ -129,7 +130,7 @@ class Overlay:
         polygon = [*points, (422, low), (350, low)]
         pen.polygon([self._point(x, y) for x, y in polygon], fill=BLUE if slope >= 0 else GREEN)
         self._text(pen, 386, 34, f"{100.0 * slope:+.1f} %", 15, INK, "mm")
-        used = frame.ego.fuel_used / 0.84
+        used = frame.ego.fuel_used / DIESEL_DENSITY
         self._text(pen, 452, 102, f"{used:.2f} l", 12, INK, "rs")
 
     def _plan(self, pen: ImageDraw.ImageDraw, frame: Frame) -> None:

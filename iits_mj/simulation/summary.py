@@ -9,9 +9,7 @@ from typing import Any
 
 from iits_mj.messages import LightState, PlanMode
 from iits_mj.simulation.frame import Frame
-
-# Diesel at 15 degrees C, middle of EN 590's 820 to 845 kg/m3.
-DIESEL_DENSITY = 0.832  # kg/l
+from iits_mj.units import DIESEL_DENSITY
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from iits_mj.simulation.summary import DIESEL_DENSITY
+from iits_mj.units import DIESEL_DENSITY
 from iits_mj.validation.evaluate_figures import POLICY, CellFigures
 from iits_mj.validation.trials import CLOSE, Trial
 
