@@ -17,6 +17,7 @@ from traffic_bridge.modes.mixed import MixedSim
 from traffic_bridge.modes.parallel import TrafficWorlds, WorldSpec
 from traffic_bridge.modes.repsim import RepSim
 from traffic_bridge.modes.resim import ReSim
+from traffic_bridge.modes.separate import SeparateTraffic
 from traffic_bridge.modes.sumo_modes import InterSim, PureSim, Traffic
 from traffic_bridge.network.map_lookup import MapPoint, Place
 from traffic_bridge.network.map_network import MapLane, MapNetwork, MapRoad
@@ -25,6 +26,7 @@ from traffic_bridge.network.nets import Network, build_network, cache_dir, find_
 from traffic_bridge.recording.digest import PoseDigest
 from traffic_bridge.recording.recorder import Recorder
 from traffic_bridge.recording.recording import Recording
+from traffic_bridge.session import sumo_runs_here
 from traffic_bridge.signals.event_files import read_events
 from traffic_bridge.signals.events import (
     Event,
@@ -80,6 +82,7 @@ __all__ = [
     "Recorder",
     "Recording",
     "RepSim",
+    "SeparateTraffic",
     "SlowConvoy",
     "SpeedLimit",
     "StoppedVehicle",
@@ -104,5 +107,6 @@ __all__ = [
     "read_events",
     "read_trajectories",
     "read_types",
+    "sumo_runs_here",
     "trimmed",
 ]

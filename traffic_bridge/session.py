@@ -43,6 +43,15 @@ def load_libsumo() -> Any:
     return libsumo
 
 
+def sumo_runs_here() -> bool:
+    """Whether this process holds a SUMO simulation, so that another one needs its own process.
+
+    Raises:
+      TrafficError: SUMO's library is missing.
+    """
+    return bool(load_libsumo().isLoaded())
+
+
 @contextlib.contextmanager
 def _captured_stderr(path: Path) -> Iterator[None]:
     """Sends what native code writes to stderr into a file: SUMO explains itself only there."""

@@ -5,8 +5,6 @@ Space and the mouse work as in MuJoCo's own viewer; closing the window ends the 
 
 from __future__ import annotations
 
-import os
-import platform
 import sys
 import time
 from dataclasses import dataclass
@@ -14,8 +12,8 @@ from typing import Any
 
 import mujoco.viewer
 
-from iits_mj.errors import RenderError
 from iits_mj.options import given_names, option
+from iits_mj.render.display import check_display, follow
 from iits_mj.simulation import DriveConfig, Frame, Simulation
 from iits_mj.simulation.recorded_options import check_given
 
@@ -61,19 +59,11 @@ def run(options: Options) -> int:
       InputError: an option has no meaning here.
     """
     check_given(options, options.given)
-    shown = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    if platform.system() == "Linux" and not shown:
-        raise RenderError(
-            "there is no display for the viewer (DISPLAY and WAYLAND_DISPLAY are not set); run it "
-            "from a desktop session, or make a video with 'iits-mj drive'"
-        )
+    check_display()
     with Simulation(options) as simulation:
         truck = simulation.truck
         with mujoco.viewer.launch_passive(truck.model, truck.data) as window:
-            window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
-            window.cam.trackbodyid = truck.model.body("trailer").id
-            window.cam.distance, window.cam.elevation = 28.0, -18.0
-            window.cam.azimuth = 180.0
+            follow(window, truck.model)
             summary = simulation.run([_Window(window, options.pace)])
     print(summary.to_text())
     sys.stdout.flush()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import os
+import sys
 from typing import Any
 
 import mujoco
@@ -59,11 +60,23 @@ def make_context(width: int, height: int) -> Any:
         context.make_current()
     # PyOpenGL raises whatever it meets first: AttributeError on None, ImportError, GLError.
     except Exception as error:
+        remedy = f"on Debian or Ubuntu: apt-get install {PACKAGES}"
+        if wanted != "osmesa" and _for_a_display():
+            remedy = (
+                "another module has chosen OpenGL for a display, once for this process: set "
+                "MUJOCO_GL=egl before Python starts"
+            )
         raise RenderError(
-            f"no offscreen OpenGL ({type(error).__name__}: {error}); "
-            f"on Debian or Ubuntu: apt-get install {PACKAGES}"
+            f"no offscreen OpenGL ({type(error).__name__}: {error}); {remedy}"
         ) from error
     return context
+
+
+def _for_a_display() -> bool:
+    """True when PyOpenGL was loaded with another platform than EGL."""
+    platform = sys.modules.get("OpenGL.platform")
+    chosen = getattr(platform, "PLATFORM", None)
+    return chosen is not None and "egl" not in type(chosen).__name__.lower()
 
 
 class Offscreen(Closing):

@@ -17,7 +17,7 @@ from iits_mj.road import Route
 from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.frame import Frame
 from iits_mj.simulation.loop import CYCLE_PERIOD, Simulation
-from traffic_bridge import InterSim, Traffic, TrafficConfig
+from traffic_bridge import InterSim, SeparateTraffic, Traffic, TrafficConfig, sumo_runs_here
 
 FAST_TIMESTEP = 0.005
 # The lane-change model that the paper names.
@@ -132,6 +132,10 @@ class TruckWorld(Closing):
         simulation = self._running()
         return simulation.stack.context(simulation.scene)
 
+    def tell(self, decision: Decision) -> None:
+        """What the stack is answered when it next asks, for who advances the simulation itself."""
+        self._asked.pending = decision
+
     def step(self, decision: Decision) -> TripStep:
         """Carries out a decision, or refuses it, until the next one is due.
 
@@ -144,7 +148,7 @@ class TruckWorld(Closing):
             raise InputError("the trip is over: call reset first")
         stack, reward = simulation.stack, self.trip.reward
         before = (stack.lane_changes, stack.refused, stack.unsafe)
-        self._asked.pending = decision
+        self.tell(decision)
         terms = RewardTerms()
         elapsed = 0.0
         # It is asked in the first cycle, and after the last one it is about to be asked again.
@@ -217,4 +221,6 @@ class TruckWorld(Closing):
             footprint=footprint,
             fill_ahead=min(TrafficConfig.fill_ahead, reach + _BEYOND),
         )
-        return InterSim(route, settings, seed=seed)
+        # libsumo holds one simulation: where another world of this process has it, ours goes out.
+        mode = SeparateTraffic if sumo_runs_here() else InterSim
+        return mode(route, settings, seed=seed)

@@ -13,6 +13,7 @@ from dm_control.rl import control
 
 from iits_mj.errors import InputError
 from iits_mj.suite import truck
+from iits_mj.suite.drivers import DRIVERS
 from iits_mj.suite.physics import Physics
 
 DOMAINS = {"truck": truck}
@@ -28,6 +29,9 @@ ALL_TASKS = tuple((name, task) for name, domain in DOMAINS.items() for task in d
 BENCHMARKING = _tagged("benchmarking")
 EASY = _tagged("easy")
 HARD = _tagged("hard")
+EXTRA = tuple(sorted(set(ALL_TASKS) - set(BENCHMARKING)))
+NO_REWARD_VIZ = _tagged("no_reward_visualization")
+REWARD_VIZ = tuple(sorted(set(ALL_TASKS) - set(NO_REWARD_VIZ)))
 TASKS_BY_DOMAIN = {name: tuple(domain.SUITE) for name, domain in DOMAINS.items()}
 
 
@@ -36,6 +40,7 @@ def build_environment(
     task_name: str,
     task_kwargs: Mapping[str, Any] | None = None,
     environment_kwargs: Mapping[str, Any] | None = None,
+    visualize_reward: bool = False,
 ) -> control.Environment:
     """Builds a task's environment.
 
@@ -45,6 +50,7 @@ def build_environment(
       task_kwargs: `random` (seed), `time_limit` [s], `payload` [kg], `payload_height` [m] and
         `visuals`.
       environment_kwargs: of `dm_control.rl.control.Environment`.
+      visualize_reward: colors cab and trailer by the reward.
 
     Raises:
       InputError: unknown domain or task.
@@ -57,18 +63,43 @@ def build_environment(
     settings = dict(task_kwargs or {})
     if environment_kwargs is not None:
         settings["environment_kwargs"] = dict(environment_kwargs)
-    return tasks[task_name](**settings)
+    environment = tasks[task_name](**settings)
+    environment.task.visualize_reward = visualize_reward
+    return environment
 
 
 load = build_environment
 
+
+def twin(environment: control.Environment) -> control.Environment:
+    """Another environment of the same task on the same compiled model, with data of its own.
+
+    Raises:
+      Error: the task's physics cannot be copied (SUMO's traffic).
+    """
+    physics = environment.physics.copy(share_model=True)
+    limit = environment._step_limit * environment.control_timestep()
+    return control.Environment(
+        physics,
+        type(environment.task)(random=0),
+        time_limit=limit,
+        control_timestep=environment.control_timestep(),
+        legacy_step=False,
+    )
+
+
 __all__ = [
     "ALL_TASKS",
     "BENCHMARKING",
+    "DRIVERS",
     "EASY",
+    "EXTRA",
     "HARD",
+    "NO_REWARD_VIZ",
+    "REWARD_VIZ",
     "TASKS_BY_DOMAIN",
     "Physics",
     "build_environment",
     "load",
+    "twin",
 ]

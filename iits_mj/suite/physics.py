@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
@@ -10,8 +11,10 @@ from dm_control.mujoco import Physics as BasePhysics
 from dm_control.mujoco import wrapper
 from numpy.typing import NDArray
 
+from iits_mj.fleet import Fleet
 from iits_mj.messages import EgoState, VehicleCommand
 from iits_mj.road import Route
+from iits_mj.simulation.gaps import truck_boxes
 from iits_mj.truck import Truck
 
 FloatArray = NDArray[np.float64]
@@ -24,15 +27,15 @@ CAMERAS = {
 }
 
 
-def add_cameras(spec: mujoco.MjSpec) -> None:
-    """Adds the suite's cameras to the tractor."""
-    tractor = spec.body("tractor")
+def add_cameras(spec: mujoco.MjSpec, prefix: str = "") -> None:
+    """Adds the suite's cameras to the tractor of that prefix."""
+    tractor = spec.body(f"{prefix}tractor")
     for name, (position, right, up) in CAMERAS.items():
         axes = np.column_stack([right, up, np.cross(right, up)])
         axes /= np.linalg.norm(axes, axis=0)
         quaternion = np.zeros(4)
         mujoco.mju_mat2Quat(quaternion, axes.ravel())
-        tractor.add_camera(name=name, pos=position, quat=quaternion)
+        tractor.add_camera(name=prefix + name, pos=position, quat=quaternion)
 
 
 class Physics(BasePhysics):
@@ -42,6 +45,8 @@ class Physics(BasePhysics):
     """
 
     truck: Truck
+    # Who advances the data instead of this physics: see `iits_mj.envs.vector`.
+    stepper: Callable[[int], None] | None = None
 
     @classmethod
     def from_truck(cls, truck: Truck) -> Physics:
@@ -50,10 +55,24 @@ class Physics(BasePhysics):
         physics._bind(truck)
         return physics
 
+    @classmethod
+    def of_fleet(cls, fleet: Fleet) -> tuple[Physics, ...]:
+        """One for each truck of a fleet, all of the fleet's own data."""
+        found = []
+        for truck in fleet.trucks:
+            physics = cls(wrapper.MjData(fleet.data))
+            physics._bind(truck)
+            found.append(physics)
+        return tuple(found)
+
     def _bind(self, truck: Truck) -> None:
         self.truck = truck
         self.truck.data = self.data.ptr
         self._key: bytes = b""
+        parameters = truck.parameters
+        group = np.mean([axle.position for axle in parameters.semitrailer.axles])
+        self._behind = parameters.fifth_wheel.position + float(group)
+        self._trailer_axles = self.model.ptr.site(f"{truck.prefix}trailer_axle_center").id
 
     def copy(self, share_model: bool = False) -> Physics:
         """A copy with its own data (and model, unless shared)."""
@@ -63,14 +82,35 @@ class Physics(BasePhysics):
         twin._bind(truck)
         return twin
 
+    def step(self, nstep: int = 1) -> None:
+        """Advances by time steps, or has that done by the `stepper`."""
+        if self.stepper is None:
+            super().step(nstep)
+        else:
+            self.stepper(nstep)
+
     @property
     def route(self) -> Route:
         """The road."""
         return self.truck.route
 
-    def place(self, station: float, offset: float, speed: float) -> None:
-        """Puts the truck on its road, rolling freely at a speed [m], [m], [m/s]."""
-        self.truck.reset(station=station, offset=offset, speed=speed)
+    def place(
+        self,
+        station: float,
+        offset: float,
+        speed: float,
+        *,
+        heading: float = 0.0,
+        articulation: float | None = None,
+    ) -> None:
+        """Puts the truck on its road, rolling freely; see `Truck.reset`."""
+        self.truck.reset(
+            station=station,
+            offset=offset,
+            speed=speed,
+            heading=heading,
+            articulation=articulation,
+        )
         self._key = b""
 
     def command(self, command: VehicleCommand) -> None:
@@ -101,15 +141,29 @@ class Physics(BasePhysics):
         """Steer axle along the road [m]."""
         return self.ego().station
 
-    def lane_error(self, lane: int = 0) -> float:
-        """Steer axle left of the lane's middle [m]."""
-        ego = self.ego()
-        return ego.offset - float(self.route.lane_offset(lane, ego.station))
+    def trailer_station(self) -> float:
+        """Middle of the trailer's axle group along the road [m]."""
+        x, y, _ = self.data.site_xpos[self._trailer_axles].tolist()
+        return self.route.locate(x, y, self.station() - self._behind)[0]
 
-    def trailer_error(self, lane: int = 0) -> float:
-        """Centre of the trailer's axles left of the lane's middle [m]."""
+    def trailer_rear(self) -> tuple[float, float, float]:
+        """Middle of the trailer's rear end in the world (x, y) [m], and its yaw [rad]."""
         ego = self.ego()
-        return ego.trailer_offset - float(self.route.lane_offset(lane, ego.station))
+        corners = truck_boxes(ego, self.truck.parameters)[1]
+        x, y = corners[2:].mean(axis=0).tolist()
+        return x, y, ego.yaw - ego.articulation
+
+    def outline_offsets(self) -> FloatArray:
+        """Offsets from the road's line of points around tractor and trailer [m], shape (n,)."""
+        ego = self.ego()
+        tractor, trailer = truck_boxes(ego, self.truck.parameters)
+        points = np.concatenate([_around(tractor, 4), _around(trailer, 16)])
+        near = self.station() - 0.5 * self._behind
+        return np.array([self.route.locate(x, y, near)[1] for x, y in points.tolist()])
+
+    def roll(self) -> float:
+        """Of the tractor [rad], right side down positive."""
+        return self.ego().roll
 
     def heading_error(self) -> float:
         """Tractor's heading less the road's [rad]."""
@@ -154,3 +208,11 @@ class Physics(BasePhysics):
     def brake_pressure(self) -> float:
         """Mean of the five circuits [Pa]."""
         return float(np.mean(self.ego().brake_pressures))
+
+
+def _around(corners: FloatArray, parts: int) -> FloatArray:
+    """Points around a box, `parts` to each side; (4, 2) to (4 * parts, 2)."""
+    share = np.arange(parts)[:, None] / parts
+    following = np.roll(corners, -1, axis=0)
+    sides = [a + share * (b - a) for a, b in zip(corners, following, strict=True)]
+    return np.concatenate(sides)

@@ -1,12 +1,17 @@
-"""The roads of the tasks: flat, uphill, a straight over hills, and a winding one."""
+"""The roads of the tasks."""
 
 from __future__ import annotations
+
+import math
 
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.design import Design
 from iits_mj.road.design_build import build
 
 LANE_WIDTH = 4.0
+# The outer tire's arc of 12.5 m (PBS), less half the steer axle's width over the tires.
+TURN_RADIUS = 12.5 - 1.25
+TURN_ENTRY = 60.0
 _SPEED_LIMIT = 22.22
 
 
@@ -15,9 +20,26 @@ def flat() -> Route:
     return Route.straight(length=5_000.0, lanes=2)
 
 
-def uphill(grade: float) -> Route:
-    """2 km straight on a constant grade (dz/ds)."""
-    return Route.straight(length=2_000.0, lanes=2, grade=grade)
+def uphill() -> Route:
+    """2 km straight, always uphill, in steps of 300 m on 4 to 9 %."""
+    grades = [(300.0 * (k + 1), 0.01 * (5 + k), 60.0) for k in range(5)]
+    return _route("suite_uphill", ((2_000.0, 0.0, 0.0, 0.0, 0.0),), tuple(grades), initial=0.04)
+
+
+def turn() -> Route:
+    """Straight, a 90 degree turn to the left, straight: the line of the steer axle's middle."""
+    bend = 1.0 / TURN_RADIUS
+    alignment = (
+        (TURN_ENTRY, 0.0, 0.0, 0.0, 0.0),
+        (0.5 * math.pi * TURN_RADIUS, bend, bend, 0.0, 0.0),
+        (300.0, 0.0, 0.0, 0.0, 0.0),
+    )
+    return _route("suite_turn", alignment, (), lanes=1, left_shoulder=3.45, right_shoulder=0.3)
+
+
+def yard() -> Route:
+    """200 m of level ground along x, wide enough to turn about."""
+    return Route.straight(length=200.0, lanes=3)
 
 
 def hills() -> Route:
@@ -48,17 +70,22 @@ def _route(
     name: str,
     alignment: tuple[tuple[float, float, float, float, float], ...],
     grades: tuple[tuple[float, float, float], ...],
+    *,
+    initial: float = 0.0,
+    lanes: int = 2,
+    left_shoulder: float = 1.0,
+    right_shoulder: float = 2.5,
 ) -> Route:
     length = sum(element[0] for element in alignment)
     design = Design(
         name=name,
         start=(0.0, 0.0, 0.0, 0.0),
         lane_width=LANE_WIDTH,
-        lanes=2,
-        left_shoulder=1.0,
-        right_shoulder=2.5,
+        lanes=lanes,
+        left_shoulder=left_shoulder,
+        right_shoulder=right_shoulder,
         speed_limit=_SPEED_LIMIT,
-        initial_grade=0.0,
+        initial_grade=initial,
         road_ends=(),
         alignment=alignment,
         grades=grades,

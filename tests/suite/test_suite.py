@@ -3,15 +3,19 @@ import pytest
 from dm_control.rl import control
 
 from iits_mj import suite
-from iits_mj.errors import InputError
-from iits_mj.suite.tasks import BRAKE_MAX, STEER_MAX
+from iits_mj.errors import Error, InputError
+from iits_mj.suite.tasks import Dock, LaneKeep
+from iits_mj.suite.tasks.base import BRAKE_MAX
 
 TASKS = [task for _, task in suite.ALL_TASKS]
 
 
 @pytest.fixture(scope="module")
 def environments():
-    return {t: suite.load("truck", t, {"random": 3, "visuals": False}) for t in TASKS}
+    made = {t: suite.load("truck", t, {"random": 3, "visuals": False}) for t in TASKS}
+    yield made
+    for environment in made.values():
+        environment.close()
 
 
 def _episode(environment, policy, steps):
@@ -26,7 +30,7 @@ def _episode(environment, policy, steps):
 
 
 def test_tags_cover_the_tasks():
-    assert {"cruise", "stop", "hill_start", "lane_keep"} <= set(TASKS)
+    assert len(TASKS) == 8
     assert set(suite.BENCHMARKING) <= set(suite.ALL_TASKS)
     assert set(suite.EASY) | set(suite.HARD) <= set(suite.ALL_TASKS)
     assert suite.TASKS_BY_DOMAIN["truck"] == tuple(TASKS)
@@ -37,8 +41,7 @@ def test_random_actions_give_finite_observations_and_rewards_in_0_to_1(environme
     environment = environments[task]
     spec = environment.action_spec()
     random = np.random.RandomState(0)
-    steps = _episode(environment, lambda _: random.uniform(-1.0, 1.0, spec.shape), 60)
-    for step in steps:
+    for step in _episode(environment, lambda _: random.uniform(-1.0, 1.0, spec.shape), 60):
         assert 0.0 <= step.reward <= 1.0
         assert all(np.isfinite(values).all() for values in step.observation.values())
         terms = environment.task.reward_terms(environment.physics)
@@ -55,7 +58,7 @@ def test_observations_match_their_specification_and_have_scales(environments, ta
         assert values.shape == spec[name].shape
 
 
-@pytest.mark.parametrize("task", ["cruise", "lane_keep"])
+@pytest.mark.parametrize("task", TASKS)
 def test_same_seed_gives_the_same_episode(task):
     runs = []
     for _ in range(2):
@@ -71,46 +74,53 @@ def test_episodes_begin_in_different_places(environments):
     assert len(starts) == 4
 
 
-def _cruise(observation):
-    ahead = float(observation["grade_ahead"][0])
-    error = float(observation["speed_error"][0])
-    return np.array([np.clip(0.3 - 0.6 * error + 8.0 * ahead, -1.0, 1.0)])
-
-
-def _stop(observation):
-    distance, speed = float(observation["distance"][0]), float(observation["speed"][0])
-    wanted = np.sqrt(2.4 * max(distance - 0.5, 0.0))
-    drive = 0.5 * (min(wanted, 20.0) - speed) - (0.3 if wanted < 20.0 else 0.0)
-    return np.array([np.clip(drive, -1.0, 1.0)])
-
-
-def _lane_keep(observation):
-    value = {name: float(values[0]) for name, values in observation.items()}
-    ahead = float(observation["curvature_ahead"][1])
-    steer = 7.9 * ahead - 0.02 * value["lane_error"] - 0.35 * value["heading_error"]
-    drive = 0.3 - 0.5 * value["speed_error"]
-    return np.clip([drive, 21.0 * steer / STEER_MAX], -1.0, 1.0)
-
-
-SCRIPTED = {
-    "cruise": (_cruise, 0.85),
-    "stop": (_stop, 0.9),
-    "hill_start": (lambda _: np.array([0.7]), 0.4),
-    "lane_keep": (_lane_keep, 0.9),
+# Share of the greatest return that the scripted driver gets, and episode's part in 0.1 s.
+SOLVED = {
+    "cruise": (0.85, 250),
+    "stop": (0.9, 250),
+    "hill_start": (0.5, 200),
+    "lane_keep": (0.9, 250),
+    "lane_change": (0.8, 200),
+    "tight_turn": (0.9, 300),
+    "dock": (0.7, 600),
 }
 
 
-@pytest.mark.parametrize("task", TASKS)
+def test_every_task_has_a_scripted_driver():
+    assert set(suite.DRIVERS) == set(TASKS)
+    assert set(SOLVED) == set(TASKS) - {"highway"}
+
+
+@pytest.mark.parametrize("task", SOLVED)
 def test_a_scripted_driver_solves_the_task_and_a_random_one_does_not(environments, task):
     environment = environments[task]
-    policy, wanted = SCRIPTED[task]
-    steps = 200 if task == "hill_start" else 250
-    good = np.sum([s.reward for s in _episode(environment, policy, steps)]) / steps
+    wanted, steps = SOLVED[task]
+    good = np.sum([s.reward for s in _episode(environment, suite.DRIVERS[task], steps)]) / steps
     random = np.random.RandomState(1)
     shape = environment.action_spec().shape
     bad = _episode(environment, lambda _: random.uniform(-1.0, 1.0, shape), steps)
     assert good > wanted
     assert np.sum([s.reward for s in bad]) / steps < 0.6 * good
+
+
+@pytest.mark.slow
+def test_who_overtakes_on_the_highway_gets_more_than_who_keeps_or_guesses():
+    environment = suite.load("truck", "highway", {"visuals": False})
+    random = np.random.RandomState(0)
+    drivers = {
+        "scripted": suite.DRIVERS["highway"],
+        "keep": lambda _: np.zeros(1),
+        "random": lambda _: random.uniform(-1.0, 1.0, 1),
+    }
+    returns = {}
+    for name, driver in drivers.items():
+        environment.task.random.seed(1)
+        returns[name] = sum(
+            step.reward for _ in range(3) for step in _episode(environment, driver, 180)
+        )
+    environment.close()
+    assert returns["scripted"] > 1.2 * returns["keep"]
+    assert returns["scripted"] > 1.2 * returns["random"]
 
 
 def test_leaving_the_lane_ends_the_episode_with_discount_0(environments):
@@ -127,7 +137,7 @@ def test_actions_become_the_trucks_command(environments):
     command = environment.physics.truck.last_command()
     assert command.xbr_demand == pytest.approx(-0.5 * BRAKE_MAX)
     assert command.accelerator_pedal == 0.0
-    assert command.steering_wheel_angle == pytest.approx(0.25 * STEER_MAX)
+    assert command.steering_wheel_angle == pytest.approx(0.25 * LaneKeep.steer_max)
 
 
 def test_time_limit_and_payload_are_arguments():
@@ -165,3 +175,75 @@ def test_unknown_names_are_refused():
         suite.load("cheetah", "run")
     with pytest.raises(InputError, match="task"):
         suite.load("truck", "fly")
+
+
+def test_the_docks_distance_is_what_the_trailer_has_left(environments):
+    environment = environments["dock"]
+    environment.reset()
+    physics = environment.physics
+    physics.place(100.0, 0.5, 0.0)
+    rear = 100.0 + physics.truck.footprint.front_overhang - physics.truck.footprint.length
+    distance, aside, heading = environment.task.rear(physics)
+    assert distance == pytest.approx(rear - 60.0, abs=0.02)
+    assert aside == pytest.approx(0.5, abs=0.01)
+    assert heading == pytest.approx(0.0, abs=1e-3)
+
+
+def test_the_dock_is_approached_backward_and_not_to_be_rammed(environments):
+    environment = environments["dock"]
+    full = lambda _: np.array([1.0, 0.0])  # noqa: E731
+    steps = _episode(environment, full, 600)
+    assert steps[0].observation["speed"][0] > steps[10].observation["speed"][0]
+    assert steps[-1].discount == 0.0
+    task = environment.task
+    rammed = task.rear(environment.physics)[0] < Dock.rammed
+    assert rammed or abs(environment.physics.articulation()) > Dock.jackknifed
+
+
+def test_outline_of_a_truck_on_the_line_reaches_half_its_width_to_both_sides(environments):
+    environment = environments["tight_turn"]
+    environment.reset()
+    environment.physics.place(40.0, 0.0, 2.0)
+    offsets = environment.physics.outline_offsets()
+    width = environment.physics.truck.footprint.width
+    assert offsets.max() == pytest.approx(0.5 * width, abs=0.02)
+    assert offsets.min() == pytest.approx(-0.5 * width, abs=0.02)
+    assert environment.task.clearance(environment.physics) == pytest.approx(
+        1.95 - 0.5 * width, abs=0.02
+    )
+
+
+def test_hill_starts_are_on_grades_of_4_to_9_percent(environments):
+    environment = environments["hill_start"]
+    grades = [float(environment.reset().observation["grade"][0]) for _ in range(12)]
+    assert min(grades) > 0.035
+    assert max(grades) < 0.095
+    assert max(grades) - min(grades) > 0.02
+
+
+def test_the_highway_is_not_copied_and_steps_in_whole_cycles(environments):
+    environment = environments["highway"]
+    environment.reset()
+    with pytest.raises(Error, match="SUMO"):
+        environment.physics.copy()
+    with pytest.raises(InputError, match="cycles"):
+        environment.physics.step(3)
+
+
+def test_the_truck_on_the_highway_is_the_one_of_the_physics(environments):
+    environment = environments["highway"]
+    environment.reset()
+    for _ in range(3):
+        step = environment.step(np.zeros(1))
+    assert environment.physics.time() == pytest.approx(environment.physics.simulation.time)
+    assert environment.physics.speed() == step.observation["speed"][0]
+    assert environment.physics.station() > 80.0
+
+
+def test_colors_show_the_reward_on_demand():
+    environment = suite.load("truck", "cruise", {"random": 0}, visualize_reward=True)
+    environment.reset()
+    colors = environment.physics.named.model.mat_rgba
+    environment.step(np.array([0.3]))
+    assert not np.array_equal(colors["self"], colors["self_default"])
+    environment.close()

@@ -1,0 +1,136 @@
+"""A scripted driver for each task: it sees the task's observations only, and solves it.
+
+They are there to be beaten, and to show that each task can be solved:
+
+    environment = suite.load("truck", "dock")
+    driver = suite.DRIVERS["dock"]
+    step = environment.reset()
+    while not step.last():
+        step = environment.step(driver(step.observation))
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.suite.roads import TURN_RADIUS
+from iits_mj.suite.tasks import Dock, LaneChange, LaneKeep, TightTurn
+from iits_mj.suite.tasks.lane_change import PREVIEW as PATH_PREVIEW
+
+FloatArray = NDArray[np.float64]
+Driver = Callable[[Mapping[str, FloatArray]], FloatArray]
+
+# Steering wheel over road wheels, wheelbase, and understeer that is compensated for [s2/m].
+_RATIO, _WHEELBASE, _UNDERSTEER = 21.0, 4.6, 0.01
+# Kingpin to the trailer's axle group [m].
+_TRAILER = 7.7
+
+
+def cruise(seen: Mapping[str, FloatArray]) -> FloatArray:
+    """Proportional to the speed error, with the grade fed forward."""
+    drive = 0.3 - 0.6 * _one(seen, "speed_error") + 8.0 * float(seen["grade_ahead"][0])
+    return _clipped(drive)
+
+
+def stop(seen: Mapping[str, FloatArray]) -> FloatArray:
+    """Follows the speed from which 1.2 m/s2 end at the line."""
+    wanted = math.sqrt(2.4 * max(_one(seen, "distance") - 0.5, 0.0))
+    drive = 0.5 * (min(wanted, 20.0) - _one(seen, "speed")) - (0.3 if wanted < 20.0 else 0.0)
+    return _clipped(drive)
+
+
+def hill_start(seen: Mapping[str, FloatArray]) -> FloatArray:
+    """Pedal by the grade, more when rolling back."""
+    return _clipped(0.5 + 4.0 * _one(seen, "grade") + 2.0 * max(_one(seen, "rolled_back"), 0.0))
+
+
+def lane_keep(seen: Mapping[str, FloatArray]) -> FloatArray:
+    """The curvature 25 m ahead fed forward, place and heading fed back."""
+    ahead = float(seen["curvature_ahead"][1])
+    wheels = (_WHEELBASE + _UNDERSTEER * 20.0**2 * 0.8) * ahead
+    wheels -= 0.02 * _one(seen, "lane_error") + 0.35 * _one(seen, "heading_error")
+    return _steered(_speed_held(seen), wheels, LaneKeep.steer_max)
+
+
+def platoon(seen: Mapping[str, FloatArray]) -> FloatArray:
+    """Keeps the lane; answers gap, speed and acceleration of the truck ahead (0 for the first)."""
+    action = lane_keep(seen)
+    wanted = 0.8 * _one(seen, "acceleration_ahead") + 0.12 * _one(seen, "gap_error")
+    wanted -= 0.7 * _one(seen, "speed_error")
+    action[0] = np.clip(0.25 + 0.7 * wanted if wanted > -0.35 else 0.25 * wanted, -1.0, 1.0)
+    return action
+
+
+def lane_change(seen: Mapping[str, FloatArray]) -> FloatArray:
+    """Steers towards the path 20 m ahead, as much as its curve there wants."""
+    here, near, far = 0.0, *(float(v) for v in seen["path_ahead"][[1, 2]])
+    first, second = PATH_PREVIEW[1], PATH_PREVIEW[2]
+    bend = 2.0 * ((far - near) / (second - first) - (near - here) / first) / second
+    speed = _one(seen, "speed")
+    wheels = (_WHEELBASE + _UNDERSTEER * speed**2) * bend
+    wheels -= 0.03 * _one(seen, "lane_error") + 0.4 * _one(seen, "heading_error")
+    return _steered(_speed_held(seen), wheels, LaneChange.steer_max)
+
+
+def tight_turn(seen: Mapping[str, FloatArray]) -> FloatArray:
+    """Points the steer wheels along the arc, and back to it."""
+    turning = 0.0 < _one(seen, "past_entry") < 0.5 * math.pi * TURN_RADIUS
+    wheels = math.atan(_WHEELBASE / TURN_RADIUS) if turning else 0.0
+    wheels -= 0.9 * _one(seen, "heading_error") + 0.35 * _one(seen, "offset")
+    drive = 0.35 + 0.8 * (TightTurn.target - _one(seen, "speed"))
+    return _steered(drive, wheels, TightTurn.steer_max)
+
+
+def dock(seen: Mapping[str, FloatArray]) -> FloatArray:
+    """Steers the trailer by its articulation, which is steered by the tractor."""
+    distance, aside = _one(seen, "distance"), _one(seen, "aside")
+    heading, bend = _one(seen, "trailer_heading"), _one(seen, "articulation")
+    wanted = float(np.clip(_TRAILER * (0.22 * heading - 0.018 * aside), -0.35, 0.35))
+    wheels = math.atan(_WHEELBASE * (math.sin(bend) / _TRAILER + 0.45 * (bend - wanted)))
+    backward = 0.15 + min(0.08 * max(distance - 0.1, 0.0), 1.0)
+    if distance < 0.15:
+        return _steered(-0.5, wheels, Dock.steer_max)
+    drive = 0.1 + 0.8 * (backward + _one(seen, "speed"))
+    return _steered(drive, wheels, Dock.steer_max)
+
+
+def highway(seen: Mapping[str, FloatArray]) -> FloatArray:
+    """Overtakes on the left, or on the right, who is slower and near, if there is room beside."""
+    ahead, behind = seen["ahead"].reshape(-1, 3), seen["behind"].reshape(-1, 3)
+    own = ahead[np.abs(ahead[:, 1]) < 2.0]
+    if not len(own) or own[0, 0] > 80.0 or own[0, 2] > 0.5:
+        return np.zeros(1)
+    side = 1.0 if _one(seen, "offset") < 2.0 else -1.0
+    beside = np.abs(ahead[:, 1] - 4.0 * side) < 2.0
+    room = float(np.min(ahead[beside, 0], initial=250.0))
+    free = not (np.abs(behind[:, 1] - 4.0 * side) < 2.0).any() or bool(
+        (behind[np.abs(behind[:, 1] - 4.0 * side) < 2.0, 0] < -45.0).all()
+    )
+    return np.array([side if free and room > own[0, 0] + 30.0 else 0.0])
+
+
+DRIVERS: dict[str, Driver] = {
+    driver.__name__: driver
+    for driver in (cruise, stop, hill_start, lane_keep, lane_change, tight_turn, dock, highway)
+}
+
+
+def _one(seen: Mapping[str, FloatArray], name: str) -> float:
+    return float(seen[name][0])
+
+
+def _speed_held(seen: Mapping[str, FloatArray]) -> float:
+    return 0.3 - 0.5 * _one(seen, "speed_error")
+
+
+def _steered(drive: float, wheels: float, steer_max: float) -> FloatArray:
+    """Action of a pedal and a road-wheel angle [rad]."""
+    return np.clip(np.array([drive, _RATIO * wheels / steer_max]), -1.0, 1.0)
+
+
+def _clipped(drive: float) -> FloatArray:
+    return np.clip(np.array([drive]), -1.0, 1.0)

@@ -1,0 +1,154 @@
+"""The truck for `dm_control.mjcf` and `dm_control.composer`: attach it to any arena, twice or more.
+
+    arena = composer.Arena()
+    truck = TruckEntity(payload=20_000.0)
+    frame = arena.add_free_entity(truck)
+    use_options(arena.mjcf_model)
+
+The tires stand on the plane z = 0, whatever the arena shows there, unless its model holds a road
+(`iits_mj.model.road_table`). Commands are the truck's ten actuators, `truck.actuators`. Physics and
+environments of dm_control step in two halves by default: `legacy_step=False` makes it `mj_step`.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from typing import Any
+
+from dm_control import composer, mjcf
+from dm_control.composer.observation import observable
+
+from iits_mj.model.builder import truck_spec, truck_xml
+from iits_mj.parameters import TruckParameters
+from iits_mj.plugin_library import register
+from iits_mj.truck import COMMAND_FIELDS
+from iits_mj.units import GRAVITY
+
+TIMESTEP = 0.002
+
+
+def truck_mjcf(
+    payload: float, parameters: TruckParameters | None = None, *, visuals: bool = True
+) -> mjcf.RootElement:
+    """The truck without a free joint of its own, to be attached with one.
+
+    Args:
+      payload: [kg].
+      parameters: default: the shipped figures.
+      visuals: adds what is only seen.
+
+    Raises:
+      InputError: the payload is not allowed.
+      PluginError: the engine plugin is missing.
+    """
+    register()
+    parameters = parameters or TruckParameters.load()
+    payload = parameters.check_payload(payload)
+    root = ET.fromstring(truck_xml(parameters, payload))
+    if visuals:
+        _dress(root, parameters, payload)
+    keyframe = root.find("keyframe")
+    if keyframe is not None:
+        root.remove(keyframe)
+    model = mjcf.from_xml_string(ET.tostring(root, encoding="unicode"))
+    model.find("body", "tractor").freejoint.remove()
+    return model
+
+
+def use_options(model: mjcf.RootElement, timestep: float = TIMESTEP) -> None:
+    """Gives an arena the integrator, solver, gravity and time step [s] of the truck's own model.
+
+    `composer.Arena` brings others, for hands that hold things.
+    """
+    model.option.integrator = "implicitfast"
+    model.option.cone = "pyramidal"
+    model.option.noslip_iterations = 0
+    model.option.gravity = (0.0, 0.0, -GRAVITY)
+    model.option.timestep = timestep
+
+
+class TruckEntity(composer.Entity):
+    """An articulated truck to attach with `Arena.add_free_entity`."""
+
+    def _build(
+        self,
+        payload: float = 36_000.0,
+        parameters: TruckParameters | None = None,
+        *,
+        visuals: bool = True,
+        name: str = "truck",
+    ) -> None:
+        self._model = truck_mjcf(payload, parameters, visuals=visuals)
+        self._model.model = name
+
+    def _build_observables(self) -> composer.Observables:
+        return TruckObservables(self)
+
+    @property
+    def mjcf_model(self) -> mjcf.RootElement:
+        """The model, to be attached."""
+        return self._model
+
+    @property
+    def actuators(self) -> tuple[Any, ...]:
+        """The commands, in the order of `VehicleCommand`."""
+        return tuple(self._model.find("actuator", name) for name in COMMAND_FIELDS)
+
+    @property
+    def tractor(self) -> Any:
+        """Body of the tractor; its origin is the steer axle's middle on the ground."""
+        return self._model.find("body", "tractor")
+
+    @property
+    def trailer(self) -> Any:
+        """Body of the semitrailer; its origin is the kingpin."""
+        return self._model.find("body", "trailer")
+
+
+class TruckObservables(composer.Observables):
+    """What the truck's sensors say, in SI units."""
+
+    @composer.observable
+    def velocity(self) -> observable.MJCFFeature:
+        """Of the steer axle's middle in the tractor's frame [m/s], shape (3,)."""
+        return self._sensor("tractor_velocity")
+
+    @composer.observable
+    def angular_velocity(self) -> observable.MJCFFeature:
+        """Of the tractor [rad/s], shape (3,)."""
+        return self._sensor("tractor_gyro")
+
+    @composer.observable
+    def hitch_angle(self) -> observable.MJCFFeature:
+        """Trailer's yaw less the tractor's [rad], shape (1,)."""
+        return self._sensor("articulation_yaw")
+
+    @composer.observable
+    def engine_speed(self) -> observable.MJCFFeature:
+        """[rad/s], shape (1,)."""
+        return self._sensor("engine_speed")
+
+    @composer.observable
+    def gear(self) -> observable.MJCFFeature:
+        """-1 in reverse, 0 in neutral, 1 to 12; shape (1,)."""
+        return self._sensor("gear")
+
+    def _sensor(self, name: str) -> observable.MJCFFeature:
+        return observable.MJCFFeature("sensordata", self._entity.mjcf_model.find("sensor", name))
+
+
+def _dress(root: ET.Element, parameters: TruckParameters, payload: float) -> None:
+    """Adds the visual geoms and what they need; MuJoCo's own text has rounded the mechanics."""
+    spec = truck_spec(parameters, payload)
+    spec.compile()
+    seen = ET.fromstring(spec.to_xml())
+    known = {geom.get("name") for geom in root.iter("geom")}
+    assets = seen.find("asset")
+    if assets is not None:
+        root.append(assets)
+    bodies = {body.get("name"): body for body in root.iter("body")}
+    for body in seen.iter("body"):
+        for geom in body.findall("geom"):
+            if geom.get("name") not in known:
+                geom.attrib.pop("class", None)
+                bodies[body.get("name")].append(geom)

@@ -1,0 +1,156 @@
+"""Tasks of pedal and brakes: cruise, stop, hill start."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+from dm_control.utils import rewards
+
+from iits_mj.suite import paint
+from iits_mj.suite.observed import INSTRUMENTS, WITHOUT_GEAR, Observed
+from iits_mj.suite.physics import Physics
+from iits_mj.suite.tasks.base import DrivingTask, Observations, comfort
+
+_COMFORT = "within 1.3 m/s2 along; 0.1 at 1.5 m/s2 more"
+PREVIEW = (25.0, 50.0, 100.0, 200.0, 400.0)
+
+
+class Cruise(DrivingTask):
+    """Hold 20 m/s over hills, smoothly."""
+
+    target = 20.0
+    observed: ClassVar[dict[str, Observed]] = {
+        **INSTRUMENTS,
+        "speed_error": Observed(5.0, "m/s", "speed less 20 m/s", "speed"),
+        "grade_ahead": Observed(
+            0.05, "1", "rise over run here and 25, 50, 100, 200, 400 m ahead", "road", 6
+        ),
+    }
+    terms: ClassVar[dict[str, str]] = {
+        "speed": "within 0.5 m/s of 20 m/s; 0.1 at 5 m/s more",
+        "comfort": _COMFORT,
+    }
+
+    def initialize_episode(self, physics: Physics) -> None:
+        """Somewhere on the hills, at 15 to 22 m/s."""
+        physics.place(self.random.uniform(30.0, 5_000.0), 0.0, self.random.uniform(15.0, 22.0))
+        super().initialize_episode(physics)
+
+    def get_observation(self, physics: Physics) -> Observations:
+        """Instruments, speed error [m/s], and the grade now and 25 to 400 m ahead."""
+        found = super().get_observation(physics)
+        found["speed_error"] = np.array([physics.speed() - self.target])
+        found["grade_ahead"] = physics.grade_ahead((0.0, *PREVIEW))
+        return found
+
+    def reward_terms(self, physics: Physics) -> dict[str, float]:
+        """`speed`: within 0.5 m/s of the target; `comfort`: gentle acceleration."""
+        near = (self.target - 0.5, self.target + 0.5)
+        return {
+            "speed": float(rewards.tolerance(physics.speed(), near, margin=5.0)),
+            "comfort": comfort(physics),
+        }
+
+
+class Stop(DrivingTask):
+    """Stop the front bumper at a line, and stay there."""
+
+    observed: ClassVar[dict[str, Observed]] = {
+        **INSTRUMENTS,
+        "distance": Observed(200.0, "m", "front bumper to the line", "body `tractor`, road"),
+    }
+    terms: ClassVar[dict[str, str]] = {
+        "line": "not beyond the line; 0.1 at 2 m beyond",
+        "speed": "within 0.3 m/s of a stop at 1.2 m/s2 at the line; 0.1 at 4 m/s more",
+        "comfort": _COMFORT,
+    }
+    _line = "stop_line"
+    line = 0.0  # of the episode [m]
+
+    @classmethod
+    def edit_spec(cls, spec: mujoco.MjSpec) -> None:
+        """The line, on a mocap body that each episode moves."""
+        paint.movable(spec, cls._line, size=(0.25, 4.0, 0.01))
+
+    def initialize_episode(self, physics: Physics) -> None:
+        """At 12 to 20 m/s, with the line at 1.3 to 2 times the distance a gentle stop takes."""
+        speed = self.random.uniform(12.0, 20.0)
+        physics.place(50.0, 0.0, speed)
+        front = 50.0 + physics.truck.footprint.front_overhang
+        self.line = front + self.random.uniform(1.3, 2.0) * speed**2 / (2.0 * 1.2)
+        paint.move(physics, self._line, self.line, 2.0)
+        super().initialize_episode(physics)
+
+    def distance(self, physics: Physics) -> float:
+        """From the front bumper to the line [m], negative beyond it."""
+        return self.line - physics.station() - physics.truck.footprint.front_overhang
+
+    def get_observation(self, physics: Physics) -> Observations:
+        """Instruments and distance to the line [m]."""
+        found = super().get_observation(physics)
+        found["distance"] = np.array([self.distance(physics)])
+        return found
+
+    def reward_terms(self, physics: Physics) -> dict[str, float]:
+        """`line`: not beyond it; `speed`: that of a stop at 1.2 m/s2 there; `comfort`."""
+        distance = self.distance(physics)
+        wanted = math.sqrt(2.0 * 1.2 * max(distance - 0.5, 0.0))
+        error = physics.speed() - min(wanted, 20.0)
+        return {
+            "line": float(rewards.tolerance(distance, (0.0, math.inf), margin=2.0)),
+            "speed": float(rewards.tolerance(error, (-0.3, 0.3), margin=4.0)),
+            "comfort": comfort(physics),
+        }
+
+
+class HillStart(DrivingTask):
+    """Start on a grade of 4 to 9 % without rolling back, and get going."""
+
+    target = 4.0
+    farthest = 0.0  # station reached in the episode [m]
+    observed: ClassVar[dict[str, Observed]] = {
+        **WITHOUT_GEAR,
+        "rolled_back": Observed(
+            1.0, "m", "behind the farthest point reached", "body `tractor`, road"
+        ),
+        "grade": Observed(0.1, "1", "rise over run here", "road"),
+    }
+    terms: ClassVar[dict[str, str]] = {
+        "speed": "4 m/s or more; linear from 0 at standstill",
+        "hold": "rolled back by less than 5 cm; 0.1 at 0.5 m more",
+    }
+
+    def initialize_episode(self, physics: Physics) -> None:
+        """At rest on the grade, somewhere."""
+        self.farthest = self.random.uniform(50.0, 1_750.0)
+        physics.place(self.farthest, 0.0, 0.0)
+        super().initialize_episode(physics)
+
+    def after_step(self, physics: Physics) -> None:
+        """Keeps the farthest station reached, from which rolling back counts."""
+        self.farthest = max(self.farthest, physics.station())
+        super().after_step(physics)
+
+    def rolled_back(self, physics: Physics) -> float:
+        """How far the truck lies behind the farthest point it had reached [m]."""
+        return self.farthest - physics.station()
+
+    def get_observation(self, physics: Physics) -> Observations:
+        """Instruments, distance rolled back [m] and the grade."""
+        found = super().get_observation(physics)
+        found["rolled_back"] = np.array([self.rolled_back(physics)])
+        found["grade"] = physics.grade_ahead((0.0,))
+        return found
+
+    def reward_terms(self, physics: Physics) -> dict[str, float]:
+        """`speed`: 4 m/s or more; `hold`: rolled back by less than 5 cm."""
+        reached = (self.target, math.inf)
+        fast = rewards.tolerance(
+            physics.speed(), reached, margin=self.target, value_at_margin=0.0, sigmoid="linear"
+        )
+        back = self.rolled_back(physics)
+        hold = rewards.tolerance(back, (-math.inf, 0.05), margin=0.5)
+        return {"speed": float(fast), "hold": float(hold)}

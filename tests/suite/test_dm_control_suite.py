@@ -1,0 +1,59 @@
+"""dm_control's own tests of its suite, pointed at ours."""
+
+import importlib.util
+import sys
+import types
+import unittest.mock
+from pathlib import Path
+
+import dm_control
+import dm_control.suite
+import pytest
+
+from iits_mj import suite
+
+
+def _theirs(name, tasks):
+    """A test module of dm_control's suite in which `suite` is ours, with some of its tasks."""
+    chosen = types.SimpleNamespace(**{n: getattr(suite, n) for n in suite.__all__})
+    chosen.ALL_TASKS = tasks
+    chosen.REWARD_VIZ = tuple(task for task in suite.REWARD_VIZ if task in tasks)
+    chosen.TASKS_BY_DOMAIN = {"truck": tuple(task for _, task in tasks)}
+    path = Path(dm_control.suite.__file__).with_name(f"{name}.py")
+    spec = importlib.util.spec_from_file_location(f"iits_mj_{name}", path)
+    module = importlib.util.module_from_spec(spec)
+    with (
+        unittest.mock.patch.object(dm_control, "suite", chosen),
+        unittest.mock.patch.dict(sys.modules, {"mock": unittest.mock}),
+    ):
+        spec.loader.exec_module(module)
+    assert module.suite is chosen
+    return module
+
+
+# SUMO's task takes as long as all the others together.
+_SUMO = tuple(task for task in suite.ALL_TASKS if task == ("truck", "highway"))
+_OTHERS = tuple(task for task in suite.ALL_TASKS if task not in _SUMO)
+_OF_OTHERS = _theirs("suite_test", _OTHERS).SuiteTest
+_OF_SUMO = _theirs("suite_test", _SUMO).SuiteTest
+_CONSTANTS = _theirs("loader_test", suite.ALL_TASKS).LoaderConstantsTest
+
+
+class TestSuite(_OF_OTHERS):
+    pass
+
+
+@pytest.mark.slow
+class TestHighway(_OF_SUMO):
+    pass
+
+
+class TestLoaderConstants(_CONSTANTS):
+    pass
+
+
+def test_every_task_of_ours_is_among_those_tested():
+    assert set(_OTHERS) | set(_SUMO) == set(suite.ALL_TASKS)
+    assert len(_SUMO) == 1
+    tested = [name for name in dir(TestSuite) if name.startswith("test_task_conforms_to_spec")]
+    assert len(tested) == len(_OTHERS)
