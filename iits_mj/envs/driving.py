@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -10,14 +10,13 @@ from dm_control.rl import control
 from numpy.typing import NDArray
 
 from iits_mj import suite
-from iits_mj.errors import InputError, RenderError
+from iits_mj.envs.flat import Flat
+from iits_mj.envs.picture import RENDER_MODES, Picture
+from iits_mj.errors import InputError
 from iits_mj.suite.tasks import DrivingTask
 
 Observation = NDArray[np.float32]
 Action = NDArray[np.float32]
-
-OBSERVATION_MAX = 5.0
-RENDER_SIZE = (360, 640)
 
 
 class DrivingEnv(gymnasium.Env[Observation, Action]):
@@ -34,14 +33,15 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
       payload: on the semitrailer [kg].
       payload_height: of the load's centre of gravity above the road [m], 1.3 to 3.
       time_limit: of an episode [s]; default the task's.
-      render_mode: None or "rgb_array" (needs OpenGL).
+      render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
       camera: of the pictures: "chase", "side" or "cab".
+      like: another environment of the same task and settings, whose compiled model is shared.
 
     Raises:
       InputError: unknown task, camera or render mode, payload out of range.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012 - Gymnasium's way
+    metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 10}  # noqa: RUF012 - Gymnasium's way
 
     def __init__(
         self,
@@ -52,35 +52,47 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         time_limit: float | None = None,
         render_mode: str | None = None,
         camera: str = "chase",
+        like: DrivingEnv | None = None,
     ) -> None:
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise InputError(f"render_mode {render_mode!r} is not known; use 'rgb_array' or None")
         self.render_mode = render_mode
-        self.camera = camera
-        self._environment: control.Environment = suite.load(
-            "truck",
-            task,
-            task_kwargs={
-                "payload": payload,
-                "payload_height": payload_height,
-                "time_limit": time_limit,
-                "visuals": render_mode is not None,
-                "random": 0,
-            },
+        self._picture = Picture(render_mode, camera)
+        self._environment: control.Environment = (
+            suite.load(
+                "truck",
+                task,
+                task_kwargs={
+                    "payload": payload,
+                    "payload_height": payload_height,
+                    "time_limit": time_limit,
+                    "visuals": render_mode is not None,
+                    "random": 0,
+                },
+            )
+            if like is None
+            else suite.twin(like._environment)
         )
         self._task: DrivingTask = self._environment.task
         self._physics: suite.Physics = self._environment.physics
         first = self._environment.reset().observation
-        self.observation_names = tuple(
-            name if len(values) == 1 else f"{name}[{i}]"
-            for name, values in first.items()
-            for i in range(len(values))
-        )
-        size = len(self.observation_names)
-        self.observation_space = gymnasium.spaces.Box(
-            -OBSERVATION_MAX, OBSERVATION_MAX, (size,), np.float32
-        )
+        self._flat = Flat(first, self._task.scales)
+        self.observation_names = self._flat.names
+        self.observation_space = self._flat.space
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self._task.actions),), np.float32)
+
+    @property
+    def physics(self) -> suite.Physics:
+        """MuJoCo's model and data, with getters in words."""
+        return self._physics
+
+    @property
+    def steps_per_action(self) -> int:
+        """Time steps of the physics that an action is held for."""
+        return round(self._environment.control_timestep() / self._physics.timestep())
+
+    @property
+    def task(self) -> DrivingTask:
+        """The suite's task."""
+        return self._task
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -89,7 +101,7 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         super().reset(seed=seed, options=options)
         self._task.random.seed(int(self.np_random.integers(2**31)))
         step = self._environment.reset()
-        return self._observation(step.observation), self._info()
+        return self._flat(step.observation), self._info()
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Holds the action for 0.1 s."""
@@ -101,34 +113,20 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         terminated = bool(step.last() and step.discount == 0.0)
         truncated = bool(step.last() and not terminated)
         reward = float(step.reward)
-        return self._observation(step.observation), reward, terminated, truncated, self._info()
+        self._picture.show(self._physics.model.ptr, self._physics.data.ptr)
+        return self._flat(step.observation), reward, terminated, truncated, self._info()
 
     def render(self) -> Any:
-        """A picture (360, 640, 3) of bytes, or None without a render mode.
+        """A picture (360, 640, 3) of bytes; None in a window or without a render mode.
 
         Raises:
           RenderError: there is no OpenGL here.
         """
-        if self.render_mode is None:
-            return None
-        height, width = RENDER_SIZE
-        try:
-            return self._physics.render(height, width, camera_id=self.camera)
-        except (RuntimeError, AttributeError, ImportError) as error:
-            raise RenderError(
-                f"no OpenGL for pictures ({error}): install libegl1 libgl1-mesa-dri libopengl0 and "
-                "set MUJOCO_GL=egl"
-            ) from error
+        return self._picture.draw(self._physics.model.ptr, self._physics.data.ptr)
 
     def close(self) -> None:
-        """Frees the physics."""
-        self._environment.close()
-
-    def _observation(self, values: dict[str, NDArray[np.float64]]) -> Observation:
-        scales = self._task.scales
-        parts = [values[name] / scales[name] for name in values]
-        flat = np.clip(np.concatenate(parts), -OBSERVATION_MAX, OBSERVATION_MAX)
-        return flat.astype(np.float32)
+        """Closes renderer and window."""
+        self._picture.close()
 
     def _info(self) -> dict[str, Any]:
         ego = self._physics.ego()
@@ -142,51 +140,77 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         }
 
 
-class CruiseEnv(DrivingEnv):
+class TaskEnv(DrivingEnv):
+    """One task; takes the settings of `DrivingEnv`.
+
+    Attributes:
+      task_name: of the task in the suite.
+    """
+
+    task_name: ClassVar[str]
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(self.task_name, **settings)
+
+
+class CruiseEnv(TaskEnv):
     """Hold 20 m/s over hills.
 
-    Action (1): `drive`, above 0 the pedal, below the brakes to 4 m/s2.
-
-    | observation            | divided by | unit  |
-    |------------------------|------------|-------|
-    | speed                  | 25         | m/s   |
-    | acceleration           | 2          | m/s2  |
-    | gear                   | 12         |       |
-    | engine_speed           | 220        | rad/s |
-    | engine_torque          | 2700       | N m   |
-    | brake_pressure         | 8e5        | Pa    |
-    | speed_error            | 5          | m/s   |
-    | grade_ahead[0] .. [5]  | 0.05       |       |
-
-    `grade_ahead`: here and 25, 50, 100, 200, 400 m ahead. Reward: `speed` x `comfort`. Truncated
-    after 60 s. Version history: v0, first.
+    Task `cruise` of the suite. Version history: v0, first.
     """
 
-    def __init__(self, **settings: Any) -> None:
-        super().__init__("cruise", **settings)
+    task_name = "cruise"
 
 
-class LaneKeepEnv(DrivingEnv):
+class StopEnv(TaskEnv):
+    """Stop the front bumper at a line.
+
+    Task `stop` of the suite. Version history: v0, first.
+    """
+
+    task_name = "stop"
+
+
+class HillStartEnv(TaskEnv):
+    """Start on a grade of 4 to 9 % without rolling back.
+
+    Task `hill_start` of the suite. Version history: v0, first.
+    """
+
+    task_name = "hill_start"
+
+
+class LaneKeepEnv(TaskEnv):
     """Keep truck and trailer in the lane of a winding road at 20 m/s.
 
-    Actions (2): `drive` as in `CruiseEnv`; `steer`, steering wheel to +/-90 degrees.
-
-    | observation               | divided by | unit  |
-    |---------------------------|------------|-------|
-    | the six instruments       | as above   |       |
-    | speed_error               | 5          | m/s   |
-    | lane_error, trailer_error | 1          | m     |
-    | heading_error             | 0.1        | rad   |
-    | articulation              | 0.1        | rad   |
-    | yaw_rate                  | 0.1        | rad/s |
-    | steering_wheel_angle      | 1          | rad   |
-    | curvature_ahead[0] .. [3] | 0.002      | 1/m   |
-
-    `curvature_ahead`: here and 25, 50, 100 m ahead. Reward: `lane` x `trailer` x `speed` x
-    `comfort`. Terminated when truck or trailer is 2 m from the lane's middle, truncated after 60 s.
-    Version
-    history: v0, first.
+    Task `lane_keep` of the suite. Version history: v0, first.
     """
 
-    def __init__(self, **settings: Any) -> None:
-        super().__init__("lane_keep", **settings)
+    task_name = "lane_keep"
+
+
+class LaneChangeEnv(TaskEnv):
+    """Double lane change at 60 km/h, laden.
+
+    Task `lane_change` of the suite. Version history: v0, first.
+    """
+
+    task_name = "lane_change"
+
+
+class TightTurnEnv(TaskEnv):
+    """90 degree turn of 12.5 m within the swept path that the rules allow.
+
+    Task `tight_turn` of the suite. Version history: v0, first.
+    """
+
+    task_name = "tight_turn"
+
+
+class DockEnv(TaskEnv):
+    """Reverse the semitrailer into a loading bay.
+
+    Task `dock` of the suite. Version history: v0, first.
+    """
+
+    task_name = "dock"

@@ -1,4 +1,7 @@
-"""The paper's decision task for Gymnasium: the whole truck in SUMO traffic, three actions."""
+"""The paper's decision task for Gymnasium: three actions, the whole truck in SUMO traffic.
+
+`HighwayFastEnv` is the same task without MuJoCo and SUMO, for the first million decisions.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +12,15 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.decision.fast_world.env import HighwayEnv as FastWorld
 from controllers.decision.observation import OBSERVATION_SIZE
 from controllers.decision.reward import RewardTerms
-from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig
-from iits_mj.errors import InputError, RenderError
+from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig, World
+from iits_mj.envs.picture import RENDER_MODES, Picture
+from iits_mj.errors import InputError
 from iits_mj.messages import Decision
 
 if TYPE_CHECKING:
-    import mujoco
-
     from iits_mj.simulation import Simulation
     from iits_mj.simulation.truck_world import TruckWorld
 
@@ -25,10 +28,65 @@ Observation = NDArray[np.float32]
 
 ACTIONS = (Decision.LEFT, Decision.KEEP, Decision.RIGHT)
 DENSITIES = {**SPAWN_PROBABILITY, "empty": 0.0}
-RENDER_SIZE = (360, 640)
 
 
-class HighwayEnv(gymnasium.Env[Observation, np.int64]):
+class DecisionEnv(gymnasium.Env[Observation, np.int64]):
+    """What the worlds of the decision task share as environments.
+
+    Args:
+      trip: each episode.
+
+    Attributes:
+      trip: each episode.
+    """
+
+    def __init__(self, trip: TripConfig) -> None:
+        self.trip = trip
+        self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (OBSERVATION_SIZE,), np.float32)
+        self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Starts an episode; the same seed gives the same traffic."""
+        super().reset(seed=seed, options=options)
+        observation = self._open().reset(self.np_random, self.trip)
+        return observation, self._info(RewardTerms())
+
+    def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Carries out a decision until the next one is due.
+
+        Raises:
+          InputError: unknown action, or no episode was begun.
+        """
+        if not self.action_space.contains(action):
+            raise InputError(f"action {action!r} is not known; use 0, 1 or 2")
+        step = self._open().step(ACTIONS[int(action)])
+        info = self._info(step.reward)
+        return step.observation, float(step.reward.total), step.terminated, step.truncated, info
+
+    def _open(self) -> World:
+        """The world, made at the first reset."""
+        raise NotImplementedError
+
+    def _state(self) -> dict[str, Any]:
+        """What `info` tells of the truck."""
+        raise NotImplementedError
+
+    def _info(self, terms: RewardTerms) -> dict[str, Any]:
+        return {
+            **self._state(),
+            **{f"reward_{k}": v for k, v in dataclasses.asdict(terms).items()},
+        }
+
+
+def _trip(density: str, **settings: Any) -> TripConfig:
+    if density not in DENSITIES:
+        raise InputError(f"density {density!r} is unknown; allowed are: {', '.join(DENSITIES)}")
+    return TripConfig(spawn_probability=DENSITIES[density], **settings)
+
+
+class HighwayEnv(DecisionEnv):
     """Decide on lane changes of the laden truck among SUMO vehicles on the built-in highway.
 
     Action: 0 change to the left, 1 keep, 2 change to the right. It takes effect within 0.1 s; the
@@ -57,7 +115,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
       duration: of an episode [s].
       payload: on the semitrailer [kg].
       payload_height: of the load's centre of gravity above the road [m], 1.3 to 3.
-      render_mode: None or "rgb_array" (needs OpenGL).
+      render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
       camera: of the pictures: "chase", "side" or "cab".
       timestep: of the physics [s]: 0.002 is a drive's, 0.005 trains as well in less time.
 
@@ -65,7 +123,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
       InputError: an argument is not allowed. TrafficError: SUMO is not usable.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 - Gymnasium's way
+    metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 1}  # noqa: RUF012 - Gymnasium's way
 
     def __init__(
         self,
@@ -81,78 +139,54 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
         camera: str = "chase",
         timestep: float = 0.002,
     ) -> None:
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise InputError(f"render_mode {render_mode!r} is not known; use 'rgb_array' or None")
         self.render_mode = render_mode
-        self.camera = camera
-        if density not in DENSITIES:
-            raise InputError(f"density {density!r} is unknown; allowed are: {', '.join(DENSITIES)}")
-        self.trip = TripConfig(
-            spawn_probability=DENSITIES[density],
-            traffic_speed=traffic_speed,
-            keeps_right=keeps_right,
-            duration=duration,
-            payload=payload,
-            reference_speed=speed,
+        self._picture = Picture(render_mode, camera)
+        super().__init__(
+            _trip(
+                density,
+                traffic_speed=traffic_speed,
+                keeps_right=keeps_right,
+                duration=duration,
+                payload=payload,
+                reference_speed=speed,
+            )
         )
         self.payload_height = payload_height
         self.timestep = timestep
-        self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (OBSERVATION_SIZE,), np.float32)
-        self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
         self._world: TruckWorld | None = None
-        self._renderer: mujoco.Renderer | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Starts an episode; the same seed gives the same traffic."""
-        super().reset(seed=seed, options=options)
-        self._close_renderer()
-        observation = self._open().reset(self.np_random, self.trip)
-        return observation, self._info(RewardTerms())
+        self._picture.close()
+        return super().reset(seed=seed, options=options)
 
     def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Carries out a decision until the next one is due."""
-        if not self.action_space.contains(action):
-            raise InputError(f"action {action!r} is not known; use 0, 1 or 2")
-        step = self._open().step(ACTIONS[int(action)])
-        info = self._info(step.reward)
-        return step.observation, float(step.reward.total), step.terminated, step.truncated, info
+        """Carries out a decision until the next one is due.
+
+        Raises:
+          InputError: unknown action, or no episode was begun.
+        """
+        outcome = super().step(action)
+        self._picture.show(self._simulation.truck.model, self._simulation.truck.data)
+        return outcome
 
     def render(self) -> Any:
-        """A picture (360, 640, 3) of bytes, or None without a render mode.
+        """A picture (360, 640, 3) of bytes; None in a window or without a render mode.
 
         Raises:
           RenderError: there is no OpenGL here.
         """
-        if self.render_mode is None:
-            return None
-        import mujoco
-
         truck = self._simulation.truck
-        try:
-            if self._renderer is None:
-                self._renderer = mujoco.Renderer(truck.model, *RENDER_SIZE)
-            self._renderer.update_scene(truck.data, camera=self.camera)
-            return self._renderer.render()
-        except (RuntimeError, AttributeError, ImportError) as error:
-            raise RenderError(
-                f"no OpenGL for pictures ({error}): install libegl1 libgl1-mesa-dri libopengl0 and "
-                "set MUJOCO_GL=egl"
-            ) from error
+        return self._picture.draw(truck.model, truck.data)
 
     def close(self) -> None:
-        """Ends SUMO and the renderer."""
-        self._close_renderer()
+        """Ends SUMO, the renderer and the window."""
+        self._picture.close()
         if self._world is not None:
             self._world.close()
             self._world = None
-
-    def _close_renderer(self) -> None:
-        """It draws one model, and every episode has its own."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
 
     def _open(self) -> TruckWorld:
         """The world, made at the first reset."""
@@ -176,7 +210,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
             raise InputError("the episode has not begun: call reset first")
         return simulation
 
-    def _info(self, terms: RewardTerms) -> dict[str, Any]:
+    def _state(self) -> dict[str, Any]:
         simulation = self._simulation
         frame = simulation.frame
         return {
@@ -188,5 +222,67 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64]):
             "refused": frame.refused,
             "unsafe": simulation.stack.unsafe,
             "ended": simulation.ended,
-            **{f"reward_{k}": v for k, v in dataclasses.asdict(terms).items()},
+        }
+
+
+class HighwayFastEnv(DecisionEnv):
+    """`iits_mj/Highway-v0` without MuJoCo and SUMO, some forty times as fast.
+
+    Actions, observation, reward and traffic's figures are those of `HighwayEnv`; the truck is a
+    point mass with the same power limits, the highway has random hills, and the others drive by the
+    same car-following and lane-change laws in our own code. The shipped policy was trained here; it
+    does not see the difference, see `docs/training.md`.
+
+    Terminated by a collision; truncated at the end of the time or of the way. No pictures.
+    Version history: v0, first.
+
+    Args:
+      density: of the traffic, "dense", "medium", "sparse" or "empty".
+      traffic_speed: speed limit of the traffic [m/s].
+      keeps_right: whether the traffic keeps to the right lane, instead of filling both.
+      speed: reference speed of the truck [m/s].
+      duration: of an episode [s].
+      payload: on the semitrailer [kg].
+
+    Raises:
+      InputError: an argument is not allowed.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - Gymnasium's way
+
+    def __init__(
+        self,
+        *,
+        density: str = "medium",
+        traffic_speed: float = 15.0,
+        keeps_right: bool = False,
+        speed: float = 60.0 / 3.6,
+        duration: float = 120.0,
+        payload: float = 36_000.0,
+    ) -> None:
+        super().__init__(
+            _trip(
+                density,
+                traffic_speed=traffic_speed,
+                keeps_right=keeps_right,
+                duration=duration,
+                payload=payload,
+                reference_speed=speed,
+            )
+        )
+        self._world = FastWorld()
+
+    def _open(self) -> FastWorld:
+        return self._world
+
+    def _state(self) -> dict[str, Any]:
+        world = self._world
+        return {
+            "time": world.time,
+            "speed": world.truck.speed,
+            "station": world.truck.front,
+            "lane": world.lane,
+            "lane_changes": world.summary.changes,
+            "refused": world.summary.refused,
+            "unsafe": world.summary.dangerous,
         }

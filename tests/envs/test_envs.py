@@ -1,3 +1,5 @@
+import subprocess
+import sys
 import warnings
 
 import gymnasium
@@ -6,9 +8,13 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from iits_mj.envs import ENVIRONMENTS, register
-from iits_mj.errors import InputError
+from iits_mj.envs.driving import CruiseEnv
+from iits_mj.errors import InputError, RenderError
 
-LOW_LEVEL = ["iits_mj/Cruise-v0", "iits_mj/LaneKeep-v0"]
+LOW_LEVEL = [
+    f"iits_mj/{name}-v0"
+    for name in ("Cruise", "Stop", "HillStart", "LaneKeep", "LaneChange", "TightTurn", "Dock")
+]
 
 
 @pytest.fixture(scope="module")
@@ -17,6 +23,40 @@ def highway():
     environment = gymnasium.make("iits_mj/Highway-v0", duration=20.0)
     yield environment
     environment.close()
+
+
+def test_environments_are_known_without_an_import_and_cost_nothing_before():
+    program = (
+        "import sys, gymnasium\n"
+        "assert 'iits_mj' not in sys.modules and 'mujoco' not in sys.modules\n"
+        "print(*sorted(n for n in gymnasium.registry if n.startswith('iits_mj/')))\n"
+        "environment = gymnasium.make('iits_mj/Cruise-v0')\n"
+        "print(environment.reset(seed=0)[0].shape)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, cwd="/", check=True
+    )
+    names, shape = done.stdout.splitlines()
+    assert tuple(names.split()) == tuple(sorted(ENVIRONMENTS))
+    assert "iits_mj/Highway-v0" in names.split()
+    assert shape == "(13,)"
+
+
+def test_what_hinders_registration_is_a_warning_and_not_an_error_of_gymnasium():
+    program = (
+        "import warnings, importlib.metadata\n"
+        "def refuse(name): raise importlib.metadata.PackageNotFoundError(name)\n"
+        "importlib.metadata.distribution = refuse\n"
+        "with warnings.catch_warnings(record=True) as caught:\n"
+        "    warnings.simplefilter('always')\n"
+        "    import gymnasium\n"
+        "print(*[str(w.message) for w in caught if 'iits_mj' in str(w.message)])\n"
+        "gymnasium.make('CartPole-v1')\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, cwd="/", check=True
+    )
+    assert "registers no environments" in done.stdout
 
 
 def test_registering_twice_changes_nothing():
@@ -78,9 +118,15 @@ def test_leaving_the_lane_terminates():
     environment.close()
 
 
-def test_unusable_arguments_are_refused():
-    with pytest.raises(InputError, match="render_mode"):
-        gymnasium.make("iits_mj/Cruise-v0", render_mode="ansi").close()
+def test_unusable_arguments_are_refused(monkeypatch):
+    with pytest.raises(InputError, match="render_mode 'ansi'"):
+        CruiseEnv(render_mode="ansi")
+    with pytest.raises(InputError, match="camera 'roof'"):
+        CruiseEnv(camera="roof")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(RenderError, match="no display"):
+        CruiseEnv(render_mode="human")
     environment = gymnasium.make("iits_mj/Cruise-v0", disable_env_checker=True)
     environment.reset(seed=0)
     with pytest.raises(InputError, match="action"):
@@ -116,6 +162,28 @@ def test_highway_charges_a_change_to_a_lane_that_is_not_there(highway):
     assert info["lane_changes"] == 0
 
 
+def test_the_fast_highway_is_the_same_task(highway):
+    fast = gymnasium.make("iits_mj/HighwayFast-v0", duration=20.0)
+    assert fast.observation_space == highway.observation_space
+    assert fast.action_space == highway.action_space
+    _, info = fast.reset(seed=2)
+    _, expected = highway.reset(seed=2)
+    assert set(info) == set(expected) - {"ended"}
+    _, _, _, _, info = fast.step(np.int64(2))
+    assert (info["reward_change"], info["refused"], info["lane_changes"]) == (-10.0, 1, 0)
+
+
+def test_the_fast_highway_passes_gymnasiums_checker_and_refuses_nonsense():
+    environment = gymnasium.make("iits_mj/HighwayFast-v0").unwrapped
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        check_env(environment, skip_render_check=True)
+    with pytest.raises(InputError, match="action 3"):
+        environment.step(3)
+    with pytest.raises(InputError, match="density 'full'"):
+        gymnasium.make("iits_mj/HighwayFast-v0", density="full")
+
+
 def test_highway_repeats_bit_for_bit_with_a_seed(highway):
     runs = []
     for _ in range(2):
@@ -130,3 +198,70 @@ def test_highway_passes_gymnasiums_checker(highway):
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
         check_env(highway.unwrapped, skip_render_check=True)
+
+
+def test_pictures_are_of_the_size_that_is_told():
+    environment = gymnasium.make("iits_mj/Stop-v0", render_mode="rgb_array")
+    environment.reset(seed=0)
+    picture = environment.render()
+    assert picture.shape == (360, 640, 3)
+    assert picture.std() > 10.0
+    environment.close()
+
+
+def test_two_highways_in_one_process_are_each_what_they_are_alone(highway):
+    alone = highway.reset(seed=5)[0]
+    alone_next = highway.step(np.int64(1))[0]
+    highway.reset(seed=6)
+    other = gymnasium.make("iits_mj/Highway-v0", duration=20.0)
+    np.testing.assert_array_equal(other.reset(seed=5)[0], alone)
+    highway.step(np.int64(1))
+    np.testing.assert_array_equal(other.step(np.int64(1))[0], alone_next)
+    other.close()
+
+
+@pytest.fixture(scope="module")
+def planning():
+    environment = gymnasium.make(
+        "iits_mj/SpeedPlanning-v0", timestep=0.005, length=1_000.0, payload=0.0
+    )
+    yield environment
+    environment.close()
+
+
+def test_speed_planning_repeats_bit_for_bit_and_counts_in_fuel(planning):
+    runs = []
+    for _ in range(2):
+        observation, _ = planning.reset(seed=1)
+        trace, terms = [observation], []
+        over = False
+        while not over:
+            observation, reward, terminated, over, info = planning.step(np.float32([0.2]))
+            parts = [value for key, value in info.items() if key.startswith("reward_")]
+            assert reward == pytest.approx(sum(parts))
+            assert not terminated
+            trace.append(observation)
+            terms.append(info["reward_fuel"])
+        runs.append(np.concatenate(trace))
+        assert -sum(terms) == pytest.approx(info["fuel_used"], abs=0.02)
+    np.testing.assert_array_equal(runs[0], runs[1])
+
+
+def test_the_set_speed_is_driven(planning):
+    for action, share in ((-1.0, 0.8), (1.0, 1.1)):
+        planning.reset(seed=4)
+        for _ in range(6):
+            observation = planning.step(np.float32([action]))[0]
+        assert observation[1] == pytest.approx(share, abs=1e-6)
+        assert observation[0] == pytest.approx(share, abs=0.06)
+
+
+def test_speed_planning_passes_gymnasiums_checker_and_refuses_nonsense(planning):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        check_env(planning.unwrapped, skip_render_check=True)
+    with pytest.raises(InputError, match="length"):
+        gymnasium.make("iits_mj/SpeedPlanning-v0", length=1.0)
+    planning.reset(seed=0)
+    with pytest.raises(InputError, match="action"):
+        planning.unwrapped.step(np.array([np.nan]))

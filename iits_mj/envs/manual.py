@@ -1,0 +1,309 @@
+"""The manual pages of tasks and environments, made from the code.
+
+`python -m iits_mj.envs` writes them to `docs/environments`; a test holds the pages to the code.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import gymnasium
+
+from iits_mj import suite
+from iits_mj.envs import driving
+from iits_mj.envs.driving import DrivingEnv, TaskEnv
+from iits_mj.envs.highway import HighwayEnv, HighwayFastEnv
+from iits_mj.envs.platoon import PlatoonEnv
+from iits_mj.envs.speed_planning import SpeedPlanningEnv
+from iits_mj.suite import tasks
+from iits_mj.suite.tasks import DrivingTask, Platoon
+from iits_mj.suite.tasks.base import BRAKE_MAX
+
+# Classes of the tasks that drive, by the suite's name.
+KINDS: dict[str, type[DrivingTask]] = {
+    "cruise": tasks.Cruise,
+    "stop": tasks.Stop,
+    "hill_start": tasks.HillStart,
+    "lane_keep": tasks.LaneKeep,
+    "lane_change": tasks.LaneChange,
+    "tight_turn": tasks.TightTurn,
+    "dock": tasks.Dock,
+}
+OTHERS: dict[str, type[gymnasium.Env[Any, Any]]] = {
+    "Highway": HighwayEnv,
+    "HighwayFast": HighwayFastEnv,
+    "SpeedPlanning": SpeedPlanningEnv,
+}
+_NOTE = "<!-- made from the code by `python -m iits_mj.envs` -->"
+
+
+def pages() -> dict[str, str]:
+    """File name to Markdown."""
+    envs = {
+        kind.task_name: name.removesuffix("Env")
+        for name, kind in vars(driving).items()
+        if inspect.isclass(kind) and issubclass(kind, TaskEnv) and kind is not TaskEnv
+    }
+    made = {f"{task}.md": _driving(task, envs[task]) for task in KINDS}
+    made["highway.md"] = _highway()
+    made |= {f"{_snake(name)}.md": _other(name) for name in OTHERS if name != "Highway"}
+    made["platoon.md"] = _platoon()
+    made["README.md"] = _index(envs)
+    return made
+
+
+def _driving(task: str, env: str) -> str:
+    kind = KINDS[task]
+    limit = inspect.getdoc(suite.truck.SUITE[task]) or ""
+    return _joined(
+        f"# {env}",
+        _NOTE,
+        _picture(task, env),
+        _paragraphs(kind),
+        _table(
+            ("", ""),
+            [
+                ("dm_control", f'`suite.load("truck", "{task}")`: {limit}'),
+                ("Gymnasium", f'`gymnasium.make("iits_mj/{env}-v0")`'),
+                (
+                    "many at once",
+                    f'`gymnasium.make_vec("iits_mj/{env}-v0", num_envs=64, threads=8)`',
+                ),
+                ("scripted driver", f'`suite.DRIVERS["{task}"]`'),
+            ],
+        ),
+        _actions(kind),
+        _observations(kind),
+        _rewards(
+            kind,
+            "The reward is the product of these factors, each in [0, 1]; Gymnasium's `info` has "
+            "them as `reward_<factor>`.",
+        ),
+        "## Start\n\n" + _first(kind.initialize_episode),
+        "## End\n\n" + _end(kind),
+        "## Arguments\n\n" + _arguments(DrivingEnv, skip=("task", "like")),
+        "## Versions\n\n- v0: first.",
+    )
+
+
+def _highway() -> str:
+    kind = tasks.Highway
+    limit = inspect.getdoc(suite.truck.SUITE["highway"]) or ""
+    return _joined(
+        "# Highway",
+        _NOTE,
+        _picture("highway", "Highway"),
+        _body(HighwayEnv),
+        "## Arguments\n\n" + _arguments(HighwayEnv),
+        "## In dm_control",
+        f'`suite.load("truck", "highway")`: {limit.splitlines()[0]}',
+        _body(kind),
+        _observations(kind, heading="###"),
+        _rewards(
+            kind, "The reward is the product of these factors, each in [0, 1].", heading="###"
+        ),
+        "### Start\n\n" + _first(kind.initialize_episode),
+    )
+
+
+def _other(name: str) -> str:
+    kind = OTHERS[name]
+    shown = _picture(_snake(name), name) if "rgb_array" in kind.metadata["render_modes"] else ""
+    return _joined(
+        f"# {name}",
+        _NOTE,
+        shown,
+        f'`gymnasium.make("iits_mj/{name}-v0")`',
+        _body(kind),
+        "## Arguments\n\n" + _arguments(kind),
+    )
+
+
+def _platoon() -> str:
+    return _joined(
+        "# Platoon",
+        _NOTE,
+        _picture("platoon", "Platoon"),
+        "`iits_mj.envs.platoon.PlatoonEnv()`, after PettingZoo's parallel interface.",
+        _body(PlatoonEnv),
+        _actions(Platoon),
+        _observations(Platoon),
+        _rewards(Platoon, "An agent's reward is the product of these factors, each in [0, 1]."),
+        "## Arguments\n\n" + _arguments(PlatoonEnv),
+    )
+
+
+def _index(envs: dict[str, str]) -> str:
+    rows = [
+        (
+            f"[{env}]({task}.md)",
+            f"`truck`, `{task}`",
+            f"`iits_mj/{env}-v0`",
+            ", ".join(f"`{name}`" for name in KINDS[task].actions),
+            (inspect.getdoc(KINDS[task]) or "").splitlines()[0],
+        )
+        for task, env in envs.items()
+    ]
+    rows.append(
+        (
+            "[Highway](highway.md)",
+            "`truck`, `highway`",
+            "`iits_mj/Highway-v0`",
+            "left, keep, right",
+            (inspect.getdoc(HighwayEnv) or "").splitlines()[0],
+        )
+    )
+    rows += [
+        (
+            f"[{name}]({_snake(name)}.md)",
+            "",
+            f"`iits_mj/{name}-v0`",
+            "left, keep, right" if name == "HighwayFast" else "set speed",
+            (inspect.getdoc(kind) or "").splitlines()[0],
+        )
+        for name, kind in OTHERS.items()
+        if name != "Highway"
+    ]
+    rows.append(
+        (
+            "[Platoon](platoon.md)",
+            "",
+            "`iits_mj.envs.platoon.PlatoonEnv`",
+            ", ".join(f"`{name}`" for name in Platoon.actions),
+            "Two to eight trucks, an agent each.",
+        )
+    )
+    return _joined(
+        "# Tasks and environments",
+        _NOTE,
+        "The same truck, tasks and rewards for dm_control and Gymnasium. Gymnasium knows the "
+        "environments without an import; observations are one vector there, each number divided by "
+        "its scale and clipped to [-5, 5].",
+        _table(("", "dm_control", "Gymnasium", "actions", ""), rows),
+        "How to train on them, roll out thousands at once and put several trucks into one scene: "
+        "[reinforcement learning and rollouts](../learning.md).",
+    )
+
+
+def _actions(kind: type[DrivingTask]) -> str:
+    rows = [
+        (
+            "0",
+            "`drive`",
+            "-1",
+            "1",
+            f"above 0 the accelerator pedal; below 0 a deceleration of up to {BRAKE_MAX:g} m/s2",
+            "`accelerator_pedal`; `xbr_demand`, `xbr_mode`",
+        )
+    ]
+    if "steer" in kind.actions:
+        rows.append(
+            (
+                "1",
+                "`steer`",
+                "-1",
+                "1",
+                f"angle of the steering wheel, left positive; 1 is {kind.steer_max:.4g} rad",
+                "`steering_wheel_angle`",
+            )
+        )
+    head = ("num", "action", "min", "max", "meaning", "control in the XML")
+    return "## Actions\n\nHeld for 0.1 s each.\n\n" + _table(head, rows)
+
+
+def _observations(kind: type[DrivingTask | tasks.Highway], heading: str = "##") -> str:
+    rows, place = [], 0
+    for name, told in kind.observed.items():
+        places = str(place) if told.size == 1 else f"{place} to {place + told.size - 1}"
+        rows.append((places, f"`{name}`", told.meaning, told.unit, f"{told.scale:g}", told.source))
+        place += told.size
+    head = ("num", "observation", "meaning", "unit", "scale", "from")
+    return f"{heading} Observations\n\n" + _table(head, rows)
+
+
+def _rewards(kind: type[DrivingTask | tasks.Highway], text: str, heading: str = "##") -> str:
+    rows = [(f"`{name}`", meaning) for name, meaning in kind.terms.items()]
+    return f"{heading} Rewards\n\n{text}\n\n" + _table(("factor", "1 where"), rows)
+
+
+def _end(kind: type[DrivingTask]) -> str:
+    own = inspect.getdoc(kind.get_termination) if "get_termination" in _own_names(kind) else None
+    if own is None:
+        return "Truncated at the time limit; there is no other end."
+    return f"Truncated at the time limit. Terminated: {own[0].lower()}{own[1:]}"
+
+
+def _own_names(kind: type[DrivingTask]) -> set[str]:
+    """Names that our classes define, not dm_control's."""
+    return {
+        name
+        for base in kind.__mro__
+        if base.__module__.startswith("iits_mj")
+        for name in vars(base)
+    }
+
+
+def _picture(stem: str, title: str) -> str:
+    return f"![{title}](images/{stem}.png)"
+
+
+def _first(thing: object) -> str:
+    return (inspect.getdoc(thing) or "").split("\n\n")[0].replace("\n", " ")
+
+
+def _paragraphs(kind: type) -> str:
+    return _unwrapped(_parts(kind)[0])
+
+
+def _body(kind: type) -> str:
+    return _unwrapped(_parts(kind)[0])
+
+
+def _parts(kind: type) -> tuple[str, str]:
+    """A docstring before and after its first section."""
+    text = inspect.getdoc(kind) or ""
+    match = re.search(r"^(Args|Attributes|Raises):$", text, re.MULTILINE)
+    return (text, "") if match is None else (text[: match.start()].strip(), text[match.start() :])
+
+
+def _unwrapped(text: str) -> str:
+    """Paragraphs on one line each; tables and code as they are."""
+    blocks = []
+    for block in text.split("\n\n"):
+        kept = block.lstrip().startswith("|") or block.startswith("    ")
+        blocks.append(block if kept else " ".join(line.strip() for line in block.splitlines()))
+    return "\n\n".join(blocks)
+
+
+def _arguments(kind: type, skip: Iterable[str] = ()) -> str:
+    section = re.search(r"Args:\n(.*?)(\n\n|\Z)", _parts(kind)[1], re.DOTALL)
+    if section is None:
+        return "None."
+    told = re.findall(r"^  (\w+): (.*(?:\n    .*)*)", section[1], re.MULTILINE)
+    defaults = inspect.signature(kind).parameters
+    rows = [
+        (f"`{name}`", f"`{_shown(defaults[name].default)}`", " ".join(text.split()))
+        for name, text in told
+        if name not in set(skip)
+    ]
+    return _table(("name", "default", "meaning"), rows)
+
+
+def _shown(default: object) -> str:
+    return f"{default:.6g}" if isinstance(default, float) else repr(default)
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def _snake(name: str) -> str:
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
+
+
+def _joined(*parts: str) -> str:
+    return "\n\n".join(part for part in parts if part) + "\n"

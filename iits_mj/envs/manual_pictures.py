@@ -1,0 +1,71 @@
+"""The pictures of the manual pages: each task some seconds into its scripted driver's episode."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from PIL import Image
+
+from iits_mj import suite
+from iits_mj.envs.picture import level_camera
+from iits_mj.envs.platoon import PlatoonEnv
+from iits_mj.render.offscreen import Offscreen
+from iits_mj.suite.drivers import platoon
+
+# Seconds into the episode, and the camera.
+SHOTS = {
+    "cruise": (6.0, "side"),
+    "stop": (14.0, "chase"),
+    "hill_start": (6.0, "side"),
+    "lane_keep": (8.0, "chase"),
+    "lane_change": (8.0, "chase"),
+    "tight_turn": (11.0, "chase"),
+    "dock": (10.0, "side"),
+}
+SIZE = (640, 360)
+
+
+def draw(folder: Path) -> None:
+    """Writes a PNG for each page."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for task, (time, camera) in SHOTS.items():
+        _save(folder / f"{task}.png", _driven(task, time, camera))
+    _save(folder / "highway.png", _stepped("Highway", 40, 3, density="dense", traffic_speed=12.5))
+    _save(folder / "speed_planning.png", _stepped("SpeedPlanning", 6, 1))
+    with PlatoonEnv(render_mode="rgb_array") as environment:
+        environment.reset(seed=0)
+        for _ in range(40):
+            actions = {a: platoon(environment.seen(a)) for a in environment.agents}
+            environment.step({a: v.astype(np.float32) for a, v in actions.items()})
+        _save(folder / "platoon.png", environment.render())
+
+
+def _driven(task: str, time: float, camera: str) -> Any:
+    environment = suite.load("truck", task, task_kwargs={"random": 1})
+    driver = suite.DRIVERS[task]
+    step = environment.reset()
+    while environment.physics.data.time < time and not step.last():
+        step = environment.step(driver(step.observation))
+    physics = environment.physics
+    with Offscreen(physics.model.ptr, SIZE) as renderer:
+        model, data = physics.model.ptr, physics.data.ptr
+        renderer.update(data, level_camera(model, data, camera))
+        return renderer.draw()
+
+
+def _stepped(name: str, steps: int, seed: int, **settings: Any) -> Any:
+    environment = gymnasium.make(f"iits_mj/{name}-v0", render_mode="rgb_array", **settings)
+    environment.reset(seed=seed)
+    discrete = isinstance(environment.action_space, gymnasium.spaces.Discrete)
+    for _ in range(steps):
+        environment.step(np.int64(1) if discrete else np.array([0.3], np.float32))
+    picture = environment.render()
+    environment.close()
+    return picture
+
+
+def _save(path: Path, picture: Any) -> None:
+    Image.fromarray(picture).quantize(128).save(path, optimize=True)

@@ -1,0 +1,106 @@
+"""Pictures and windows of an environment, by Gymnasium's render modes."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.closing import Closing
+from iits_mj.errors import InputError
+from iits_mj.render.display import check_display, follow
+from iits_mj.render.offscreen import Offscreen
+from iits_mj.suite.physics import CAMERAS
+
+RENDER_MODES = ["rgb_array", "human"]
+RENDER_SIZE = (360, 640)
+
+
+class Picture(Closing):
+    """What an environment shows of its model.
+
+    Args:
+      mode: "rgb_array" gives pictures of shape (360, 640, 3), "human" opens a window, None nothing.
+      camera: of the pictures: "chase", "side" or "cab".
+      prefix: of the truck it is on, where there are several.
+
+    Raises:
+      InputError: unknown mode or camera. RenderError: there is no display for a window.
+    """
+
+    def __init__(self, mode: str | None, camera: str, prefix: str = "") -> None:
+        if mode not in (None, *RENDER_MODES):
+            raise InputError(
+                f"render_mode {mode!r} is not known; use {', '.join(map(repr, RENDER_MODES))} or "
+                "None"
+            )
+        if camera not in CAMERAS:
+            raise InputError(f"camera {camera!r} is not known; use {', '.join(CAMERAS)}")
+        if mode == "human":
+            check_display()
+        self._mode, self._camera, self._prefix = mode, prefix + camera, prefix
+        self._renderer: Offscreen | None = None
+        self._window: Any = None
+        self._model: mujoco.MjModel | None = None
+
+    def draw(self, model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.uint8] | None:
+        """A picture of the state now, None in the mode "human" and without one.
+
+        Raises:
+          RenderError: there is no OpenGL here.
+        """
+        if self._mode is None:
+            return None
+        self._change_to(model)
+        if self._mode == "human":
+            self.show(model, data)
+            return None
+        if self._renderer is None:
+            height, width = RENDER_SIZE
+            self._renderer = Offscreen(model, (width, height))
+        self._renderer.update(data, level_camera(model, data, self._camera))
+        return self._renderer.draw()
+
+    def show(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Brings the window up to date in the mode "human"; else nothing."""
+        if self._mode != "human":
+            return
+        self._change_to(model)
+        if self._window is None:
+            import mujoco.viewer
+
+            self._window = mujoco.viewer.launch_passive(model, data)
+            follow(self._window, model, self._prefix)
+        self._window.sync()
+
+    def close(self) -> None:
+        """Closes window and renderer; the next picture opens them again."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+        self._model = None
+
+    def _change_to(self, model: mujoco.MjModel) -> None:
+        """Renderer and window are of one model."""
+        if self._model is not model:
+            self.close()
+            self._model = model
+
+
+def level_camera(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> mujoco.MjvCamera:
+    """A free camera where a camera of the model is; it stays level when the truck rolls."""
+    place = data.camera(name)
+    forward = -place.xmat.reshape(3, 3)[:, 2]
+    camera = mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(model, camera)
+    camera.distance = 1.0
+    camera.lookat[:] = place.xpos + forward
+    camera.azimuth = math.degrees(math.atan2(forward[1], forward[0]))
+    camera.elevation = math.degrees(math.asin(forward[2]))
+    return camera

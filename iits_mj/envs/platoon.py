@@ -1,0 +1,267 @@
+"""Several trucks behind each other, each with an agent: PettingZoo's parallel interface.
+
+    environment = PlatoonEnv(payloads=(36_000.0, 12_000.0, 36_000.0))
+    observations, infos = environment.reset(seed=0)
+    while environment.agents:
+        actions = {agent: policy(observations[agent]) for agent in environment.agents}
+        observations, rewards, terminated, truncated, infos = environment.step(actions)
+
+PettingZoo itself is not needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.closing import Closing
+from iits_mj.envs.flat import Flat
+from iits_mj.envs.picture import RENDER_MODES, Picture
+from iits_mj.errors import InputError
+from iits_mj.fleet import Fleet, prefix
+from iits_mj.suite import roads
+from iits_mj.suite.physics import Physics, add_cameras
+from iits_mj.suite.tasks import Platoon
+from iits_mj.suite.truck import CONTROL_TIMESTEP, TIMESTEP
+from iits_mj.truck_pose import Placement
+
+Observation = NDArray[np.float32]
+Action = NDArray[np.float32]
+
+SPEEDS = (14.0, 20.0)
+# How long a set speed holds [s].
+HOLDS = (8.0, 15.0)
+TRUCKS = (2, 8)
+
+
+class PlatoonEnv(Closing):
+    """A platoon on a winding road, as a `pettingzoo.ParallelEnv`; agents are `truck0` to the last.
+
+    The first truck holds a set speed of 14 to 20 m/s, that changes every 8 to 15 s and is told to
+    it alone; each other keeps 5 m and `time_gap` to the one ahead. All keep the right lane.
+    Actions are `drive` and `steer` in [-1, 1], held for 0.1 s, as in `iits_mj.suite`; observations
+    are those of `iits_mj.suite.tasks.Platoon`, divided by their scales and clipped to [-5, 5];
+    their names are in `observation_names`. Rewards are in [0, 1], their factors in the infos as
+    `reward_<name>`.
+
+    A truck that leaves its lane, rolls over or touches another one is terminated, which truncates
+    the episode for the others; all are truncated at the time limit. Version history: v0, first.
+
+    Args:
+      payloads: on the semitrailers [kg], from the first truck on, 2 to 8 of them.
+      time_gap: [s], 0.3 to 3.
+      time_limit: of an episode [s], up to 120.
+      render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
+      camera: of the pictures, on the last truck: "chase", "side" or "cab".
+
+    Raises:
+      InputError: an argument is not allowed.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 - Gymnasium's way
+        "render_modes": RENDER_MODES,
+        "render_fps": 10,
+        "name": "platoon_v0",
+    }
+
+    def __init__(
+        self,
+        payloads: Sequence[float] = (36_000.0, 36_000.0, 36_000.0),
+        *,
+        time_gap: float = 1.0,
+        time_limit: float = 40.0,
+        render_mode: str | None = None,
+        camera: str = "chase",
+    ) -> None:
+        fewest, most = TRUCKS
+        if not fewest <= len(payloads) <= most:
+            raise InputError(f"{len(payloads)} payloads: use {fewest} to {most}, one a truck")
+        if not 0.3 <= time_gap <= 3.0:
+            raise InputError(f"time_gap {time_gap!r} s is not allowed; use 0.3 to 3 s")
+        if not 0.0 < time_limit <= 120.0:
+            raise InputError(f"time_limit {time_limit!r} s is not allowed; use up to 120 s")
+        self.render_mode = render_mode
+        last = prefix(len(payloads) - 1)
+        self._picture = Picture(render_mode, camera, last)
+        self._time_limit = time_limit
+
+        def edit_spec(spec: mujoco.MjSpec) -> None:
+            for number in range(len(payloads)):
+                add_cameras(spec, prefix(number))
+
+        self.fleet = Fleet.load(
+            payloads,
+            route=roads.winding(),
+            timestep=TIMESTEP,
+            visuals=render_mode is not None,
+            edit_spec=edit_spec,
+        )
+        self._physics = Physics.of_fleet(self.fleet)
+        ahead = (None, *self._physics[:-1])
+        self._tasks = tuple(Platoon(leader, time_gap, random=0) for leader in ahead)
+        self.possible_agents = [f"truck{number}" for number in range(len(payloads))]
+        self.agents: list[str] = []
+        self._flat = Flat(self.seen("truck0"), self._tasks[0].scales)
+        self.observation_names = self._flat.names
+        self.observation_spaces = {
+            name: gymnasium.spaces.Box(-5.0, 5.0, self._flat.space.shape, np.float32)
+            for name in self.possible_agents
+        }
+        self.action_spaces = {
+            name: gymnasium.spaces.Box(-1.0, 1.0, (len(Platoon.actions),), np.float32)
+            for name in self.possible_agents
+        }
+        self._random = np.random.default_rng()
+
+    def observation_space(self, agent: str) -> gymnasium.spaces.Box:
+        """Of an agent."""
+        return self.observation_spaces[self._known(agent)]
+
+    def action_space(self, agent: str) -> gymnasium.spaces.Box:
+        """Of an agent."""
+        return self.action_spaces[self._known(agent)]
+
+    @property
+    def num_agents(self) -> int:
+        """Agents that still drive."""
+        return len(self.agents)
+
+    @property
+    def max_num_agents(self) -> int:
+        """Agents of an episode."""
+        return len(self.possible_agents)
+
+    @property
+    def unwrapped(self) -> PlatoonEnv:
+        """This environment."""
+        return self
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
+        """Starts an episode; the same seed gives the same one, none goes on with the generator."""
+        del options
+        if seed is not None:
+            self._random = np.random.default_rng(seed)
+        random, route = self._random, self.fleet.route
+        station = random.uniform(800.0, 2_400.0)
+        common = random.uniform(16.0, 19.0)
+        places = []
+        for number, truck in enumerate(self.fleet.trucks):
+            speed = common + random.uniform(-0.5, 0.5)
+            if number:
+                gap = self._tasks[number].wanted_gap(speed) + random.uniform(-3.0, 3.0)
+                station -= truck.footprint.length + gap
+            offset = float(route.lane_offset(0, station)) + random.uniform(-0.2, 0.2)
+            places.append(Placement(station=station, offset=offset, speed=speed))
+        self.fleet.reset(places)
+        self._tasks[0].target, self._until = common, 0.0
+        self._set_speed()
+        self.agents = list(self.possible_agents)
+        return self._observations(), self._infos()
+
+    def step(
+        self, actions: Mapping[str, Action]
+    ) -> tuple[
+        dict[str, Observation],
+        dict[str, float],
+        dict[str, bool],
+        dict[str, bool],
+        dict[str, dict[str, Any]],
+    ]:
+        """Holds the actions for 0.1 s.
+
+        Raises:
+          InputError: no episode is running, or not one action of finite numbers an agent.
+          Error: the physics diverged.
+        """
+        if not self.agents:
+            raise InputError("the episode has not begun or is over: call reset first")
+        if set(actions) != set(self.agents):
+            raise InputError(f"actions of {sorted(actions)} were given, wanted are {self.agents}")
+        for agent, task, physics in zip(self.agents, self._tasks, self._physics, strict=True):
+            values = np.asarray(actions[agent], dtype=float)
+            if values.shape != (len(task.actions),) or not np.isfinite(values).all():
+                raise InputError(f"action of {agent} {values!r}: two finite numbers wanted")
+            task.before_step(values, physics)
+        self.fleet.step(round(CONTROL_TIMESTEP / TIMESTEP))
+        self._set_speed()
+        self._picture.show(self.fleet.model, self.fleet.data)
+        observations, infos = self._observations(), self._infos()
+        rewards = {
+            agent: float(np.prod([v for k, v in told.items() if k.startswith("reward_")]))
+            for agent, told in infos.items()
+        }
+        crashed = {number for pair in self.fleet.touching() for number in pair}
+        terminated = {
+            agent: number in crashed or task.get_termination(physics) is not None
+            for number, (agent, task, physics) in enumerate(
+                zip(self.agents, self._tasks, self._physics, strict=True)
+            )
+        }
+        over = any(terminated.values()) or self.fleet.time >= self._time_limit - 1e-6
+        truncated = {agent: over and not ended for agent, ended in terminated.items()}
+        if over:
+            self.agents = []
+        return observations, rewards, terminated, truncated, infos
+
+    def seen(self, agent: str) -> dict[str, NDArray[np.float64]]:
+        """What an agent sees, by name, in SI units.
+
+        Raises:
+          InputError: unknown agent.
+        """
+        number = self.possible_agents.index(self._known(agent))
+        return dict(self._tasks[number].get_observation(self._physics[number]))
+
+    def state(self) -> Observation:
+        """What all agents see, side by side."""
+        return np.concatenate(list(self._observations().values()))
+
+    def render(self) -> Any:
+        """A picture (360, 640, 3) of bytes; None in a window or without a render mode.
+
+        Raises:
+          RenderError: there is no OpenGL here.
+        """
+        return self._picture.draw(self.fleet.model, self.fleet.data)
+
+    def close(self) -> None:
+        """Closes renderer and window."""
+        self._picture.close()
+
+    def _known(self, agent: str) -> str:
+        if agent not in self.possible_agents:
+            raise InputError(f"agent {agent!r} is unknown; there are {self.possible_agents}")
+        return agent
+
+    def _set_speed(self) -> None:
+        """Draws another speed for the first truck when the last one has held long enough."""
+        if self.fleet.time >= self._until:
+            if self.fleet.time > 0.0:
+                self._tasks[0].target = float(self._random.uniform(*SPEEDS))
+            self._until = self.fleet.time + float(self._random.uniform(*HOLDS))
+
+    def _observations(self) -> dict[str, Observation]:
+        return {agent: self._flat(self.seen(agent)) for agent in self.possible_agents}
+
+    def _infos(self) -> dict[str, dict[str, Any]]:
+        found = {}
+        for agent, task, physics in zip(
+            self.possible_agents, self._tasks, self._physics, strict=True
+        ):
+            ego = physics.ego()
+            found[agent] = {
+                "time": ego.time,
+                "speed": ego.speed,
+                "station": ego.station,
+                "fuel_used": ego.fuel_used,
+                "gap": task.gap(physics),
+                **{f"reward_{name}": v for name, v in task.reward_terms(physics).items()},
+            }
+        return found

@@ -1,0 +1,237 @@
+"""Choose the set speed over hills, for fuel and time: what predictive cruise control does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.surroundings import Neighbor
+from iits_mj.envs.picture import RENDER_MODES, Picture
+from iits_mj.errors import InputError
+from iits_mj.messages import Scene, SpeedProfile
+from iits_mj.simulation import DriveConfig, Simulation
+from iits_mj.simulation.parts import load_map
+from iits_mj.suite.physics import add_cameras
+
+Observation = NDArray[np.float32]
+Action = NDArray[np.float32]
+
+PERIOD = 5.0  # [s] between two decisions
+PREVIEW = tuple(np.arange(0.0, 2_001.0, 200.0).tolist())
+SLOWEST, FASTEST = 0.8, 1.1  # of the reference speed
+# What a second costs in fuel [kg/s]: little, so that fuel decides. At the price of a driver, about
+# 6e-3, the answer is the fastest speed everywhere.
+TIME_VALUE = 1.5e-3
+# Fuel that it takes to give the truck a kinetic energy, and that this saves later [kg/J]: diesel of
+# 42.7 MJ/kg at an efficiency of 0.42.
+KINETIC_VALUE = 1.0 / (0.42 * 42.7e6)
+# Room at the end of the road, which no episode reaches [m].
+_END = 1_000.0
+
+
+class AskedReference:
+    """A reference speed that is set from outside.
+
+    Attributes:
+      speed: [m/s].
+    """
+
+    def __init__(self, speed: float) -> None:
+        self.speed = speed
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+    def update(self, scene: Scene, find_leader: Callable[[], Neighbor | None]) -> SpeedProfile:
+        """The same speed everywhere, until another one is set."""
+        del scene, find_leader
+        return SpeedProfile(np.zeros(1), np.full(1, self.speed))
+
+    def at(self, station: float) -> float:
+        """The speed [m/s]."""
+        del station
+        return self.speed
+
+    free = at
+
+
+class SpeedPlanningEnv(gymnasium.Env[Observation, Action]):
+    """Set the speed of the laden truck over the built-in highway's hills, without traffic.
+
+    Action (1), in [-1, 1]: set speed for the next 5 s, from 0.8 to 1.1 of the reference speed; 1/3
+    is the reference speed itself. Speed tracking drives, as in any drive.
+
+    | observation              | divided by        | unit  |
+    |--------------------------|-------------------|-------|
+    | speed                    | reference speed   | m/s   |
+    | speed that was set       | reference speed   | m/s   |
+    | gear                     | 12                | 1     |
+    | engine speed             | 220               | rad/s |
+    | time lost on a drive at the reference speed | 60 | s |
+    | grade here and every 200 m to 2 000 m ahead | 0.05 | 1 |
+
+    Reward in kg of fuel, in `info` as `reward_<name>`:
+
+    | term | value                                                                       |
+    |------|-----------------------------------------------------------------------------|
+    | fuel | minus what was burnt                                                        |
+    | time | minus what was lost on the reference speed, at 1.5 g of fuel a second        |
+    | kinetic | what the speed gained or lost is worth: slowing down at the end pays nothing |
+
+    Truncated after `length`. Terminated never. Version history: v0, first.
+
+    Args:
+      speed: reference speed [m/s].
+      length: of an episode [m].
+      payload: on the semitrailer [kg].
+      render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
+      camera: of the pictures: "chase", "side" or "cab".
+      timestep: of the physics [s].
+
+    Raises:
+      InputError: an argument is not allowed.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 1}  # noqa: RUF012 - Gymnasium's way
+
+    def __init__(
+        self,
+        *,
+        speed: float = 60.0 / 3.6,
+        length: float = 5_000.0,
+        payload: float = 36_000.0,
+        render_mode: str | None = None,
+        camera: str = "chase",
+        timestep: float = 0.002,
+    ) -> None:
+        if not (math.isfinite(length) and 100.0 <= length <= 12_000.0):
+            raise InputError(f"length {length!r} m is not allowed; use 100 to 12000 m")
+        self.render_mode = render_mode
+        self._picture = Picture(render_mode, camera)
+        self._speed, self._length = speed, length
+        self._payload, self._timestep = payload, timestep
+        self._simulation: Simulation | None = None
+        self._reference = AskedReference(speed)
+        size = 5 + len(PREVIEW)
+        self.observation_space = gymnasium.spaces.Box(-5.0, 5.0, (size,), np.float32)
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (1,), np.float32)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Starts somewhere on the road, at 0.9 to 1.05 of the reference speed."""
+        super().reset(seed=seed, options=options)
+        self.close()
+        last = load_map(None).route().length - _END - self._length
+        self._simulation = self._drive(
+            float(self.np_random.uniform(60.0, last)),
+            self._speed * float(self.np_random.uniform(0.9, 1.05)),
+        )
+        self._time = 0.0
+        return self._observation(), self._info(0.0, 0.0, 0.0)
+
+    def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Drives 5 s at the speed that is set.
+
+        Raises:
+          InputError: the action is not one finite number, or no episode was begun.
+        """
+        values = np.asarray(action, dtype=float)
+        if values.shape != (1,) or not np.isfinite(values).all():
+            raise InputError(f"action {action!r}: one finite number wanted")
+        simulation = self._running()
+        share = 0.5 * (1.0 + float(np.clip(values[0], -1.0, 1.0)))
+        self._reference.speed = self._speed * (SLOWEST + share * (FASTEST - SLOWEST))
+        begin = (simulation.frame.ego.fuel_used, simulation.frame.distance, simulation.time)
+        energy = self._energy()
+        end = simulation.time + PERIOD
+        while simulation.time < end - 1e-6 and not simulation.ended:
+            simulation.cycle()
+        frame = simulation.frame
+        fuel = frame.ego.fuel_used - begin[0]
+        lost = simulation.time - begin[2] - (frame.distance - begin[1]) / self._speed
+        self._time += lost
+        self._picture.show(simulation.truck.model, simulation.truck.data)
+        truncated = bool(simulation.ended) or frame.distance >= self._length
+        gained = KINETIC_VALUE * (self._energy() - energy)
+        info = self._info(-fuel, -TIME_VALUE * lost, gained)
+        reward = info["reward_fuel"] + info["reward_time"] + info["reward_kinetic"]
+        return self._observation(), reward, False, truncated, info
+
+    def render(self) -> Any:
+        """A picture (360, 640, 3) of bytes; None in a window or without a render mode.
+
+        Raises:
+          RenderError: there is no OpenGL here.
+        """
+        truck = self._running().truck
+        return self._picture.draw(truck.model, truck.data)
+
+    def close(self) -> None:
+        """Ends the drive, the renderer and the window."""
+        self._picture.close()
+        if self._simulation is not None:
+            self._simulation.close()
+            self._simulation = None
+
+    def _drive(self, station: float, speed: float) -> Simulation:
+        config = DriveConfig(
+            speed=self._speed * FASTEST,
+            duration=3_600.0,
+            payload=self._payload,
+            start_station=station,
+            start_speed=speed,
+            traffic_mode="none",
+            decision="keep",
+            speed_planner="cruise",
+        )
+        simulation = Simulation(
+            config,
+            edit_spec=add_cameras,
+            visuals=self.render_mode is not None,
+            timestep=self._timestep,
+        )
+        self._reference.speed = self._speed
+        simulation.stack.reference = self._reference
+        return simulation
+
+    def _running(self) -> Simulation:
+        if self._simulation is None:
+            raise InputError("the episode has not begun: call reset first")
+        return self._simulation
+
+    def _observation(self) -> Observation:
+        simulation = self._running()
+        ego = simulation.frame.ego
+        grades = simulation.route.evaluate(ego.station + np.array(PREVIEW)).grade
+        values = [
+            ego.speed / self._speed,
+            self._reference.speed / self._speed,
+            ego.gear / 12.0,
+            ego.engine_speed / 220.0,
+            self._time / 60.0,
+            *(np.asarray(grades) / 0.05).tolist(),
+        ]
+        return np.clip(np.array(values), -5.0, 5.0).astype(np.float32)
+
+    def _energy(self) -> float:
+        ego = self._running().frame.ego
+        return 0.5 * ego.mass * ego.speed**2
+
+    def _info(self, fuel: float, time: float, kinetic: float) -> dict[str, Any]:
+        frame = self._running().frame
+        return {
+            "time": frame.time,
+            "speed": frame.ego.speed,
+            "station": frame.ego.station,
+            "fuel_used": frame.ego.fuel_used,
+            "time_lost": self._time,
+            "reward_fuel": fuel,
+            "reward_time": time,
+            "reward_kinetic": kinetic,
+        }

@@ -1,0 +1,123 @@
+"""Many driving environments in one process, their physics stepped together by `mujoco.batch`.
+
+    environments = gymnasium.make_vec("iits_mj/LaneKeep-v0", num_envs=64, threads=8)
+
+They are `gymnasium.vector.SyncVectorEnv`'s, so autoreset, infos and seeds are Gymnasium's, and each
+of them drives bit for bit as it does alone; what is shared are the compiled model and the threads.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, cast
+
+import mujoco
+import numpy as np
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from iits_mj.envs.driving import (
+    Action,
+    CruiseEnv,
+    DockEnv,
+    DrivingEnv,
+    HillStartEnv,
+    LaneChangeEnv,
+    LaneKeepEnv,
+    StopEnv,
+    TightTurnEnv,
+)
+from iits_mj.errors import InputError
+
+# Everything that a step of the physics starts from.
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+_FIELDS = ("time", "qpos", "qvel", "act", "plugin_state", "qacc_warmstart", "mocap_pos", "ctrl")
+
+
+class DrivingVectorEnv(SyncVectorEnv):
+    """`num_envs` environments of one kind; the physics of all is one call to `mujoco.batch`.
+
+    Args:
+      kind: class of the environments.
+      num_envs: how many.
+      threads: that step the physics, 0 for none but the caller's.
+      autoreset_mode: see Gymnasium.
+      **settings: of the environments.
+
+    Raises:
+      InputError: a number is not allowed, or a setting of the environments.
+    """
+
+    def __init__(
+        self,
+        kind: type[DrivingEnv],
+        num_envs: int = 1,
+        *,
+        threads: int = 0,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        **settings: Any,
+    ) -> None:
+        if num_envs < 1 or threads < 0:
+            raise InputError(f"num_envs {num_envs} and threads {threads}: use at least 1 and 0")
+        first = kind(**settings)
+        make = [lambda: first]
+        make += [functools.partial(kind, like=first, **settings)] * (num_envs - 1)
+        super().__init__(make, autoreset_mode=autoreset_mode)
+        self._members = tuple(cast(DrivingEnv, member) for member in self.envs)
+        self._batch = Batch(first.physics.model.ptr, nsim=num_envs, nthread=threads)
+        self._rows = {name: self._batch.bind(name) for name in _FIELDS}
+        for number, member in enumerate(self._members):
+            member.physics.stepper = functools.partial(self._load, number)
+
+    def step(
+        self, actions: Any
+    ) -> tuple[
+        NDArray[np.float32],
+        NDArray[np.float64],
+        NDArray[np.bool_],
+        NDArray[np.bool_],
+        dict[str, Any],
+    ]:
+        """Holds each action for 0.1 s.
+
+        Raises:
+          InputError: actions of another shape, or not finite.
+        """
+        values = np.asarray(actions, dtype=float)
+        if values.shape != self.action_space.shape or not np.isfinite(values).all():
+            raise InputError(f"actions: {self.action_space.shape} finite numbers wanted")
+        resetting = self.autoreset_mode == AutoresetMode.NEXT_STEP
+        driven = [i for i in range(self.num_envs) if not (resetting and self._autoreset_envs[i])]
+        for number in driven:
+            self._store(number, values[number])
+        if driven:
+            steps = self._members[0].steps_per_action
+            self._batch.step(ids=driven, nstep=steps)
+        return super().step(actions)
+
+    def _store(self, number: int, action: Action) -> None:
+        """Hands one environment's state and controls to the batch."""
+        member = self._members[number]
+        member.task.before_step(action, member.physics)
+        data = member.physics.data.ptr
+        for name, rows in self._rows.items():
+            rows[number] = np.reshape(getattr(data, name), rows[number].shape)
+
+    def _load(self, number: int, nstep: int) -> None:
+        """Takes one environment's state back, in the place of its own step."""
+        del nstep
+        member = self._members[number]
+        model, data = member.physics.model.ptr, member.physics.data.ptr
+        self._batch.get_data(number, data)
+        mujoco.mj_forward(model, data)
+
+
+# What `gymnasium.make_vec` calls.
+cruise = functools.partial(DrivingVectorEnv, CruiseEnv)
+stop = functools.partial(DrivingVectorEnv, StopEnv)
+hill_start = functools.partial(DrivingVectorEnv, HillStartEnv)
+lane_keep = functools.partial(DrivingVectorEnv, LaneKeepEnv)
+lane_change = functools.partial(DrivingVectorEnv, LaneChangeEnv)
+tight_turn = functools.partial(DrivingVectorEnv, TightTurnEnv)
+dock = functools.partial(DrivingVectorEnv, DockEnv)

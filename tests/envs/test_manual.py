@@ -1,0 +1,71 @@
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+
+from iits_mj import suite
+from iits_mj.envs import ENVIRONMENTS, manual
+from iits_mj.envs.platoon import PlatoonEnv
+
+FOLDER = Path(__file__).resolve().parents[2] / "docs" / "environments"
+
+
+def test_the_pages_are_those_of_the_code():
+    for name, page in manual.pages().items():
+        assert (FOLDER / name).read_text(encoding="utf-8") == page, (
+            f"{name} is not what the code makes: python -m iits_mj.envs"
+        )
+    assert {path.name for path in FOLDER.glob("*.md")} == set(manual.pages())
+
+
+def test_every_environment_and_task_has_its_page():
+    index = (FOLDER / "README.md").read_text(encoding="utf-8")
+    assert all(f"`{name}`" in index for name in ENVIRONMENTS)
+    assert all(f"`{domain}`, `{task}`" in index for domain, task in suite.ALL_TASKS)
+
+
+@pytest.mark.parametrize("task", [*manual.KINDS, "highway"])
+def test_what_a_page_tells_of_a_task_is_what_the_task_does(task):
+    if task == "highway":
+        pytest.importorskip("libsumo")
+    environment = suite.load("truck", task, task_kwargs={"random": 0, "visuals": False})
+    kind = environment.task
+    seen = environment.reset().observation
+    assert list(seen) == list(kind.observed)
+    assert [len(values) for values in seen.values()] == [t.size for t in kind.observed.values()]
+    assert set(kind.reward_terms(environment.physics)) == set(kind.terms)
+    assert environment.action_spec().shape == (len(kind.actions),)
+    environment.close()
+
+
+def test_the_names_in_the_xml_are_there():
+    environment = suite.load("truck", "lane_keep", task_kwargs={"visuals": False})
+    model = environment.physics.model
+    names = {
+        "sensor": {model.sensor(k).name for k in range(model.nsensor)},
+        "body": {model.body(k).name for k in range(model.nbody)},
+        "site": {model.site(k).name for k in range(model.nsite)},
+    }
+    for kind in manual.KINDS.values():
+        for told in kind.observed.values():
+            what, _, rest = told.source.partition(" ")
+            if what in names and rest.startswith("`"):
+                assert rest.split("`")[1] in names[what], told
+    for control in ("accelerator_pedal", "xbr_demand", "xbr_mode", "steering_wheel_angle"):
+        assert model.actuator(control).id >= 0
+    environment.close()
+
+
+def test_observations_have_their_names_in_gymnasium():
+    environment = gymnasium.make("iits_mj/LaneKeep-v0").unwrapped
+    assert environment.observation_names[-1] == "curvature_ahead[3]"
+    assert len(environment.observation_names) == 16
+    environment.close()
+    with PlatoonEnv((0.0, 0.0)) as platoon:
+        platoon.reset(seed=0)
+        assert (
+            platoon.seen("truck1").keys()
+            == {name.split("[")[0]: None for name in platoon.observation_names}.keys()
+        )
+        assert np.isfinite(platoon.state()).all()
