@@ -1,0 +1,73 @@
+import numpy as np
+import pytest
+
+from iits_mj.errors import InputError
+from iits_mj.parameters import TruckParameters
+from iits_mj.spread import Quantity, Spread
+
+
+def test_the_same_generator_draws_the_same_truck():
+    spread = Spread.load()
+    one, again, other = (spread.draw(np.random.default_rng(seed)) for seed in (1, 1, 2))
+    assert one == again
+    assert one.factors != other.factors
+
+
+def test_factors_stay_within_their_bounds_and_reach_them():
+    spread = Spread.load()
+    generator = np.random.default_rng(0)
+    drawn = [spread.draw(generator).factors for _ in range(400)]
+    for quantity in spread.quantities:
+        factors = np.array([factors[quantity.name] for factors in drawn])
+        width = quantity.high - quantity.low
+        assert quantity.low <= factors.min() < quantity.low + 0.05 * width
+        assert quantity.high - 0.05 * width < factors.max() <= quantity.high
+
+
+def test_every_drawn_truck_has_valid_parameters_that_are_the_shipped_ones_times_the_factors():
+    spread, shipped = Spread.load(), TruckParameters.load()
+    for seed in range(20):
+        drawn = spread.draw(np.random.default_rng(seed))
+        truck = TruckParameters.load(overlay=drawn.overlay)
+        factor = drawn.factors["trailer_springs"]
+        for ours, theirs in zip(truck.semitrailer.axles, shipped.semitrailer.axles, strict=True):
+            assert ours.spring_rate == pytest.approx(factor * theirs.spring_rate)
+            assert ours.position == theirs.position
+        np.testing.assert_allclose(
+            truck.engine.full_load_torque,
+            drawn.factors["engine_torque"] * np.asarray(shipped.engine.full_load_torque),
+        )
+        assert truck.tractor.mass == shipped.tractor.mass
+
+
+def test_the_nominal_truck_is_the_shipped_one():
+    drawn = Spread.load().nominal()
+    assert set(drawn.factors.values()) == {1.0}
+    assert drawn.overlay == {}
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ('[a]\nparameters = ["tires.steer.width"]\nlow = 1\nhigh = 1', "tires.steer.width"),
+        ('[a]\nparameters = ["gearbox.shift_strategy"]\nlow = 1\nhigh = 1', "is no number"),
+        ('[a]\nparameters = ["tractor.mass"]\nlow = 2\nhigh = 1', "low first"),
+        ('[a]\nparameters = ["tractor.mass"]\nlow = 1\nhigh = inf', "finite"),
+        ('[a]\nparameters = ["tractor.mass"]\nlow = 1', "missing"),
+        ('[a]\nparameters = ["tractor.mass"]\nlow = 1\nhigh = 1\nsigma = 1', "unknown"),
+        ("[a]\nparameters = []\nlow = 1\nhigh = 1", "at least one"),
+        ("a = 1", "no table"),
+        ('[a]\nparameters = ["tractor.mass", "tractor.mass"]\nlow = 1\nhigh = 1', "drawn already"),
+    ],
+)
+def test_unusable_spreads_are_refused(tmp_path, content, message):
+    file = tmp_path / "spread.toml"
+    file.write_text(content)
+    with pytest.raises(InputError, match=message):
+        Spread.load(file)
+
+
+def test_a_spread_of_ones_own():
+    spread = Spread((Quantity("friction", ("tire_common.friction_lateral",), 0.5, 0.5),))
+    drawn = spread.draw(np.random.default_rng(0))
+    assert drawn.overlay == {"tire_common": {"friction_lateral": pytest.approx(0.41)}}
