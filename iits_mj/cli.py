@@ -26,6 +26,7 @@ COMMANDS = {
     "pcc": "plan a fuel-optimal speed profile and compare it with the constant-speed baseline",
     "train": "train the decision maker",
     "evaluate": "compare decision makers over the paper's traffic cells",
+    "montecarlo": "measure trucks drawn from what is not known of the figures",
     "record": "run traffic and store what it did",
     "replay": "drive in stored traffic",
     "lay": "lay a data set of recorded trajectories on a map, to be replayed",

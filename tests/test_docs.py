@@ -10,7 +10,12 @@ import pytest
 from iits_mj import cli
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs" / "environments").glob("*.md")),
+]
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -43,3 +48,10 @@ def test_shown_command_lines_are_understood(capsys: pytest.CaptureFixture[str]) 
     for line in lines:
         words = line.split("#")[0].split()[1:]
         assert cli.understood(words), line
+
+
+def test_the_learning_pages_python_runs() -> None:
+    examples = blocks(ROOT / "docs" / "learning.md", "python")
+    assert len(examples) == 6
+    for example in examples:
+        exec(compile(example, "learning.md", "exec"), {})

@@ -6,25 +6,32 @@ With --quick one short trip a cell is driven, for a look at the table; its figur
 from __future__ import annotations
 
 import dataclasses
+import functools
 import sys
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from tqdm import tqdm
 
 import iits_mj
+from iits_mj.commands.cluster import ClusterOptions, pool_of
 from iits_mj.commands.output import ResultOptions, prepare_file, prepare_folder
+from iits_mj.errors import InputError
 from iits_mj.options import option
 from iits_mj.results import Results
+from iits_mj.scale.sharded import Plan, run_sharded
+from iits_mj.scale.shards import Shards
 from iits_mj.validation import evaluate
 from iits_mj.validation.evaluate_results import shortfall, summarize
-from iits_mj.validation.trials import Trial
+from iits_mj.validation.trial_drives import trial_code
+from iits_mj.validation.trials import Task, Trial, task_of
 
 QUICK_LENGTH = 500.0
 KEPT = "evaluate.csv"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(evaluate.EvaluateConfig, ResultOptions):
+class Options(evaluate.EvaluateConfig, ClusterOptions, ResultOptions):
     """Flags of `iits-mj evaluate`."""
 
     quick: bool = option(False, help="one short trip a cell; ends within minutes")
@@ -37,6 +44,8 @@ def run(options: Options) -> int:
     if options.report is not None:
         prepare_folder(options.report, "report")
         options = dataclasses.replace(options, file=options.file or options.report / KEPT)
+    if options.ray is not None and options.file is None:
+        raise InputError("--ray brings trials home into a file: name it by --file, or --report")
     if options.file is not None:
         prepare_file(options.file, "--file")
     trials = drive(options)
@@ -64,7 +73,38 @@ def drive(options: Options) -> list[Trial]:
         def say(text: str) -> None:
             tqdm.write(text, file=sys.stderr)
 
-        return evaluate.run(options, progress, say)
+        drive_all = None if options.ray is None else functools.partial(_on_cluster, options)
+        return evaluate.run(options, progress, say, drive_all)
+
+
+def _on_cluster(
+    options: Options,
+    tasks: Sequence[Task],
+    jobs: int,
+    drive: Callable[[Task], Trial],
+    keep: Callable[[Trial], None],
+) -> None:
+    """Drives trials in shards on a Ray cluster; the shards lie beside the file until all are done.
+
+    The file's rows come from the shards, so that a head that is stopped in the middle finds them.
+    """
+    if not tasks:
+        return
+    if options.file is None:
+        raise InputError("the trials of a cluster want a file")
+    beside = options.file.with_name(f"{options.file.name}.shards")
+    shards = Shards(beside, Trial, "trials")
+    plan: Plan[Task, Trial] = Plan(
+        drive, task_of, evaluate.describe, what="trials", size=options.shard
+    )
+
+    def keep_all(rows: Sequence[Trial]) -> None:
+        for row in rows:
+            keep(row)
+
+    pool = pool_of(options, functools.partial(trial_code, options.world))
+    run_sharded(plan, tasks, shards, keep_all, jobs, pool)
+    shards.clear()
 
 
 def to_text(results: Results) -> str:

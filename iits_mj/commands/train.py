@@ -8,6 +8,7 @@ continues from, given the same settings; Ctrl-C writes one too. Needs torch: pip
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import sys
@@ -17,7 +18,7 @@ from typing import NoReturn
 
 from tqdm import tqdm
 
-from controllers.decision.learning.collection import WorldFactory
+from controllers.decision.learning.collection import MakeDrivers, WorldFactory
 from controllers.decision.learning.interruption import Interrupted
 from controllers.decision.learning.train_config import TrainConfig
 from controllers.decision.learning.training import train
@@ -35,6 +36,12 @@ class Options(TrainConfig):
         help="point masses alone, or the MuJoCo truck in SUMO traffic after them",
         choices=("fast", "truck"),
     )
+    ray: str | None = option(
+        None,
+        help="drive the trips on a Ray cluster: its head's HOST:PORT, auto, or local; learning "
+        "stays here",
+        metavar="ADDRESS",
+    )
     json: bool = option(False, help="print the outcome as one JSON object")
 
 
@@ -50,6 +57,7 @@ def run(options: Options) -> int:
                 command=" ".join(["iits-mj", *sys.argv[1:]]),
                 world=_world(options.world),
                 note=_note,
+                drivers=_drivers(options.ray),
             )
         except Interrupted:
             _note(f"the checkpoint is in {options.out}; --resume continues from it")
@@ -82,6 +90,15 @@ def _world(name: str) -> WorldFactory | None:
     from iits_mj.simulation.truck_world import TruckWorld
 
     return TruckWorld
+
+
+def _drivers(address: str | None) -> MakeDrivers | None:
+    """Who drives the trips; None for processes of this machine."""
+    if address is None:
+        return None
+    from iits_mj.scale.trip_drivers import ClusterDrivers
+
+    return functools.partial(ClusterDrivers, address)
 
 
 def _note(text: str) -> None:

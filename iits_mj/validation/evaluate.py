@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,8 +15,9 @@ from iits_mj import options
 from iits_mj.errors import InputError
 from iits_mj.options import option
 from iits_mj.simulation.loop import TIMESTEP
-from iits_mj.validation import evaluate_rows, evaluate_runner, trial_drives
+from iits_mj.validation import evaluate_rows, trial_drives
 from iits_mj.validation.evaluate_statistics import half_width
+from iits_mj.validation.side_by_side import run_all
 from iits_mj.validation.trials import EMPTY, WORLDS, Task, Trial, weights_digest
 
 SEEDS = {"test": TEST_SEEDS, "validation": VALIDATION_SEEDS}
@@ -142,7 +143,7 @@ def run(
     config: EvaluateConfig,
     progress: Callable[[int, int], None] | None = None,
     say: Callable[[str], None] | None = None,
-    drive_all: Callable[..., None] = evaluate_runner.drive_trials,
+    drive_all: Callable[..., None] | None = None,
 ) -> list[Trial]:
     """Drives what is missing in the file of trials; all that were asked for.
 
@@ -150,13 +151,14 @@ def run(
       config: settings.
       progress: called with (trials done, trials in all).
       say: is told what a reader should know; default: stderr.
-      drive_all: drives tasks, as `evaluate_runner.drive_trials`.
+      drive_all: drives tasks; default: `drive_trials`.
 
     Raises:
       InputError: a method is unknown, the file of trials is not usable, or weights are missing.
-      TrialsError: some could not be driven; what was is in the file.
+      TasksError: some could not be driven; what was is in the file.
     """
     say = say or _to_stderr
+    drive_all = drive_all or drive_trials
     wanted = tasks_of(config)
     if not config.drive:
         return _found(config, wanted, say)
@@ -169,6 +171,21 @@ def run(
             return _run(config, wanted, known, progress, drive_all)
         finally:
             evaluate_rows.write_trials(config.file, known.values())
+
+
+def drive_trials(
+    tasks: Sequence[Task],
+    jobs: int,
+    drive: Callable[[Task], Trial],
+    keep: Callable[[Trial], None],
+) -> None:
+    """Drives tasks in that many processes; see `side_by_side.run_all`."""
+    run_all(tasks, jobs, drive, keep, describe, what="trials")
+
+
+def describe(task: Task) -> str:
+    """A trial in a few words."""
+    return f"{task.density} {task.traffic_speed:g}, {task.method}, seed {task.seed}"
 
 
 def _run(

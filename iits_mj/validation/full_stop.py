@@ -10,7 +10,9 @@ combination stops within it, hence "style". No wheel may stay locked for longer 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from iits_mj.messages import TransmissionMode, VehicleCommand
 from iits_mj.results import Check, Panel
@@ -50,9 +52,11 @@ FMVSS_121 = Regulation("60 mph (FMVSS 121 style)", 60.0 * _MPH, 250.0 * _FOOT, 2
 REGULATIONS = (UN_R13, FMVSS_121)
 
 
-def stop_run(payload: float, speed: float, timestep: float) -> Run:
+def stop_run(
+    payload: float, speed: float, timestep: float, parameters: Mapping[str, Any] | None = None
+) -> Run:
     """Pedal down in full from a speed [m/s] until the truck stands."""
-    truck = Truck.load(payload, timestep=timestep, visuals=False)
+    truck = Truck.load(payload, parameters=parameters, timestep=timestep, visuals=False)
     truck.reset(speed=speed)
     return run(truck, lambda *_: FULL, _DURATION, stop=lambda state: state.speed < _STANDS)
 

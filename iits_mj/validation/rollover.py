@@ -9,7 +9,9 @@ the truck stays standing. The Australian PBS asks a threshold of 0.35 g of any t
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,15 +60,23 @@ class Tilt:
     roll: FloatArray
 
 
-def tilt_table(payload: float, timestep: float = 0.002, height: float | None = None) -> Tilt:
+def tilt_table(
+    payload: float,
+    timestep: float = 0.002,
+    height: float | None = None,
+    parameters: Mapping[str, Any] | None = None,
+) -> Tilt:
     """Tilts the standing truck to the right until it falls.
 
     Args:
       payload: [kg].
       timestep: of the physics [s].
       height: of the payload's CG [m]; default: the truck's.
+      parameters: overlay over the shipped figures.
     """
-    truck = Truck.load(payload, payload_height=height, timestep=timestep, visuals=False)
+    truck = Truck.load(
+        payload, payload_height=height, parameters=parameters, timestep=timestep, visuals=False
+    )
     near = _NEAR * math.atan(rigid_threshold(truck.parameters, payload))
     truck.reset()
     truck.command(parking_brake=1.0)

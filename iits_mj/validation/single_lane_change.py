@@ -7,7 +7,9 @@ change (`path_change`), known to us without the text of its Rules at hand.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,9 +73,11 @@ def linear_system(truck: Truck, speed: float) -> LateralSystem:
     return model.at(speed)
 
 
-def sine_steer(payload: float, speed: float, timestep: float) -> Amplification:
+def sine_steer(
+    payload: float, speed: float, timestep: float, parameters: Mapping[str, Any] | None = None
+) -> Amplification:
     """One sine at this speed [m/s], sized by the linear model to `PEAK` at the steer axle."""
-    truck = Truck.load(payload, timestep=timestep, visuals=False)
+    truck = Truck.load(payload, parameters=parameters, timestep=timestep, visuals=False)
     truck.reset(speed=speed)
     system = linear_system(truck, speed)
     time, unit = single_sine(1.0 / FREQUENCY, 1.0 / FREQUENCY + 4.0)

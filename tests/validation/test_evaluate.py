@@ -14,8 +14,16 @@ from evaluate_rows_of import die_once, task, trial
 from controllers.decision import seeds
 from controllers.decision.policy import SHIPPED
 from iits_mj.errors import InputError, TrafficError
-from iits_mj.validation import evaluate_rows, evaluate_runner, kept_runs, trial_drives, trials
-from iits_mj.validation.evaluate import EvaluateConfig, run, tasks_of, trial_seed
+from iits_mj.validation import evaluate_rows, kept_runs, trial_drives, trials
+from iits_mj.validation.evaluate import (
+    EvaluateConfig,
+    describe,
+    drive_trials,
+    run,
+    tasks_of,
+    trial_seed,
+)
+from iits_mj.validation.side_by_side import TasksError, run_all
 
 CONFIG = EvaluateConfig(trials=2, methods="keep,aggressive", cells="dense-12.5,medium-15")
 
@@ -190,7 +198,7 @@ def test_what_cannot_be_is_refused(settings, message):
 
 
 def _threads(tasks, drive, keep):
-    evaluate_runner.drive_trials(tasks, 2, drive, keep, ThreadPoolExecutor)
+    run_all(tasks, 2, drive, keep, describe, what="trials", make_pool=ThreadPoolExecutor)
 
 
 def test_a_trial_that_fails_is_left_out_and_named_at_the_end():
@@ -202,7 +210,7 @@ def test_a_trial_that_fails_is_left_out_and_named_at_the_end():
             raise TrafficError("SUMO fell over")
         return trial(asked, 0.1)
 
-    with pytest.raises(evaluate_runner.TrialsError, match=r"2 trials .* seed 1: SUMO fell over"):
+    with pytest.raises(TasksError, match=r"2 trials .* seed 1: SUMO fell over"):
         _threads(tasks, drive, kept.append)
     assert sorted(t.seed for t in kept) == [0, 2, 3, 5]
 
@@ -216,7 +224,7 @@ def test_many_failures_end_the_run():
         time.sleep(0.01)
         raise TrafficError("SUMO is missing")
 
-    with pytest.raises(evaluate_runner.TrialsError, match="5 trials could not be driven"):
+    with pytest.raises(TasksError, match="5 trials could not be done"):
         _threads(tasks, drive, print)
     assert next(count) < 50
 
@@ -231,7 +239,7 @@ def test_a_file_that_cannot_be_written_is_no_fault_of_the_trial():
 
 def test_a_process_that_dies_loses_no_trial(tmp_path):
     kept = []
-    evaluate_runner.drive_trials(
+    drive_trials(
         [task("keep", seed) for seed in range(6)],
         2,
         functools.partial(die_once, tmp_path / "died"),

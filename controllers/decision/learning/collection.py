@@ -8,6 +8,7 @@ it ended, the workers meet the closed pipe and end too.
 
 from __future__ import annotations
 
+import abc
 import contextlib
 import multiprocessing
 import queue
@@ -93,8 +94,20 @@ def drive_trip(world: World, job: Drive, network: QNetwork) -> Driven:
     return Driven(world.summary, Batch.of(transitions) if job.steps else None)
 
 
-class Workers(Closing):
-    """Processes that drive trips.
+class TripDrivers(Closing, abc.ABC):
+    """Who drive trips for a training: processes of this machine, or of others."""
+
+    @abc.abstractmethod
+    def submit(self, jobs: Sequence[Drive], network: QNetwork) -> list[Future[Driven]]:
+        """Asks for trips on a network; a trip that fails makes its future raise an `Error`."""
+
+
+# Makes drivers for worlds, by their factories; `Drive.world` chooses among them.
+MakeDrivers = Callable[[Sequence[WorldFactory]], TripDrivers]
+
+
+class Workers(TripDrivers):
+    """Processes of this machine that drive trips.
 
     Args:
       jobs: how many.

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from controllers.decision.learning.collection import WorldFactory
+from controllers.decision.learning.collection import MakeDrivers, WorldFactory
 from controllers.decision.learning.train_config import TrainConfig
 from controllers.decision.learning.train_log import LOG
 from iits_mj.errors import InputError
@@ -37,6 +37,7 @@ def train(
     command: str = "",
     world: WorldFactory | None = None,
     note: Callable[[str], None] | None = None,
+    drivers: MakeDrivers | None = None,
 ) -> TrainSummary:
     """Trains; leaves `ddqn.npz`, `policies/`, `training.csv` and `checkpoint.pt` in `out`.
 
@@ -47,6 +48,7 @@ def train(
       command: the command line, recorded in the weights' metadata.
       world: picklable, makes the world of the second stage in a worker; None for the fast world.
       note: called with sentences for people.
+      drivers: makes those who drive the trips; default: `config.jobs` processes of this machine.
 
     Raises:
       InputError: torch is missing, the folder is not usable, or the checkpoint does not fit.
@@ -65,7 +67,7 @@ def train(
             f"fast-decisions {config.fast_decisions} is not allowed; use less than decisions "
             f"({config.decisions}), or train in the fast world alone"
         )
-    training = Training(config, Path(out), command, world, note)
+    training = Training(config, Path(out), command, world, note, drivers)
     training.run(progress)
     weights = Path(out) / BEST if math.isfinite(training.best) else None
     return TrainSummary(weights, Path(out) / LOG, training.best, training.decisions, training.wall)

@@ -13,6 +13,7 @@ training nor the final evaluation uses. Its policy is kept, and the best one so 
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import time
@@ -26,7 +27,13 @@ import numpy as np
 
 from controllers.decision.fast_world.env import HighwayEnv
 from controllers.decision.learning import checkpoint
-from controllers.decision.learning.collection import Drive, Driven, Workers, WorldFactory
+from controllers.decision.learning.collection import (
+    Drive,
+    Driven,
+    MakeDrivers,
+    Workers,
+    WorldFactory,
+)
 from controllers.decision.learning.ddqn import DoubleDqn
 from controllers.decision.learning.interruption import Interrupted, Interruption
 from controllers.decision.learning.mirror import mirror_half
@@ -70,7 +77,9 @@ class Training:
         command: str,
         world: WorldFactory | None,
         note: Callable[[str], None] | None,
+        drivers: MakeDrivers | None = None,
     ) -> None:
+        self._make_drivers = drivers or functools.partial(Workers, config.jobs)
         self.config, self.out, self.command, self.world = config, out, command, world
         self.learner = DoubleDqn(config, config.seed)
         self.random = np.random.default_rng([config.seed, TRAINING_SEEDS])
@@ -106,7 +115,7 @@ class Training:
         config = self.config
         start = time.monotonic() - self.wall
         worlds = (HighwayEnv, self.world or HighwayEnv)
-        with Interruption() as self.interruption, Workers(config.jobs, worlds) as self.workers:
+        with Interruption() as self.interruption, self._make_drivers(worlds) as self.workers:
             try:
                 under_way = [] if self.finished else self._send(self.flight)
                 while True:

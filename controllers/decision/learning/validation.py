@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from controllers.decision.learning.collection import Drive, Workers
+from controllers.decision.learning.collection import Drive, TripDrivers
 from controllers.decision.learning.interruption import Interruption
 from controllers.decision.learning.train_config import TrainConfig
 from controllers.decision.learning.train_log import trip_figures
@@ -13,7 +13,7 @@ from controllers.decision.network import QNetwork
 def validate(
     network: QNetwork,
     config: TrainConfig,
-    workers: Workers,
+    workers: TripDrivers,
     world: int,
     interruption: Interruption,
 ) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Drives trials in several processes; what has been driven is kept whatever happens then."""
+"""Runs tasks in several processes; what is done is kept whatever happens then."""
 
 from __future__ import annotations
 
@@ -12,43 +12,49 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_complet
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any, TypeVar
 
 from iits_mj.errors import Error
 from iits_mj.one_thread import one_thread_each
-from iits_mj.validation.trials import Task, Trial
 
-Drive = Callable[[Task], Trial]
+Task = TypeVar("Task")
+Outcome = TypeVar("Outcome")
 FAULTS_MAX = 5
 DEATHS_MAX = 3
 _LEAVE_TIME = 5.0  # that a worker has for closing SUMO [s]
 _INTERRUPTED = 130  # exit code
 
 
-class TrialsError(Error):
-    """Some trials could not be driven; all others were."""
+class TasksError(Error):
+    """Some tasks could not be done; all others were."""
 
 
-def drive_trials(
+def run_all(
     tasks: Sequence[Task],
     jobs: int,
-    drive: Drive,
-    keep: Callable[[Trial], None],
+    work: Callable[[Task], Outcome],
+    keep: Callable[[Outcome], None],
+    describe: Callable[[Task], str],
+    *,
+    what: str = "tasks",
     make_pool: Callable[[int], Executor] | None = None,
 ) -> None:
-    """Drives tasks, the first ones first, and gives every trial to `keep` when it ends.
+    """Does tasks, the first ones first, and gives every outcome to `keep` when it is there.
 
-    A trial that cannot be driven is left out and the others go on; a worker that dies takes the
-    others' trials with it, which are driven again.
+    A task that cannot be done is left out and the others go on; a worker that dies takes the
+    others' tasks with it, which are done again.
 
     Args:
-      tasks: what to drive.
-      jobs: processes at a time, each one trial at a time.
-      drive: drives one; goes to the processes.
-      keep: called in this process, in the order in which trials end.
+      tasks: what to do, all different.
+      jobs: processes at a time, each one task at a time.
+      work: does one; goes to the processes.
+      keep: called in this process, in the order in which tasks end.
+      describe: a task in a few words, for messages.
+      what: the tasks are, for messages.
       make_pool: of that many workers; default: processes of their own.
 
     Raises:
-      TrialsError: at the end, when some could not be driven, or sooner when many cannot.
+      TasksError: at the end, when some could not be done, or sooner when many cannot.
     """
     missing = dict.fromkeys(tasks)
     faults: list[str] = []
@@ -57,35 +63,30 @@ def drive_trials(
         try:
             with _running(make_pool or worker_pool, min(jobs, len(missing))) as pool:
                 with _interrupts_held():
-                    futures: dict[Future[Trial], Task] = {
-                        pool.submit(_guarded, drive, task): task for task in missing
+                    futures: dict[Future[Outcome], Task] = {
+                        pool.submit(_guarded, work, task): task for task in missing
                     }
                 for future in as_completed(futures):
                     task = futures[future]
                     try:
-                        trial = future.result()
+                        outcome = future.result()
                     except Error as error:
                         faults.append(f"{describe(task)}: {error}")
                         if len(faults) >= FAULTS_MAX:
-                            raise TrialsError(_told(faults)) from error
+                            raise TasksError(_told(faults, what)) from error
                     else:
-                        keep(trial)
+                        keep(outcome)
                     del missing[task]
         except BrokenProcessPool as error:
             deaths += 1
             if deaths >= DEATHS_MAX:
-                raise TrialsError(
-                    f"processes that drive trials died {deaths} times, the last time while "
-                    f"{describe(next(iter(missing)))} or one of the next was driven (out of "
-                    "memory?); what was driven is kept, the same command drives the rest"
+                raise TasksError(
+                    f"processes that do {what} died {deaths} times, the last time while "
+                    f"{describe(next(iter(missing)))} or one of the next was done (out of "
+                    "memory?); what was done is kept, the same command does the rest"
                 ) from error
     if faults:
-        raise TrialsError(_told(faults))
-
-
-def describe(task: Task) -> str:
-    """A trial in a few words."""
-    return f"{task.density} {task.traffic_speed:g}, {task.method}, seed {task.seed}"
+        raise TasksError(_told(faults, what))
 
 
 def worker_pool(jobs: int) -> ProcessPoolExecutor:
@@ -94,10 +95,10 @@ def worker_pool(jobs: int) -> ProcessPoolExecutor:
     return ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin_worker)
 
 
-def _told(faults: list[str]) -> str:
+def _told(faults: list[str], what: str) -> str:
     return (
-        f"{len(faults)} trials could not be driven: {'; '.join(faults)}; what was driven is kept, "
-        "the same command drives the rest"
+        f"{len(faults)} {what} could not be done: {'; '.join(faults)}; what was done is kept, "
+        "the same command does the rest"
     )
 
 
@@ -136,21 +137,21 @@ def _end(workers: set[multiprocessing.process.BaseProcess]) -> None:
             worker.kill()
 
 
-def _guarded(drive: Drive, task: Task) -> Trial:
-    """Drives a task; ends the process when it was interrupted, after SUMO has been closed."""
-    _Worker.driving = True
+def _guarded(work: Callable[[Any], Outcome], task: Any) -> Outcome:
+    """Does a task; ends the process when it was interrupted, after SUMO has been closed."""
+    _Worker.busy = True
     try:
-        return drive(task)
+        return work(task)
     except KeyboardInterrupt:
         os._exit(_INTERRUPTED)
     finally:
-        _Worker.driving = False
+        _Worker.busy = False
 
 
 class _Worker:
     """What a process of the pool knows of itself."""
 
-    driving = False
+    busy = False
 
 
 def _begin_worker() -> None:
@@ -162,7 +163,7 @@ def _begin_worker() -> None:
 
 def _leave(number: int, frame: FrameType | None) -> None:
     del frame
-    if not _Worker.driving:
+    if not _Worker.busy:
         os._exit(_INTERRUPTED)
     signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt

@@ -1,0 +1,224 @@
+"""Workers of a Ray cluster as a `concurrent.futures.Executor`."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import threading
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass
+from typing import Any
+
+from iits_mj.errors import Error, InputError
+from iits_mj.one_thread import VARIABLES
+
+# A worker or node that dies gives its task back this often.
+RETRIES = 10
+# Tasks handed to Ray for each core: what is done, and what is next.
+_AHEAD = 3
+_PATIENCE = 0.2  # [s]
+_KNOCK = 5.0  # [s]
+
+
+class ClusterError(Error):
+    """The cluster is not there, or a task failed on it for good."""
+
+
+class RayExecutor(Executor):
+    """Does tasks on all cores of a cluster, each on one core and one thread.
+
+    A task whose worker process or node dies is done again elsewhere. Functions and arguments are
+    pickled; the package must be installed on every node in the same version, which each worker
+    checks by the digest of its code.
+
+    Args:
+      address: "HOST:PORT" of the cluster's head, "auto" for the one this machine belongs to, or
+        "local" for a new one on this machine alone, which ends with the executor.
+      digest: gives the digest of the code that does the tasks; picklable.
+
+    Raises:
+      InputError: Ray is not installed. ClusterError: there is no cluster at the address.
+    """
+
+    def __init__(self, address: str, digest: Callable[[], str]) -> None:
+        self._ray = _ray()
+        _connect(self._ray, address)
+        self._digest = digest
+        self._expected = digest()
+        self._remote = self._ray.remote(
+            num_cpus=1,
+            max_retries=RETRIES,
+            runtime_env={"env_vars": dict.fromkeys(VARIABLES, "1")},
+        )(_call)
+        self._waiting: deque[_Task] = deque()
+        self._under_way: dict[Any, _Task] = {}
+        self._shared: dict[int, tuple[Any, Any]] = {}
+        self._lock = threading.Lock()
+        self._news = threading.Event()
+        self._ending = False
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    @property
+    def cores(self) -> int:
+        """Of the cluster, now."""
+        return max(1, int(self._ray.cluster_resources().get("CPU", 1)))
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Asks for a call of a function; see `concurrent.futures.Executor.submit`."""
+        task = _Task(fn, args, kwargs, Future())
+        with self._lock:
+            if self._ending:
+                raise RuntimeError("cannot submit after shutdown")
+            self._waiting.append(task)
+        self._news.set()
+        return task.future
+
+    def share(self, value: Any) -> Any:
+        """Puts something large into the cluster's store once; give the result to `submit`."""
+        return self._ray.put(value)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Leaves the cluster, after the tasks are done or, if asked, at once."""
+        with self._lock:
+            if cancel_futures:
+                for task in self._waiting:
+                    task.future.cancel()
+                self._waiting.clear()
+                for reference in self._under_way:
+                    with contextlib.suppress(Exception):
+                        self._ray.cancel(reference, force=True)
+            self._ending = True
+        self._news.set()
+        if wait or cancel_futures:
+            self._thread.join()
+
+    def _serve(self) -> None:
+        """Hands tasks to the cluster, some ahead, and brings their outcomes home."""
+        ray = self._ray
+        while True:
+            self._hand_out()
+            with self._lock:
+                if self._ending and not self._waiting and not self._under_way:
+                    break
+                references = list(self._under_way)
+            if not references:
+                self._news.wait(_PATIENCE)
+                self._news.clear()
+                continue
+            ready, _ = ray.wait(references, num_returns=1, timeout=_PATIENCE)
+            if ready and len(references) > 1:
+                # Whatever else is there comes along: a look at thousands costs as much as one.
+                ready, _ = ray.wait(references, num_returns=len(references), timeout=0)
+            for reference in ready:
+                with self._lock:
+                    task = self._under_way.pop(reference)
+                self._bring_home(reference, task)
+        ray.shutdown()
+
+    def _hand_out(self) -> None:
+        with self._lock:
+            while self._waiting and len(self._under_way) < _AHEAD * self.cores:
+                task = self._waiting.popleft()
+                if not task.future.set_running_or_notify_cancel():
+                    continue
+                reference = self._remote.remote(
+                    task.function, self._digest, self._expected, *task.arguments, **task.named
+                )
+                self._under_way[reference] = task
+
+    def _bring_home(self, reference: Any, task: _Task) -> None:
+        try:
+            answer = self._ray.get(reference)
+        except Exception as error:
+            # Ray puts the remote traceback before what it ends with.
+            reason = str(error).strip().splitlines() or [type(error).__name__]
+            task.future.set_exception(ClusterError(f"the cluster gave up a task: {reason[-1]}"))
+            return
+        if isinstance(answer, _Refused):
+            task.future.set_exception(Error(answer.reason))
+        else:
+            task.future.set_result(answer)
+
+
+@dataclass(frozen=True)
+class _Task:
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+    named: dict[str, Any]
+    future: Future[Any]
+
+
+@dataclass(frozen=True)
+class _Refused:
+    """What a worker answers in the place of an outcome."""
+
+    reason: str
+
+
+def _call(
+    function: Callable[..., Any],
+    digest: Callable[[], str],
+    expected: str,
+    *args: Any,
+    **kwargs: Any,
+) -> Any:
+    """Does a task in a worker. An `Error` of ours comes home as its reason, without traceback."""
+    here = digest()
+    if here != expected:
+        return _Refused(
+            f"node {os.uname().nodename} has another version of the code ({here[:12]}) than the "
+            f"head ({expected[:12]}): install the same package on all"
+        )
+    try:
+        return function(*args, **kwargs)
+    except Error as error:
+        return _Refused(str(error))
+
+
+def _ray() -> Any:
+    # Nothing is told to anybody outside.
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    try:
+        import ray
+    except ImportError as error:
+        raise InputError("a cluster needs Ray: pip install 'iits-mj[scale]'") from error
+    return ray
+
+
+def _connect(ray: Any, address: str) -> None:
+    if ray.is_initialized():
+        raise ClusterError("this process belongs to a Ray cluster already")
+    if address not in ("auto", "local"):
+        _prove_open(address)
+    try:
+        ray.init(
+            address=address,
+            log_to_driver=False,
+            logging_level="ERROR",
+            **({"include_dashboard": False} if address == "local" else {}),
+        )
+    except Exception as error:
+        reason = str(error).strip().splitlines() or [type(error).__name__]
+        raise _none_at(address, reason[0]) from error
+
+
+def _prove_open(address: str) -> None:
+    """Ray itself would knock at a closed door for a quarter of an hour."""
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdecimal() or not 0 < int(port) < 65_536:
+        raise _none_at(address, "no address of this form")
+    try:
+        socket.create_connection((host, int(port)), _KNOCK).close()
+    except OSError as error:
+        raise _none_at(address, error.strerror or str(error)) from error
+
+
+def _none_at(address: str, reason: str) -> ClusterError:
+    return ClusterError(
+        f"there is no Ray cluster at {address!r} ({reason}); use HOST:PORT of its head, auto, or "
+        "local"
+    )

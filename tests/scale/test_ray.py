@@ -1,0 +1,236 @@
+"""A cluster of three nodes, each a set of processes on this machine."""
+
+import dataclasses
+import functools
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from iits_mj import cli
+from iits_mj.errors import Error, InputError
+from iits_mj.scale.ray_executor import ClusterError, RayExecutor
+from iits_mj.validation.evaluate_rows import read_trials
+
+ray = pytest.importorskip("ray")
+NODES = 3
+
+
+def same():
+    return "the same code"
+
+
+def square(x):
+    return x * x
+
+
+def refuse(x):
+    raise Error(f"cannot do {x}")
+
+
+def fail(x):
+    raise ZeroDivisionError("by nothing")
+
+
+def where(seconds):
+    time.sleep(seconds)
+    return ray.get_runtime_context().get_node_id()
+
+
+def die_once(flag, x):
+    if not os.path.exists(flag):
+        open(flag, "w").close()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return x + 1
+
+
+def threads():
+    return os.environ["OPENBLAS_NUM_THREADS"]
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    from ray.cluster_utils import Cluster
+
+    # Workers cannot import this module.
+    ray.cloudpickle.register_pickle_by_value(sys.modules[__name__])
+    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+    node = {"num_cpus": 1, "object_store_memory": 80_000_000}
+    cluster = Cluster(initialize_head=True, head_node_args={**node, "include_dashboard": False})
+    for _ in range(NODES - 1):
+        cluster.add_node(**node)
+    yield cluster.address
+    cluster.shutdown()
+
+
+@pytest.fixture
+def executor(cluster):
+    made = RayExecutor(cluster, same)
+    yield made
+    made.shutdown(cancel_futures=True)
+
+
+def test_tasks_are_done_on_all_nodes_each_on_one_thread(executor):
+    assert executor.cores == NODES
+    assert list(executor.map(square, range(5))) == [0, 1, 4, 9, 16]
+    assert len(set(executor.map(where, [0.5] * 6))) == NODES
+    assert executor.submit(threads).result() == "1"
+    assert executor.submit(square, executor.share(7)).result() == 49
+
+
+def test_what_a_task_refuses_is_told_without_a_traceback(executor):
+    with pytest.raises(Error, match=r"^cannot do 3$"):
+        executor.submit(refuse, 3).result()
+    with pytest.raises(ClusterError, match="by nothing"):
+        executor.submit(fail, 3).result()
+
+
+def test_a_worker_that_is_killed_has_its_task_done_again(executor, tmp_path):
+    flag = tmp_path / "died"
+    futures = [executor.submit(die_once, str(flag), x) for x in range(4)]
+    assert [future.result() for future in futures] == [1, 2, 3, 4]
+    assert flag.exists()
+
+
+def test_another_version_of_the_code_is_refused(cluster):
+    # A worker computes another digest than the head.
+    executor = RayExecutor(cluster, functools.partial(os.getpid))
+    executor._expected = "123456789abcdef"
+    executor._digest = same
+    with pytest.raises(Error, match=r"another version of the code .the same cod. than the head"):
+        executor.submit(square, 2).result()
+    executor.shutdown()
+
+
+def test_what_waits_is_cancelled_and_nothing_is_taken_after_the_end(cluster):
+    executor = RayExecutor(cluster, same)
+    futures = [executor.submit(time.sleep, 30.0) for _ in range(20)]
+    began = time.monotonic()
+    executor.shutdown(cancel_futures=True)
+    assert time.monotonic() - began < 20.0
+    assert sum(future.cancelled() for future in futures) >= 5
+    with pytest.raises(RuntimeError, match="after shutdown"):
+        executor.submit(square, 1)
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "head", "127.0.0.1:port", "127.0.0.1:99999"])
+def test_an_address_without_a_cluster_is_named(address):
+    with pytest.raises(ClusterError, match=f"no Ray cluster at '{address}'"):
+        RayExecutor(address, same)
+
+
+def _evaluate(file, *flags):
+    return [
+        "evaluate", "--world", "fast", "--trials", "2", "--cells", "dense-12.5", "--length",
+        "1500", "--methods", "aggressive,mobil", "--file", str(file), *flags,
+    ]  # fmt: skip
+
+
+def _rows(file):
+    """Rows of a file of trials without what the clock says."""
+    rows = read_trials(file, print).values()
+    return sorted(repr(dataclasses.replace(row, wall_time=math.nan)) for row in rows)
+
+
+def test_evaluate_brings_home_the_trials_of_one_machine(cluster, tmp_path, capsys):
+    here, there = tmp_path / "here.csv", tmp_path / "there.csv"
+    cli.main(_evaluate(here))
+    cli.main(_evaluate(there, "--ray", cluster, "--shard", "2"))
+    assert _rows(there) == _rows(here)
+    assert len(_rows(here)) == 5
+    assert not (tmp_path / "there.csv.shards").exists()
+
+
+def test_a_head_that_is_killed_goes_on_with_what_is_finished(cluster, tmp_path):
+    file = tmp_path / "trials.csv"
+    shards = tmp_path / "trials.csv.shards"
+    command = _evaluate(file, "--trials", "16", "--ray", cluster, "--shard", "3")
+    program = [sys.executable, "-m", "iits_mj.cli", *command]
+    first = subprocess.Popen(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 90.0
+    while len(list(shards.glob("*.csv"))) < 2 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    first.send_signal(signal.SIGKILL)
+    first.wait()
+    finished = {path: path.stat().st_mtime_ns for path in shards.glob("*.csv")}
+    assert 2 <= len(finished) < 11
+    # What a kill in the middle of a row leaves.
+    with file.open("a") as stream:
+        stream.write("full,dense")
+    subprocess.run(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
+    here = tmp_path / "here.csv"
+    cli.main(_evaluate(here, "--trials", "16", "--jobs", "2"))
+    assert _rows(file) == _rows(here)
+    assert not shards.exists()
+
+
+def test_a_file_is_wanted_for_what_a_cluster_brings_home(cluster, capsys):
+    command = _evaluate("x.csv", "--ray", cluster)
+    del command[command.index("--file") : command.index("--file") + 2]
+    assert cli.main(command) == 2
+    assert "name it by --file" in capsys.readouterr().err
+
+
+def test_a_missing_ray_is_named_with_its_remedy(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(InputError, match=r"pip install 'iits-mj\[scale\]'"):
+        RayExecutor("local", same)
+
+
+def test_a_training_is_bit_for_bit_the_one_of_one_machine(cluster, tmp_path):
+    pytest.importorskip("torch")
+    from controllers.decision.network import QNetwork
+
+    for folder, flags in (("here", ()), ("there", ("--ray", cluster))):
+        command = [
+            "train", "--out", str(tmp_path / folder), "--decisions", "120", "--trip-duration", "10",
+            "--trips-per-round", "2", "--warm-up", "20", "--evaluate-interval", "60",
+            "--validation-trips", "1", "--validation-duration", "10", *flags,
+        ]  # fmt: skip
+        assert cli.main(command) == 0
+    here, there = (
+        sorted((tmp_path / folder / "policies").iterdir()) for folder in ("here", "there")
+    )
+    assert [path.name for path in here] == [path.name for path in there]
+    for one, other in zip(here, there, strict=True):
+        for ours, theirs in zip(
+            QNetwork.load(one).weights, QNetwork.load(other).weights, strict=True
+        ):
+            assert (ours == theirs).all()
+
+
+@pytest.mark.slow
+def test_a_node_that_is_lost_has_its_tasks_done_elsewhere():
+    from ray.cluster_utils import Cluster
+
+    ray.cloudpickle.register_pickle_by_value(sys.modules[__name__])
+    node = {"num_cpus": 1, "object_store_memory": 80_000_000}
+    own = Cluster(initialize_head=True, head_node_args={**node, "include_dashboard": False})
+    lost = own.add_node(**node)
+    executor = RayExecutor(own.address, same)
+    try:
+        list(executor.map(square, range(4)))
+        futures = [executor.submit(where, 4.0) for _ in range(4)]
+        time.sleep(1.0)
+        own.remove_node(lost, allow_graceful=False)
+        assert len({future.result(timeout=120.0) for future in futures}) == 1
+    finally:
+        executor.shutdown(cancel_futures=True)
+        own.shutdown()
+
+
+@pytest.mark.slow
+def test_montecarlo_gives_the_figures_of_one_machine(cluster, tmp_path):
+    tables = []
+    for folder, flags in (("here", ()), ("there", ("--ray", cluster, "--shard", "1"))):
+        out = tmp_path / folder
+        assert cli.main(["montecarlo", "--samples", "2", "--folder", str(out), *flags]) == 0
+        rows = [line.split(",") for line in (out / "samples.csv").read_text().splitlines()]
+        clock = rows[0].index("wall_time")
+        tables.append([row[:clock] + row[clock + 1 :] for row in rows])
+    assert tables[0] == tables[1]
+    assert len(tables[0]) == 4
