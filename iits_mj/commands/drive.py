@@ -66,6 +66,12 @@ class Kept:
         f"format, one of {', '.join(WRITTEN)}",
         metavar="FILE",
     )
+    bag: Path | None = option(
+        None,
+        help="write what the modules say to each other as a ROS 2 bag (MCAP), for Foxglove, "
+        "'ros2 bag' and 'iits-mj replay-stage'",
+        metavar="DIR",
+    )
     json: bool = option(False, help="print the summary as one JSON object")
 
 
@@ -169,6 +175,11 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
         if kept.can_log is not None:
             log = stack.enter_context(BusLog(kept.can_log, simulation))
             observers.append(log)
+        if kept.bag is not None:
+            # rosbags is loaded by those who want bags.
+            from iits_mj.bag.writer import BagWriter
+
+            observers.append(stack.enter_context(BagWriter(kept.bag, simulation)))
         if isinstance(simulation.driver, LogDriver):
             observers.append(simulation.driver)
         try:

@@ -27,6 +27,7 @@ from iits_mj.simulation.parts import load_map, make_stack, make_traffic
 from iits_mj.simulation.signals import read_signals
 from iits_mj.simulation.start import check_start
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
+from iits_mj.simulation.tap import Tap
 from iits_mj.truck import Truck
 from traffic_bridge import Mirror, MixedSim, Recorder, RepSim, Traffic, VehicleFrame
 
@@ -76,6 +77,7 @@ class Simulation(Closing):
         self.timestep = timestep
         self.route: Route = load_map(config.map).route()
         self.mirror = Mirror(visuals=visuals)
+        self._taps: list[Tap] = []
 
         def edit(spec: mujoco.MjSpec) -> None:
             self.mirror.add_to(spec)
@@ -188,7 +190,10 @@ class Simulation(Closing):
         for _ in range(self._cycle_steps // self._control_steps):
             ego = self._observe()
             self._drive_on(ego)
-            self._command = self.path.pass_on(self.driver.control(ego), self.time)
+            wanted = self.driver.control(ego)
+            self._command = self.path.pass_on(wanted, self.time)
+            for tap in self._taps:
+                tap.commanded(ego, wanted, self._command)
             self.truck.command(self._command)
             if self._log is not None:
                 self._log.note_command(self.time, self._command)
@@ -256,6 +261,16 @@ class Simulation(Closing):
         """Ends the drive after the present cycle, for an observer that has seen enough."""
         self.ended = self.ended or reason
 
+    def listen(self, tap: Tap) -> None:
+        """Lets a tap hear every plan and command from now on, and the plan that stands."""
+        self._taps.append(tap)
+        tap.planned(self.scene, self.trajectory)
+
+    def forget(self, tap: Tap) -> None:
+        """Ends what `listen` began; nothing where it did not."""
+        if tap in self._taps:
+            self._taps.remove(tap)
+
     def save_recording(self, path: Path) -> Path:
         """Writes the traffic and the truck's way through it, for `Recording.load`.
 
@@ -313,6 +328,8 @@ class Simulation(Closing):
         signals = read_signals(self.traffic, ego, self.route, self.truck.footprint)
         self.scene = Scene(ego.time, ego, self.vehicles, self.truck.footprint, signals)
         self.trajectory = self.driver.plan(self.scene)
+        for tap in self._taps:
+            tap.planned(self.scene, self.trajectory)
 
     def _mirror(self, *, new: bool = False) -> None:
         """Moves the traffic's bodies to where they are now; `new` after a step of the traffic.

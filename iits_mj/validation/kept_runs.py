@@ -18,8 +18,8 @@ from iits_mj.validation.config import ValidateConfig
 _KINDS = ("*.py", "*.toml", "*.csv", "*.xml", "*.npz")
 # What only shows, judges or learns from a drive does not change it; a drive of the trained policy
 # is told by its weights' own digest, and the fast world drives no MuJoCo truck.
-_NOT_DRIVING = {"validation", "render", "commands", "identification", "suite", "envs", "scale"}
-_NOT_DRIVING |= {"learning", "weights", "fast_world"}
+_NOT_DRIVING = {"validation", "render", "commands", "identification", "suite", "envs"}
+_NOT_DRIVING |= {"learning", "weights", "fast_world", "scale", "bag"}
 
 
 @functools.cache

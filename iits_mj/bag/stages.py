@@ -1,0 +1,254 @@
+"""Runs one module of a recorded drive again, on exactly what it was told, and compares.
+
+The other modules stand still: they are the bag. With the code and the settings of then a stage says
+the same, bit for bit; with another decision maker, planner or truck the comparison shows what that
+one does in the same situations.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from controllers.decision.base import DecisionContext, DecisionMaker
+from controllers.stack import Stack
+from iits_mj.bag.reader import Bag
+from iits_mj.errors import Error, InputError
+from iits_mj.messages import Decision, EgoState, Scene, Trajectory, VehicleCommand
+from iits_mj.parameters import TruckParameters
+from iits_mj.simulation.config import DriveConfig
+from iits_mj.simulation.log_driver import nothing_planned
+from iits_mj.simulation.loop import Simulation
+from iits_mj.simulation.parts import load_map, make_stack, make_traffic
+from traffic_bridge import VehicleFrame
+
+# Values that are alike or not.
+_WORDS = (str, type(None), dict)
+STAGES = ("traffic", "decision", "planning", "control", "vehicle")
+
+
+@dataclass
+class Comparison:
+    """How far a stage's outputs are from the recorded ones.
+
+    Attributes:
+      stage: which; count: outputs compared; differing: of those, not the same in every bit.
+      first: time of the first that differs [s], None without one.
+      largest: greatest distance of each quantity, by its name; inf where one is not comparable.
+    """
+
+    stage: str
+    count: int = 0
+    differing: int = 0
+    first: float | None = None
+    largest: dict[str, float] = field(default_factory=dict)
+
+    def add(self, time: float, then: Any, now: Any) -> None:
+        """Compares an output, a dataclass, with the recorded one."""
+        self.count += 1
+        same = True
+        for name, one, other in _parts(then, now, ""):
+            apart = _distance(one, other)
+            if apart != 0.0:
+                same = False
+                self.largest[name] = max(self.largest.get(name, 0.0), apart)
+        if not same:
+            self.differing += 1
+            self.first = time if self.first is None else self.first
+
+
+def run_stage(bag: Bag, stage: str, map_path: Path | None = None, **changes: Any) -> Comparison:
+    """Runs a stage on a bag's inputs.
+
+    Args:
+      bag: of a drive.
+      stage: one of `STAGES`.
+      map_path: of a drive on another map than the built-in one.
+      **changes: of the drive's options, to replace a module's settings.
+
+    Raises:
+      InputError: unknown stage, or the drive's options cannot be had again.
+      TrafficError: SUMO failed.
+    """
+    stages: dict[str, Callable[[Bag, DriveConfig], Comparison]] = {
+        "traffic": _traffic,
+        "decision": _decision,
+        "planning": _planning,
+        "control": _control,
+        "vehicle": _vehicle,
+    }
+    if stage not in stages:
+        raise InputError(f"stage {stage!r} is unknown; allowed are: {', '.join(STAGES)}")
+    return stages[stage](bag, bag.config(map_path, **changes))
+
+
+class _Recorded:
+    """A decision maker that gives the recorded answers, and may ask another one beside."""
+
+    name = "recorded"
+
+    def __init__(self, bag: Bag, beside: DecisionMaker | None, result: Comparison) -> None:
+        self._decided = bag.decided
+        self._beside, self._result = beside, result
+        self.reset()
+
+    def reset(self) -> None:
+        self._next = 0
+        if self._beside is not None:
+            self._beside.reset()
+
+    def decide(self, context: DecisionContext) -> Decision:
+        if self._next >= len(self._decided):
+            raise Error(f"the bag has no decision of t = {context.scene.time:.2f} s")
+        then = self._decided[self._next]
+        self._next += 1
+        if self._beside is not None:
+            now = dataclasses.replace(then, decision=self._beside.decide(context))
+            self._result.add(then.time, then, now)
+        return then.decision
+
+
+def _stack(config: DriveConfig) -> Stack:
+    return make_stack(config, load_map(config.map).route(), TruckParameters.load())
+
+
+def _decision(bag: Bag, config: DriveConfig) -> Comparison:
+    result = Comparison("decision")
+    stack = _stack(config)
+    stack.decision_maker = _Recorded(bag, stack.decision_maker, result)
+    stack.reset()
+    for scene in bag.scenes:
+        stack.plan(_framed(scene))
+    return result
+
+
+def _planning(bag: Bag, config: DriveConfig) -> Comparison:
+    result = Comparison("planning")
+    stack = _stack(config)
+    stack.decision_maker = _Recorded(bag, None, result)
+    stack.reset()
+    for scene, then in zip(bag.scenes, bag.trajectories, strict=True):
+        result.add(scene.time, then, stack.plan(_framed(scene)))
+    return result
+
+
+def _control(bag: Bag, config: DriveConfig) -> Comparison:
+    result = Comparison("control")
+    tracker = _stack(config).tracker
+    tracker.reset()
+    plans = iter(zip(bag.scenes, bag.trajectories, strict=True))
+    plan, due = None, next(plans, None)
+    for ego, then in zip(bag.states, bag.wanted, strict=True):
+        # A plan holds from the instant of its scene on.
+        while due is not None and due[0].time <= ego.time + 1e-9:
+            plan, due = due[1], next(plans, None)
+        if plan is None:
+            raise InputError(f"the bag has no plan for t = {ego.time:.2f} s")
+        result.add(ego.time, then, tracker.command(ego, plan))
+    return result
+
+
+class _Player:
+    """A driver that gives the recorded commands, and compares the states it sees."""
+
+    last_decision = Decision.KEEP
+    lane_changes = refused = 0
+
+    def __init__(self, bag: Bag, result: Comparison) -> None:
+        self._bag, self._result = bag, result
+        self.reset()
+
+    def reset(self) -> None:
+        self._next = 0
+
+    def plan(self, scene: Scene) -> Trajectory:
+        return nothing_planned(scene.time)
+
+    def control(self, ego: EgoState) -> VehicleCommand:
+        number = self._next
+        self._next += 1
+        if number >= len(self._bag.obeyed):
+            raise Error(f"the bag has no command of t = {ego.time:.2f} s")
+        self._result.add(ego.time, self._bag.states[number], ego)
+        return self._bag.obeyed[number]
+
+    def reference_speed(self, station: float) -> float:
+        del station
+        return math.nan
+
+
+def _vehicle(bag: Bag, config: DriveConfig) -> Comparison:
+    """The truck on an empty road: what it touched in the drive is not there."""
+    result = Comparison("vehicle")
+    alone = dataclasses.replace(
+        config, traffic_mode="none", recording=None, events=None, commands="direct"
+    )
+    with Simulation(
+        alone, driver=lambda *_: _Player(bag, result), visuals=False, timestep=bag.timestep
+    ) as simulation:
+        cycles = math.ceil((bag.states[-1].time - bag.states[0].time + 0.02) / 0.1 - 1e-6)
+        for _ in range(cycles):
+            if not simulation.ended:
+                simulation.cycle()
+    return result
+
+
+def _traffic(bag: Bag, config: DriveConfig) -> Comparison:
+    result = Comparison("traffic")
+    route = load_map(config.map).route()
+    traffic = make_traffic(config, route, bag.scenes[0].footprint)
+    if traffic is None:
+        raise InputError("the bag's drive had no traffic")
+    with contextlib.closing(traffic):
+        for number, then in enumerate(bag.scenes):
+            step = traffic.step if number else traffic.reset
+            vehicles = tuple(VehicleFrame.of(step(then.ego)))
+            result.add(then.time, then, dataclasses.replace(then, vehicles=vehicles))
+    return result
+
+
+def _framed(scene: Scene) -> Scene:
+    """The scene with its vehicles as the simulation gives them."""
+    return dataclasses.replace(scene, vehicles=VehicleFrame.of(scene.vehicles))
+
+
+def _parts(then: Any, now: Any, name: str) -> Iterable[tuple[str, Any, Any]]:
+    """Name and both values of everything in two messages."""
+    if dataclasses.is_dataclass(then) and type(then) is type(now):
+        for part in dataclasses.fields(then):
+            inside = f"{name}.{part.name}" if name else part.name
+            yield from _parts(getattr(then, part.name), getattr(now, part.name), inside)
+    elif _messages(then) and _messages(now) and len(then) == len(now):
+        for one, other in zip(then, now, strict=True):
+            yield from _parts(one, other, name)
+    else:
+        yield name, then, now
+
+
+def _messages(value: Any) -> bool:
+    return isinstance(value, (tuple, list)) and bool(value) and dataclasses.is_dataclass(value[0])
+
+
+def _distance(one: Any, other: Any) -> float:
+    """0 where two values are the same in every bit; inf where they cannot be subtracted."""
+    if isinstance(one, _WORDS) or isinstance(other, _WORDS):
+        return 0.0 if one == other else math.inf
+    try:
+        first, second = (np.atleast_1d(np.asarray(v, dtype=float)) for v in (one, other))
+    except (TypeError, ValueError):
+        return 0.0 if one == other else math.inf
+    if first.shape != second.shape:
+        return math.inf
+    if first.size == 0 or first.tobytes() == second.tobytes():
+        return 0.0
+    apart = np.abs(first - second)
+    apart[first == second] = 0.0
+    worst = float(np.max(apart))
+    return math.inf if math.isnan(worst) else max(worst, math.ulp(0.0))

@@ -1,0 +1,75 @@
+"""Run one module of a recorded drive again, on exactly what it was told, and compare what it says.
+
+The bag is one of 'iits-mj drive --bag DIR'. With the code and the settings of then the outputs are
+the same, bit for bit. --decision and --payload put another one in the module's place: the table
+shows how far it is from the recorded one in the same situations. Exit code 0 when all is the same,
+1 when something differs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from controllers.decision import NAMES
+from iits_mj.bag.reader import read_bag
+from iits_mj.bag.stages import STAGES, Comparison, run_stage
+from iits_mj.commands.output import ResultOptions, finish
+from iits_mj.options import option
+from iits_mj.results import Check, Results
+
+# Of many quantities that differ, these many are shown, the names in their order.
+_SHOWN = 12
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(ResultOptions):
+    """Flags of `iits-mj replay-stage`."""
+
+    bag: Path = option(help="of the drive", positional=True, metavar="DIR")
+    stage: str = option("all", help="which module", choices=("all", *STAGES))
+    map: Path | None = option(
+        None, help="OpenDRIVE file of a drive that was not on the built-in map", metavar="FILE"
+    )
+    decision: str | None = option(
+        None, help="another decision maker in the recorded one's place", choices=NAMES
+    )
+    payload: float | None = option(
+        None, help="another load of the truck", unit="kg", low=0.0, high=36_000.0, metavar="KG"
+    )
+
+
+def run(options: Options) -> int:
+    """Runs the stages and shows how far they are apart; 0 or 1."""
+    return finish(options, lambda: compare(options))
+
+
+def compare(options: Options) -> Results:
+    """One check a stage, and the greatest distances of what differs."""
+    bag = read_bag(options.bag)
+    changes: dict[str, Any] = {
+        name: getattr(options, name)
+        for name in ("decision", "payload")
+        if getattr(options, name) is not None
+    }
+    stages: tuple[str, ...] = STAGES if options.stage == "all" else (options.stage,)
+    if options.stage == "all" and bag.options["traffic_mode"] == "none":
+        stages = tuple(name for name in stages if name != "traffic")
+    results = Results("replay-stage", seed=int(bag.options["seed"]))
+    for name in stages:
+        _tell(results, run_stage(bag, name, options.map, **changes))
+    return results
+
+
+def _tell(results: Results, found: Comparison) -> None:
+    name = f"{found.stage}: outputs that differ, of {found.count}"
+    results.checks.append(Check(name, float(found.differing), "1", 0.0, "<= 0"))
+    if found.first is None:
+        return
+    results.notes.append(f"{found.stage}: differs first at t = {found.first:.2f} s")
+    for quantity in sorted(found.largest)[:_SHOWN]:
+        results.notes.append(f"  {quantity}: at most {found.largest[quantity]:.4g} apart")
+    left = len(found.largest) - _SHOWN
+    if left > 0:
+        results.notes.append(f"  and {left} quantities more")
