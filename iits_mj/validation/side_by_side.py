@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Any, TypeVar
 
@@ -130,7 +130,9 @@ def _interrupts_held() -> Iterator[None]:
 def _end(workers: set[multiprocessing.process.BaseProcess]) -> None:
     for worker in workers:
         if worker.pid is not None and worker.is_alive():
-            os.kill(worker.pid, signal.SIGINT)
+            # It may have ended, and been waited for by the pool, since it was asked.
+            with suppress(ProcessLookupError):
+                os.kill(worker.pid, signal.SIGINT)
     for worker in workers:
         worker.join(_LEAVE_TIME)
         if worker.is_alive():

@@ -12,11 +12,26 @@ import pytest
 
 from iits_mj import suite
 
+_made = []
+
+
+def _load(*args, **settings):
+    _made.append(suite.load(*args, **settings))
+    return _made[-1]
+
+
+@pytest.fixture(autouse=True)
+def _no_sumo_left_behind():
+    yield
+    while _made:
+        _made.pop().close()
+
 
 def _theirs(name, tasks):
     """A test module of dm_control's suite in which `suite` is ours, with some of its tasks."""
     chosen = types.SimpleNamespace(**{n: getattr(suite, n) for n in suite.__all__})
     chosen.ALL_TASKS = tasks
+    chosen.load = _load
     chosen.REWARD_VIZ = tuple(task for task in suite.REWARD_VIZ if task in tasks)
     chosen.TASKS_BY_DOMAIN = {"truck": tuple(task for _, task in tasks)}
     path = Path(dm_control.suite.__file__).with_name(f"{name}.py")
@@ -34,21 +49,24 @@ def _theirs(name, tasks):
 # SUMO's task takes as long as all the others together.
 _SUMO = tuple(task for task in suite.ALL_TASKS if task == ("truck", "highway"))
 _OTHERS = tuple(task for task in suite.ALL_TASKS if task not in _SUMO)
-_OF_OTHERS = _theirs("suite_test", _OTHERS).SuiteTest
-_OF_SUMO = _theirs("suite_test", _SUMO).SuiteTest
-_CONSTANTS = _theirs("loader_test", suite.ALL_TASKS).LoaderConstantsTest
+# In a dictionary: pytest collects every TestCase that a module names.
+_BASES = {
+    "others": _theirs("suite_test", _OTHERS).SuiteTest,
+    "sumo": _theirs("suite_test", _SUMO).SuiteTest,
+    "constants": _theirs("loader_test", suite.ALL_TASKS).LoaderConstantsTest,
+}
 
 
-class TestSuite(_OF_OTHERS):
+class TestSuite(_BASES["others"]):
     pass
 
 
 @pytest.mark.slow
-class TestHighway(_OF_SUMO):
+class TestHighway(_BASES["sumo"]):
     pass
 
 
-class TestLoaderConstants(_CONSTANTS):
+class TestLoaderConstants(_BASES["constants"]):
     pass
 
 
