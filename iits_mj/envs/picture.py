@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from typing import Any
 
 import mujoco
@@ -17,6 +18,7 @@ from iits_mj.suite.physics import CAMERAS
 
 RENDER_MODES = ["rgb_array", "human"]
 RENDER_SIZE = (360, 640)
+_LEAVE_TIME = 5.0  # [s]
 
 
 class Picture(Closing):
@@ -44,6 +46,7 @@ class Picture(Closing):
         self._mode, self._camera, self._prefix = mode, prefix + camera, prefix
         self._renderer: Offscreen | None = None
         self._window: Any = None
+        self._threads: set[threading.Thread] = set()
         self._model: mujoco.MjModel | None = None
 
     def draw(self, model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.uint8] | None:
@@ -72,7 +75,9 @@ class Picture(Closing):
         if self._window is None:
             import mujoco.viewer
 
+            before = set(threading.enumerate())
             self._window = mujoco.viewer.launch_passive(model, data)
+            self._threads = set(threading.enumerate()) - before
             follow(self._window, model, self._prefix)
         self._window.sync()
 
@@ -84,6 +89,9 @@ class Picture(Closing):
         if self._window is not None:
             self._window.close()
             self._window = None
+            # The viewer draws in a thread; Python must not end before it has.
+            for thread in self._threads:
+                thread.join(_LEAVE_TIME)
         self._model = None
 
     def _change_to(self, model: mujoco.MjModel) -> None:

@@ -1,8 +1,12 @@
 import subprocess
 import sys
+import threading
+import time
+import types
 import warnings
 
 import gymnasium
+import mujoco.viewer
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
@@ -207,6 +211,40 @@ def test_pictures_are_of_the_size_that_is_told():
     assert picture.shape == (360, 640, 3)
     assert picture.std() > 10.0
     environment.close()
+
+
+def test_a_window_is_followed_and_its_thread_has_ended_when_it_is_closed(monkeypatch):
+    class Window:
+        def __init__(self):
+            self.cam = types.SimpleNamespace()
+            self.drawn, self._closed = 0, threading.Event()
+            self.thread = threading.Thread(target=self._draw, daemon=True)
+            self.thread.start()
+
+        def _draw(self):
+            self._closed.wait()
+            time.sleep(0.2)
+
+        def sync(self):
+            self.drawn += 1
+
+        def close(self):
+            self._closed.set()
+
+    made = []
+    monkeypatch.setenv("DISPLAY", ":99")
+    monkeypatch.setattr(
+        mujoco.viewer, "launch_passive", lambda model, data: made.append(Window()) or made[-1]
+    )
+    environment = CruiseEnv(render_mode="human")
+    environment.reset(seed=0)
+    for _ in range(3):
+        environment.step(np.zeros(1, np.float32))
+    assert environment.render() is None
+    environment.close()
+    (window,) = made
+    assert window.drawn == 4
+    assert not window.thread.is_alive()
 
 
 def test_two_highways_in_one_process_are_each_what_they_are_alone(highway):
