@@ -167,10 +167,7 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
             Simulation(job.config, driver=job.driver, visuals=kept.video)
         )
         telemetry = stack.enter_context(Telemetry(kept.out / "telemetry.csv"))
-        film, notes = _open_film(kept, simulation)
         observers: list[Observer] = [telemetry]
-        if film is not None:
-            observers.append(stack.enter_context(film))
         log = None
         if kept.can_log is not None:
             log = stack.enter_context(BusLog(kept.can_log, simulation))
@@ -180,6 +177,10 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
             from iits_mj.bag.writer import BagWriter
 
             observers.append(stack.enter_context(BagWriter(kept.bag, simulation)))
+        # Last what complains on stderr when another one cannot be opened.
+        film, notes = _open_film(kept, simulation)
+        if film is not None:
+            observers.append(stack.enter_context(film))
         if isinstance(simulation.driver, LogDriver):
             observers.append(simulation.driver)
         try:

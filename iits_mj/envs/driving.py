@@ -10,9 +10,9 @@ from dm_control.rl import control
 from numpy.typing import NDArray
 
 from iits_mj import suite
+from iits_mj.actions import read_action
 from iits_mj.envs.flat import Flat
 from iits_mj.envs.picture import RENDER_MODES, Picture
-from iits_mj.errors import InputError
 from iits_mj.suite.tasks import DrivingTask
 
 Observation = NDArray[np.float32]
@@ -104,11 +104,12 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         return self._flat(step.observation), self._info()
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Holds the action for 0.1 s."""
-        values = np.asarray(action, dtype=float)
-        if values.shape != self.action_space.shape or not np.isfinite(values).all():
-            raise InputError(f"action {action!r}: {self.action_space.shape} finite numbers wanted")
-        step = self._environment.step(values)
+        """Holds the action for 0.1 s.
+
+        Raises:
+          InputError: not one finite number for each of the task's actions.
+        """
+        step = self._environment.step(read_action(action, (len(self._task.actions),)))
         # dm_env tells a failure (discount 0) from the end of the time (discount 1).
         terminated = bool(step.last() and step.discount == 0.0)
         truncated = bool(step.last() and not terminated)

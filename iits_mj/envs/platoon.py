@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.actions import read_action
 from iits_mj.closing import Closing
 from iits_mj.envs.flat import Flat
 from iits_mj.envs.picture import RENDER_MODES, Picture
@@ -185,9 +186,7 @@ class PlatoonEnv(Closing):
         if set(actions) != set(self.agents):
             raise InputError(f"actions of {sorted(actions)} were given, wanted are {self.agents}")
         for agent, task, physics in zip(self.agents, self._tasks, self._physics, strict=True):
-            values = np.asarray(actions[agent], dtype=float)
-            if values.shape != (len(task.actions),) or not np.isfinite(values).all():
-                raise InputError(f"action of {agent} {values!r}: two finite numbers wanted")
+            values = read_action(actions[agent], (len(task.actions),), f"action of {agent}")
             task.before_step(values, physics)
         self.fleet.step(round(CONTROL_TIMESTEP / TIMESTEP))
         self._set_speed()

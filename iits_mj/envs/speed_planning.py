@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.surroundings import Neighbor
+from iits_mj.actions import read_action
 from iits_mj.envs.picture import RENDER_MODES, Picture
 from iits_mj.errors import InputError
 from iits_mj.messages import Scene, SpeedProfile
@@ -141,9 +142,7 @@ class SpeedPlanningEnv(gymnasium.Env[Observation, Action]):
         Raises:
           InputError: the action is not one finite number, or no episode was begun.
         """
-        values = np.asarray(action, dtype=float)
-        if values.shape != (1,) or not np.isfinite(values).all():
-            raise InputError(f"action {action!r}: one finite number wanted")
+        values = read_action(action, (1,))
         simulation = self._running()
         share = 0.5 * (1.0 + float(np.clip(values[0], -1.0, 1.0)))
         self._reference.speed = self._speed * (SLOWEST + share * (FASTEST - SLOWEST))

@@ -17,6 +17,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
+from iits_mj.actions import read_action
 from iits_mj.envs.driving import (
     Action,
     CruiseEnv,
@@ -84,9 +85,8 @@ class DrivingVectorEnv(SyncVectorEnv):
         Raises:
           InputError: actions of another shape, or not finite.
         """
-        values = np.asarray(actions, dtype=float)
-        if values.shape != self.action_space.shape or not np.isfinite(values).all():
-            raise InputError(f"actions: {self.action_space.shape} finite numbers wanted")
+        shape = self.num_envs, len(self._members[0].task.actions)
+        values = read_action(actions, shape, "actions")
         resetting = self.autoreset_mode == AutoresetMode.NEXT_STEP
         driven = [i for i in range(self.num_envs) if not (resetting and self._autoreset_envs[i])]
         for number in driven:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from controllers.decision import NAMES
+from controllers.decision.policy import load_policy
 from controllers.decision.seeds import SEEDS_EACH, TEST_SEEDS, VALIDATION_SEEDS
 from controllers.decision.trip import CELLS, TripConfig
 from iits_mj import options
@@ -154,7 +155,7 @@ def run(
       drive_all: drives tasks; default: `drive_trials`.
 
     Raises:
-      InputError: a method is unknown, the file of trials is not usable, or weights are missing.
+      InputError: the file of trials is not usable, or the weights are not.
       TasksError: some could not be driven; what was is in the file.
     """
     say = say or _to_stderr
@@ -162,6 +163,9 @@ def run(
     wanted = tasks_of(config)
     if not config.drive:
         return _found(config, wanted, say)
+    if "ddqn" in config.names():
+        # Weights that cannot drive are refused before the first trial.
+        load_policy(config.weights)
     if config.file is None:
         return _run(config, wanted, {}, progress, drive_all)
     with evaluate_rows.alone(config.file):

@@ -8,10 +8,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from types import ModuleType
 
+import numpy as np
 import pytest
 from evaluate_rows_of import die_once, task, trial
 
 from controllers.decision import seeds
+from controllers.decision.network import QNetwork
 from controllers.decision.policy import SHIPPED
 from iits_mj.errors import InputError, TrafficError
 from iits_mj.validation import evaluate_rows, kept_runs, trial_drives, trials
@@ -151,7 +153,7 @@ def test_other_weights_are_driven_and_the_rules_are_kept(tmp_path):
     )
     run(config, drive_all=Fake())
     policy = tmp_path / "policy.npz"
-    policy.write_bytes(b"another policy")
+    QNetwork.random(np.random.default_rng(0)).save(policy)
     other = Fake()
     rows = run(replace(config, weights=policy), drive_all=other)
     assert [(t.method, t.weights) for t in other.driven] == [
@@ -162,6 +164,18 @@ def test_other_weights_are_driven_and_the_rules_are_kept(tmp_path):
     assert len(evaluate_rows.read_trials(config.file, print)) == 4
     assert trials.weights_digest("aggressive", policy) == ""
     assert trials.weights_digest("ddqn", None) == trials.weights_digest("ddqn", SHIPPED)
+
+
+def test_weights_that_cannot_drive_are_refused_before_the_first_trial(tmp_path):
+    policy = tmp_path / "policy.npz"
+    policy.write_bytes(b"no weights")
+    config = EvaluateConfig(trials=1, methods="keep,ddqn", weights=policy, jobs=1)
+    idle = Fake()
+    with pytest.raises(InputError, match=r"policy\.npz.* is not a readable npz"):
+        run(config, drive_all=idle)
+    assert idle.driven == []
+    # Who does not ask for the policy does not need it.
+    assert len(run(replace(config, methods="keep"), drive_all=idle)) == len(idle.driven) > 0
 
 
 def test_weights_that_change_while_trials_are_driven_are_refused(tmp_path):

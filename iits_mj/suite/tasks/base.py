@@ -14,6 +14,7 @@ from dm_control.utils import rewards
 from dm_env import specs
 from numpy.typing import NDArray
 
+from iits_mj.actions import read_action
 from iits_mj.messages import TransmissionMode, VehicleCommand, XbrMode
 from iits_mj.suite.observed import BENDING, INSTRUMENTS, WITHOUT_GEAR, Observed
 from iits_mj.suite.physics import Physics
@@ -63,8 +64,12 @@ class DrivingTask(base.Task, abc.ABC):
         return specs.BoundedArray(full.shape, np.float64, -full, full, name=names)
 
     def before_step(self, action: Any, physics: Physics) -> None:
-        """Turns the action into the truck's command; values outside [-1, 1] are clipped."""
-        values = np.clip(np.asarray(action, dtype=float).ravel(), -1.0, 1.0)
+        """Turns the action into the truck's command; values outside [-1, 1] are clipped.
+
+        Raises:
+          InputError: not one finite number for each of `actions`.
+        """
+        values = np.clip(read_action(action, (len(self.actions),)), -1.0, 1.0)
         named = dict(zip(self.actions, values.tolist(), strict=True))
         drive = named["drive"]
         physics.command(

@@ -12,6 +12,7 @@ from dm_control.utils import rewards
 from dm_env import specs
 
 from controllers.decision.observation import RANGE_AHEAD, RANGE_BEHIND, ROWS
+from iits_mj.actions import read_action
 from iits_mj.messages import Decision
 from iits_mj.suite.highway import HighwayPhysics
 from iits_mj.suite.observed import INSTRUMENTS, Observed
@@ -72,8 +73,12 @@ class Highway(base.Task):
         super().initialize_episode(physics)
 
     def before_step(self, action: Any, physics: HighwayPhysics) -> None:
-        """Tells the stack what to do when it next asks."""
-        value = float(np.asarray(action, dtype=float).ravel()[0])
+        """Tells the stack what to do when it next asks.
+
+        Raises:
+          InputError: not one finite number.
+        """
+        value = float(read_action(action, (len(self.actions),))[0])
         decision = Decision.KEEP
         if abs(value) > 1.0 / 3.0:
             decision = Decision.LEFT if value > 0.0 else Decision.RIGHT
