@@ -7,7 +7,6 @@ the rank correlations say which parameter one would have to know better.
 
 from __future__ import annotations
 
-import csv
 import hashlib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -29,8 +28,8 @@ from iits_mj.validation.montecarlo_samples import (
     Sample,
     SampleTask,
     drawn_truck,
-    sample_code,
 )
+from iits_mj.validation.row_files import write_table
 from iits_mj.validation.single_lane_change import PBS_FACTOR
 
 FloatArray = NDArray[np.float64]
@@ -88,11 +87,6 @@ def tasks_of(config: MonteCarloConfig) -> list[SampleTask]:
     return [SampleTask(seed, config.payload, config.timestep, digest) for seed in seeds]
 
 
-def usable(rows: Sequence[Sample]) -> list[Sample]:
-    """Rows that the present code drove."""
-    return [row for row in rows if row.code == sample_code()]
-
-
 def describe(task: SampleTask) -> str:
     """A sample in a few words."""
     return "the shipped truck" if task.seed == NOMINAL else f"truck {task.seed}"
@@ -132,15 +126,7 @@ def write_samples(path: Path, config: MonteCarloConfig, rows: Sequence[Sample]) 
     for row in sorted(rows, key=lambda row: row.seed):
         factors = drawn_truck(spread, row.seed).factors
         table.append({**asdict(row), **{f"factor_{name}": v for name, v in factors.items()}})
-    beside = path.with_suffix(".part")
-    try:
-        with beside.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.DictWriter(stream, list(table[0]))
-            writer.writeheader()
-            writer.writerows(table)
-        beside.replace(path)
-    except OSError as error:
-        raise InputError(f"{str(path)!r} cannot be written: {error.strerror}") from error
+    write_table(path, list(table[0]), table, "trucks")
 
 
 def _spread_file(config: MonteCarloConfig) -> Path:

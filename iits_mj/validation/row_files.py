@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, TypeVar
@@ -49,12 +49,24 @@ def write_rows(path: Path, row_type: type[Row], rows: Iterable[Row], what: str) 
     Raises:
       InputError: it cannot be written.
     """
+    names = [f.name for f in fields(row_type)]  # type: ignore[arg-type]
+    write_table(path, names, (asdict(row) for row in rows), what)  # type: ignore[call-overload]
+
+
+def write_table(
+    path: Path, names: Sequence[str], rows: Iterable[Mapping[str, Any]], what: str
+) -> None:
+    """Writes rows with these columns as `write_rows` does.
+
+    Raises:
+      InputError: it cannot be written.
+    """
     beside = path.with_suffix(".part")
     try:
         with beside.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.DictWriter(stream, [f.name for f in fields(row_type)])  # type: ignore[arg-type]
+            writer = csv.DictWriter(stream, names)
             writer.writeheader()
-            writer.writerows(asdict(row) for row in rows)  # type: ignore[call-overload]
+            writer.writerows(rows)
         beside.replace(path)
     except OSError as error:
         raise InputError(f"file of {what} {str(path)!r} cannot be written: {error}") from error
