@@ -158,6 +158,18 @@ class PathTask(DrivingTask):
         found["steering_wheel_angle"] = np.array([physics.steering_wheel_angle()])
         return found
 
+    def path_terms(self, physics: Physics, lane_room: float) -> dict[str, float]:
+        """`lane`: steer axle within `lane_room` [m] of the path; `trailer`: its axles; `speed`."""
+        near = (self.target - 1.0, self.target + 1.0)
+        room = (-lane_room, lane_room)
+        return {
+            "lane": float(rewards.tolerance(self.lane_error(physics), room, margin=1.0)),
+            "trailer": float(
+                rewards.tolerance(self.trailer_error(physics), (-0.4, 0.4), margin=1.5)
+            ),
+            "speed": float(rewards.tolerance(physics.speed(), near, margin=8.0)),
+        }
+
     def get_termination(self, physics: Physics) -> float | None:
         """Ends the episode, with discount 0, off the path or rolled over."""
         left = abs(self.lane_error(physics)) > self.off_path

@@ -82,12 +82,8 @@ class LaneChange(PathTask):
 
     def reward_terms(self, physics: Physics) -> dict[str, float]:
         """`lane`, `trailer`: on the track; `speed`: near 60 km/h; `upright`: lateral comfort."""
-        near = (self.target - 1.0, self.target + 1.0)
         sideways = abs(physics.lateral_acceleration())
-        trailer = self.trailer_error(physics)
         return {
-            "lane": float(rewards.tolerance(self.lane_error(physics), (-0.2, 0.2), margin=1.0)),
-            "trailer": float(rewards.tolerance(trailer, (-0.4, 0.4), margin=1.5)),
-            "speed": float(rewards.tolerance(physics.speed(), near, margin=8.0)),
+            **self.path_terms(physics, 0.2),
             "upright": float(rewards.tolerance(sideways, (0.0, 2.0), margin=2.0)),
         }

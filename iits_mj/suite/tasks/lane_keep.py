@@ -52,12 +52,8 @@ class LaneKeep(PathTask):
 
     def reward_terms(self, physics: Physics) -> dict[str, float]:
         """`lane` and `trailer`: in the middle; `speed`: near 20 m/s; `comfort`: lateral."""
-        near = (self.target - 1.0, self.target + 1.0)
         sideways = abs(physics.lateral_acceleration())
-        trailer = self.trailer_error(physics)
         return {
-            "lane": float(rewards.tolerance(self.lane_error(physics), (-0.15, 0.15), margin=1.0)),
-            "trailer": float(rewards.tolerance(trailer, (-0.4, 0.4), margin=1.5)),
-            "speed": float(rewards.tolerance(physics.speed(), near, margin=8.0)),
+            **self.path_terms(physics, 0.15),
             "comfort": float(rewards.tolerance(sideways, (0.0, 1.5), margin=2.0)),
         }
