@@ -23,6 +23,7 @@ FloatArray = NDArray[np.float64]
 VERGE = (1.3, 0.05)  # [m] width of the gravel strip and its fall
 RIBBON = np.array([1.3, 3.0, 5.0, 8.0, 13.0, 20.0, 30.0, 45.0, 65.0])
 DIVE = 3.0  # [m] that the ribbons' outer rim lies below the far ground, so that they meet cleanly
+OVERLAP = 1.0  # [m] that the ribbons of two stretches of road share
 TUNNEL_COVER = 9.6  # [m] least ground above the road of a tunnel
 TUNNEL_HILL = 17.0
 VALLEY_DEPTH = 15.0
@@ -136,14 +137,17 @@ class Landscape:
         # The road's tilt ends at the verge: heights are set below, not taken from the tilt.
         points = part.across(edge[:, None] + reach)
         rim = part.z + edge * part.tilt
-        ground, _ = self.height(points[..., 0], points[..., 1])
+        ground, distance = self.height(points[..., 0], points[..., 1])
         ditch = rim[:, None] - np.interp(wide, [1.3, 3.0, 5.0, 8.0], [VERGE[1], 0.35, 0.75, 0.95])
         share = smoothstep(4.0, 20.0, wide)
         points[..., 2] = (1.0 - share) * ditch + share * ground
+        normals = _grid_normals(points)
+        # Ground nearer to another stretch of road, inside a tight bend, is drawn by that one.
+        points[..., 2] -= np.clip(np.abs(reach) - distance - OVERLAP, 0.0, DIVE)
         points[:, -1, 2] -= DIVE
         if side > 0:
-            points = points[:, ::-1]
-        return points, _grid_normals(points)
+            points, normals = points[:, ::-1], normals[:, ::-1]
+        return points, normals
 
     def _limit(self, part: Corridor, reach: FloatArray) -> FloatArray:
         """Distances that stay short of the centre of the bend on its inner side, (n, k)."""
