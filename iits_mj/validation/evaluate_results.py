@@ -114,11 +114,11 @@ def _cell_checks(cell: CellFigures) -> list[Check]:
             f"<= {ROOM_MIN:g}" if cell.trivial else "< 0",
         ),
         Check(
-            label + ", p",
+            label + ", p" + ("" if cell.winnable or cell.trivial else " (no stronger rule wins)"),
             cell.holm,
             "1",
             f"t {versus.t_p:.2g}, Wilcoxon {versus.wilcoxon_p:.2g}",
-            "" if cell.trivial else f"< {SIGNIFICANT:g}",
+            f"< {SIGNIFICANT:g}" if cell.winnable else "",
         ),
     ]
     if (more := cell.more_changes.get("aggressive")) is not None:

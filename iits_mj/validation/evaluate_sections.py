@@ -14,8 +14,10 @@ from iits_mj.validation.evaluate_figures import (
     RIVAL,
     ROOM_MIN,
     RULES,
+    STRONGER,
     CellFigures,
     over_all,
+    stronger_text,
 )
 from iits_mj.validation.evaluate_results import WORLD_TEXT, difference_text
 from iits_mj.validation.evaluate_tables import Section
@@ -117,8 +119,10 @@ def _verdicts(cells: Sequence[CellFigures]) -> Section:
         "p < 0.05 after Holm's correction for the number of cells. A cell is trivial when the best "
         f"of the paper's rules ({', '.join(RULES)}) loses less than {ROOM_MIN:g} points more than "
         "the free road, so that even no traffic at all would gain less than counts, and the policy "
-        "does not lose that much more; or when the intervals of all four overlap and the test "
-        "tells nothing.",
+        "does not lose that much more. Where neither of the stronger rules "
+        f"({', '.join(STRONGER)}) is better than the best rule beyond chance (p < 0.05 in either "
+        "test, not corrected), nothing is shown to be left to win, and no p is asked for; the "
+        "lowest mean is.",
     ]
     level = over_all(cells, POLICY, RIVAL)
     if level is not None:
@@ -138,6 +142,7 @@ def _verdicts(cells: Sequence[CellFigures]) -> Section:
                 f"{versus.wilcoxon_p:.2g}",
                 f"{cell.holm:.2g}",
                 f"{cell.room:.2f}",
+                stronger_text(cell),
                 cell.reason if cell.trivial else "",
             )
         )
@@ -153,6 +158,7 @@ def _verdicts(cells: Sequence[CellFigures]) -> Section:
             "p (Wilcoxon)",
             "p (t, Holm)",
             "room [points]",
+            "stronger rules less it [points]",
             "why",
         ),
         tuple(rows),
