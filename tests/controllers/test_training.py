@@ -379,20 +379,12 @@ def test_trips_begin_anywhere_and_fit_the_road():
 
 
 def test_all_trips_are_charged_as_asked_for():
-    config = TrainConfig(change_charge=25.0, dense_change_charge=10.0, discount=0.97)
+    config = TrainConfig(change_charge=25.0, discount=0.97)
     trips = [trip for _, trip, _ in validation_trips(config, 1)]
-    trips += [sample_trip(config, np.random.default_rng(k)) for k in range(40)]
-    assert {(t.reward.discount, t.reward.danger) for t in trips} == {(0.97, 20.0)}
-    charges = {}
-    for trip in trips:
-        charges.setdefault(trip.spawn_probability, set()).add(trip.reward.change)
-    assert charges[0.05] == {10.0}
-    assert charges[0.02] == charges[0.005] == {25.0}
-    between = [(p, *found) for p, found in charges.items() if 0.02 < p < 0.05]
-    assert between
-    for probability, charge in between:
-        assert charge == pytest.approx(25.0 - 15.0 * (probability - 0.02) / 0.03)
-    assert {10.0} in [found for p, found in charges.items() if p > 0.05]
+    trips += [sample_trip(config, np.random.default_rng(k)) for k in range(5)]
+    assert {(t.reward.change, t.reward.discount, t.reward.danger) for t in trips} == {
+        (25.0, 0.97, 20.0)
+    }
 
 
 def test_validation_trips_are_the_same_each_time_and_no_training_trips():

@@ -9,10 +9,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from controllers.decision.reward import RewardConfig
-from controllers.decision.trip import SPAWN_PROBABILITY
 from iits_mj import options as option_fields
 from iits_mj.errors import InputError
 from iits_mj.options import option
@@ -120,13 +117,6 @@ class TrainConfig(LearnerConfig):
         low=0.0,
         high=1e4,
     )
-    dense_change_charge: float = option(
-        75.0,
-        help="the same where traffic is as dense as in the dense cells or denser; between them and "
-        "the medium ones in proportion",
-        low=0.0,
-        high=1e4,
-    )
     random_share: float = option(
         0.4, help="share of trips with randomized traffic and load", low=0.0, high=1.0
     )
@@ -185,16 +175,9 @@ class TrainConfig(LearnerConfig):
             )
 
 
-def reward(config: TrainConfig, spawn_probability: float) -> RewardConfig:
-    """Of a trip of a training or validation in traffic of that density.
-
-    The bound on lane changes is the aggressive rule's count, which grows with density: one charge
-    for all traffic would leave a part of it unused.
-    """
-    densities = (SPAWN_PROBABILITY["medium"], SPAWN_PROBABILITY["dense"])
-    charges = (config.change_charge, config.dense_change_charge)
-    charge = float(np.interp(spawn_probability, densities, charges))
-    return RewardConfig(change=charge, discount=config.discount)
+def reward(config: TrainConfig) -> RewardConfig:
+    """Of all trips of a training, those of validations too."""
+    return RewardConfig(change=config.change_charge, discount=config.discount)
 
 
 def settings(config: TrainConfig) -> dict[str, Any]:

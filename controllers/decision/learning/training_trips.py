@@ -24,7 +24,8 @@ _KEEPS_RIGHT = 0.3
 def sample_trip(config: TrainConfig, generator: np.random.Generator) -> TripConfig:
     """A trip of the training mixture: one of the six cells, or a randomized traffic and load."""
     density, speed = CELLS[int(generator.integers(len(CELLS)))]
-    trip = cell_trip(density, speed, TripConfig(duration=config.trip_duration))
+    base = TripConfig(duration=config.trip_duration, reward=reward(config))
+    trip = cell_trip(density, speed, base)
     if generator.random() < config.random_share:
         trip = replace(
             trip,
@@ -34,7 +35,7 @@ def sample_trip(config: TrainConfig, generator: np.random.Generator) -> TripConf
             reference_speed=float(generator.uniform(*_REFERENCES)),
             keeps_right=bool(generator.random() < _KEEPS_RIGHT),
         )
-    return start_anywhere(_charged(trip, config), generator)
+    return start_anywhere(trip, generator)
 
 
 def start_anywhere(trip: TripConfig, generator: np.random.Generator) -> TripConfig:
@@ -57,11 +58,6 @@ def validation_trips(
     for cell, (density, speed) in enumerate(CELLS):
         for trip in range(count):
             generator = np.random.default_rng(VALIDATION_SEEDS + 1000 * cell + trip)
-            base = TripConfig(duration=config.validation_duration)
-            driven = _charged(cell_trip(density, speed, base), config)
+            base = TripConfig(duration=config.validation_duration, reward=reward(config))
             name = f"validation trip {trip} in {density} traffic at {speed:g} m/s"
-            yield name, start_anywhere(driven, generator), generator
-
-
-def _charged(trip: TripConfig, config: TrainConfig) -> TripConfig:
-    return replace(trip, reward=reward(config, trip.spawn_probability))
+            yield name, start_anywhere(cell_trip(density, speed, base), generator), generator
