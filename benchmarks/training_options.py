@@ -21,8 +21,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 # What makes a short training tell something.
-SHORT = ["--change-charge", "40", "--dense-change-charge", "40"]
-SHORT += ["--discount", "0.99", "--updates-per-decision", "0.5"]
+SHORT = ["--change-charge", "40", "--discount", "0.99", "--updates-per-decision", "0.5"]
 # What is left out of the defaults, or put in the place of one.
 OPTIONS = {
     "defaults": [],
