@@ -12,10 +12,12 @@ from typing import Any
 
 import gymnasium
 
+from controllers.decision.observation import FEATURES, FRAME_AGES, FRAME_SHAPE, ROWS
+from controllers.decision.observation import __doc__ as observation_text
 from iits_mj import suite
 from iits_mj.envs import driving
 from iits_mj.envs.driving import DrivingEnv, TaskEnv
-from iits_mj.envs.highway import HighwayEnv, HighwayFastEnv
+from iits_mj.envs.highway import DecisionEnv, HighwayEnv, HighwayFastEnv
 from iits_mj.envs.platoon import PlatoonEnv
 from iits_mj.envs.speed_planning import SpeedPlanningEnv
 from iits_mj.suite import tasks
@@ -97,6 +99,7 @@ def _highway() -> str:
         _NOTE,
         _picture("highway", "Highway"),
         _body(HighwayEnv),
+        _decision_observation(),
         "## Arguments\n\n" + _arguments(HighwayEnv),
         "## In dm_control",
         f'`suite.load("truck", "highway")`: {limit.splitlines()[0]}',
@@ -118,6 +121,7 @@ def _other(name: str) -> str:
         shown,
         f'`gymnasium.make("iits_mj/{name}-v0")`',
         _body(kind),
+        _decision_observation() if issubclass(kind, DecisionEnv) else "",
         "## Arguments\n\n" + _arguments(kind),
     )
 
@@ -222,6 +226,27 @@ def _observations(kind: type[DrivingTask | tasks.Highway], heading: str = "##") 
         place += told.size
     head = ("num", "observation", "meaning", "unit", "scale", "from")
     return f"{heading} Observations\n\n" + _table(head, rows)
+
+
+def _decision_observation() -> str:
+    """Where in the 216 numbers each one stands, and the features as their module tells them."""
+    rows, features = FRAME_SHAPE
+    lines = [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in (observation_text or "").splitlines()
+        if line.startswith("|")
+    ]
+    # Below the heading and its rule, in the order of the numbers.
+    told = [(str(place), f"`{FEATURES[place]}`", *line[1:]) for place, line in enumerate(lines[2:])]
+    ages = ", ".join(f"{age:g}" for age in FRAME_AGES)
+    names = ", ".join(f"{place} `{name}`" for place, name in enumerate(ROWS))
+    return (
+        "## Observations\n\n"
+        f"Number {rows * features} x frame + {features} x row + feature. Frames: those of {ages} s "
+        f"ago. Rows: {names}; a row is zero where there is no vehicle. Features, each divided by "
+        "its scale and clipped to [-1, 1]:\n\n"
+        + _table(("feature", "name", "the truck's row", "other rows", "scale"), told)
+    )
 
 
 def _rewards(kind: type[DrivingTask | tasks.Highway], text: str, heading: str = "##") -> str:

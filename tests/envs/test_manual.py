@@ -1,9 +1,11 @@
+import re
 from pathlib import Path
 
 import gymnasium
 import numpy as np
 import pytest
 
+from controllers.decision.observation import FEATURES, SCALE
 from iits_mj import suite
 from iits_mj.envs import ENVIRONMENTS, manual
 from iits_mj.envs.platoon import PlatoonEnv
@@ -37,6 +39,17 @@ def test_what_a_page_tells_of_a_task_is_what_the_task_does(task):
     assert set(kind.reward_terms(environment.physics)) == set(kind.terms)
     assert environment.action_spec().shape == (len(kind.actions),)
     environment.close()
+
+
+def test_the_decisions_observation_is_told_feature_by_feature():
+    for name in ("highway.md", "highway_fast.md"):
+        page = manual.pages()[name]
+        rows = [line for line in page.splitlines() if re.match(r"\| \d \| `", line)][
+            : len(FEATURES)
+        ]
+        cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
+        assert [cell[1] for cell in cells] == [f"`{feature}`" for feature in FEATURES]
+        assert [float(cell[-1].split()[0]) for cell in cells] == SCALE.tolist()
 
 
 def test_the_names_in_the_xml_are_there():
