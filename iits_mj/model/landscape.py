@@ -23,7 +23,8 @@ FloatArray = NDArray[np.float64]
 VERGE = (1.3, 0.05)  # [m] width of the gravel strip and its fall
 RIBBON = np.array([1.3, 3.0, 5.0, 8.0, 13.0, 20.0, 30.0, 45.0, 65.0])
 DIVE = 3.0  # [m] that the ribbons' outer rim lies below the far ground, so that they meet cleanly
-OVERLAP = 1.0  # [m] that the ribbons of two stretches of road share
+BISECTIONS = 8  # of where the ground of two stretches of road meets
+OVERLAP = 4.5  # [m] that the ribbons of two stretches of road share
 TUNNEL_COVER = 9.6  # [m] least ground above the road of a tunnel
 TUNNEL_HILL = 17.0
 VALLEY_DEPTH = 15.0
@@ -133,21 +134,36 @@ class Landscape:
         self, part: Corridor, edge: FloatArray, side: float
     ) -> tuple[FloatArray, FloatArray]:
         wide = self._ribbon_reach
-        reach = self._limit(part, side * wide)
+        reach = np.minimum(wide, self._own(part, edge, side)[:, None])
         # The road's tilt ends at the verge: heights are set below, not taken from the tilt.
-        points = part.across(edge[:, None] + reach)
+        points = part.across(edge[:, None] + side * reach)
         rim = part.z + edge * part.tilt
-        ground, distance = self.height(points[..., 0], points[..., 1])
-        ditch = rim[:, None] - np.interp(wide, [1.3, 3.0, 5.0, 8.0], [VERGE[1], 0.35, 0.75, 0.95])
-        share = smoothstep(4.0, 20.0, wide)
-        points[..., 2] = (1.0 - share) * ditch + share * ground
-        normals = _grid_normals(points)
-        # Ground nearer to another stretch of road, inside a tight bend, is drawn by that one.
-        points[..., 2] -= np.clip(np.abs(reach) - distance - OVERLAP, 0.0, DIVE)
-        points[:, -1, 2] -= DIVE
+        ground, _ = self.height(points[..., 0], points[..., 1])
+        ditch = np.interp(reach, [1.3, 3.0, 5.0, 8.0], [VERGE[1], 0.35, 0.75, 0.95])
+        share = smoothstep(4.0, 20.0, reach)
+        points[..., 2] = (1.0 - share) * (rim[:, None] - ditch) + share * ground
+        points[:, -1, 2] -= np.where(reach[:, -1] < wide[-1], 0.0, DIVE)
         if side > 0:
-            points, normals = points[:, ::-1], normals[:, ::-1]
-        return points, normals
+            points = points[:, ::-1]
+        return points, _grid_normals(points)
+
+    def _own(self, part: Corridor, edge: FloatArray, side: float) -> FloatArray:
+        """How far ground is its own stretch of road's: where another one is not nearer, (n,)."""
+        wide = self._ribbon_reach
+
+        def beyond(reach: FloatArray) -> NDArray[np.bool_]:
+            points = part.across(edge[:, None] + side * reach)[..., :2]
+            distance, index = self._nearest.query(points)
+            return np.asarray(reach - distance + self._half_width[index] > OVERLAP)
+
+        found = beyond(np.broadcast_to(wide, (len(edge), len(wide))))
+        first = np.argmax(found, axis=1)
+        low, high = np.where(first > 0, wide[first - 1], 0.0), wide[first]
+        for _ in range(BISECTIONS):
+            middle = 0.5 * (low + high)
+            far = beyond(middle[:, None])[:, 0]
+            low, high = np.where(far, low, middle), np.where(far, middle, high)
+        return np.where(found.any(axis=1), high, np.inf)
 
     def _limit(self, part: Corridor, reach: FloatArray) -> FloatArray:
         """Distances that stay short of the centre of the bend on its inner side, (n, k)."""

@@ -6,10 +6,11 @@ import pytest
 from scipy.interpolate import LinearNDInterpolator
 
 from iits_mj.model.corridor import MARKING_LIFT, Corridor, markings, run_outs
-from iits_mj.model.landscape import Landscape, is_plain
+from iits_mj.model.landscape import OVERLAP, Landscape, is_plain
 from iits_mj.model.road_scene import ROAD_GROUP, add_road
 from iits_mj.model.structures import tunnel
 from iits_mj.road import RoadMap, Route
+from iits_mj.suite.roads import turn
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +50,24 @@ def test_road_touches_nothing(model):
     assert not model.geom_contype.any()
     assert not model.geom_conaffinity.any()
     assert np.all(model.geom_group == ROAD_GROUP)
+
+
+def test_inside_a_bend_each_stretch_of_road_draws_its_own_ground():
+    route = turn()
+    corridor = Corridor.sample(route, np.arange(0.0, route.length, 2.0))
+    landscape = Landscape(route, corridor)
+    ground = [shape for material, shape in landscape.ribbons(corridor) if material == "road_grass"]
+    reaches = []
+    for shape, edge in zip(ground, (corridor.left, corridor.right), strict=True):
+        points = shape.vertices.reshape(len(edge), -1, 3)
+        rim = corridor.across(edge)
+        reach = np.linalg.norm(points[..., :2] - rim[:, None, :2], axis=-1)
+        _, nearest = landscape.height(points[..., 0], points[..., 1])
+        # Where another stretch is nearer, it is not by more than the two share.
+        assert np.max(reach - nearest) < OVERLAP + 0.5
+        reaches.append(reach.max())
+    # On the outer side, and away from the bend, the ground goes on to where the far one begins.
+    assert min(reaches) > 100.0
 
 
 def test_drawn_asphalt_and_paint_lie_on_the_road(model, highway):
