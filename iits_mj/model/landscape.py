@@ -25,6 +25,8 @@ RIBBON = np.array([1.3, 3.0, 5.0, 8.0, 13.0, 20.0, 30.0, 45.0, 65.0])
 DIVE = 3.0  # [m] that the ribbons' outer rim lies below the far ground, so that they meet cleanly
 BISECTIONS = 8  # of where the ground of two stretches of road meets
 OVERLAP = 4.5  # [m] that the ribbons of two stretches of road share
+BEHIND_CENTER = 1.0  # [m] that they reach beyond the center of their own bend
+SHARED_FALL = 0.4  # [m] that each of them falls there
 TUNNEL_COVER = 9.6  # [m] least ground above the road of a tunnel
 TUNNEL_HILL = 17.0
 VALLEY_DEPTH = 15.0
@@ -142,6 +144,8 @@ class Landscape:
         ditch = np.interp(reach, [1.3, 3.0, 5.0, 8.0], [VERGE[1], 0.35, 0.75, 0.95])
         share = smoothstep(4.0, 20.0, reach)
         points[..., 2] = (1.0 - share) * (rim[:, None] - ditch) + share * ground
+        # Where two ribbons share ground, each falls below the other beyond the middle.
+        points[..., 2] -= np.where(reach < wide, SHARED_FALL, 0.0)
         points[:, -1, 2] -= np.where(reach[:, -1] < wide[-1], 0.0, DIVE)
         if side > 0:
             points = points[:, ::-1]
@@ -163,7 +167,9 @@ class Landscape:
             middle = 0.5 * (low + high)
             far = beyond(middle[:, None])[:, 0]
             low, high = np.where(far, low, middle), np.where(far, middle, high)
-        return np.where(found.any(axis=1), high, np.inf)
+        inner = np.maximum(side * part.curvature, 1e-9)
+        center = 1.0 / inner - side * edge + BEHIND_CENTER
+        return np.minimum(np.where(found.any(axis=1), high, np.inf), center)
 
     def _limit(self, part: Corridor, reach: FloatArray) -> FloatArray:
         """Distances that stay short of the centre of the bend on its inner side, (n, k)."""
