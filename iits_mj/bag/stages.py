@@ -21,10 +21,10 @@ from controllers.decision.base import DecisionContext, DecisionMaker
 from controllers.stack import Stack
 from iits_mj.bag.reader import Bag
 from iits_mj.errors import Error, InputError
-from iits_mj.messages import Decision, EgoState, Scene, Trajectory, VehicleCommand
+from iits_mj.messages import Decision, EgoState, Scene, VehicleCommand
 from iits_mj.parameters import TruckParameters
+from iits_mj.simulation.command_player import CommandPlayer
 from iits_mj.simulation.config import DriveConfig
-from iits_mj.simulation.log_driver import nothing_planned
 from iits_mj.simulation.loop import Simulation
 from iits_mj.simulation.parts import load_map, make_stack, make_traffic
 from traffic_bridge import VehicleFrame
@@ -155,43 +155,21 @@ def _control(bag: Bag, config: DriveConfig) -> Comparison:
     return result
 
 
-class _Player:
-    """A driver that gives the recorded commands, and compares the states it sees."""
-
-    last_decision = Decision.KEEP
-    lane_changes = refused = 0
-
-    def __init__(self, bag: Bag, result: Comparison) -> None:
-        self._bag, self._result = bag, result
-        self.reset()
-
-    def reset(self) -> None:
-        self._next = 0
-
-    def plan(self, scene: Scene) -> Trajectory:
-        return nothing_planned(scene.time)
-
-    def control(self, ego: EgoState) -> VehicleCommand:
-        number = self._next
-        self._next += 1
-        if number >= len(self._bag.obeyed):
-            raise Error(f"the bag has no command of t = {ego.time:.2f} s")
-        self._result.add(ego.time, self._bag.states[number], ego)
-        return self._bag.obeyed[number]
-
-    def reference_speed(self, station: float) -> float:
-        del station
-        return math.nan
-
-
 def _vehicle(bag: Bag, config: DriveConfig) -> Comparison:
     """The truck on an empty road: what it touched in the drive is not there."""
     result = Comparison("vehicle")
+
+    def recorded(number: int, ego: EgoState) -> VehicleCommand:
+        if number >= len(bag.obeyed):
+            raise Error(f"the bag has no command of t = {ego.time:.2f} s")
+        result.add(ego.time, bag.states[number], ego)
+        return bag.obeyed[number]
+
     alone = dataclasses.replace(
         config, traffic_mode="none", recording=None, events=None, commands="direct"
     )
     with Simulation(
-        alone, driver=lambda *_: _Player(bag, result), visuals=False, timestep=bag.timestep
+        alone, driver=lambda *_: CommandPlayer(recorded), visuals=False, timestep=bag.timestep
     ) as simulation:
         cycles = math.ceil((bag.states[-1].time - bag.states[0].time + 0.02) / 0.1 - 1e-6)
         for _ in range(cycles):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -10,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from iits_mj.errors import Error, InputError
-from iits_mj.messages import Decision, EgoState, Scene, Trajectory, VehicleCommand
+from iits_mj.messages import EgoState, VehicleCommand
 from iits_mj.road import Route
+from iits_mj.simulation.command_player import CommandPlayer
 from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.drive_log import StateHash, truck_versions
 from iits_mj.simulation.frame import Frame
-from iits_mj.simulation.log_driver import nothing_planned
 from iits_mj.simulation.loop import Simulation
 from iits_mj.simulation.parts import load_map
 from iits_mj.simulation.recorded_options import FILES, options_of
@@ -44,42 +45,6 @@ class Redriven(NamedTuple):
     truck_hash: str
 
 
-class CommandPlayer:
-    """A `Driver` that gives recorded commands, whatever happens."""
-
-    last_decision = Decision.KEEP
-    lane_changes = refused = 0
-
-    def __init__(self, recording: Recording) -> None:
-        self._recording = recording
-        self.reset()
-
-    def reset(self) -> None:
-        """Back to the first command."""
-        self._next = 0
-
-    def plan(self, scene: Scene) -> Trajectory:
-        """Plans nothing."""
-        return nothing_planned(scene.time)
-
-    def control(self, ego: EgoState) -> VehicleCommand:
-        """The next command.
-
-        Raises:
-          RedriveError: there is none of this time.
-        """
-        times = self._recording.command_time
-        if self._next >= len(times) or abs(times[self._next] - ego.time) > 1e-6:
-            raise RedriveError(f"the recording has no command of t = {ego.time:.2f} s")
-        self._next += 1
-        return self._recording.command_at(self._next - 1)
-
-    def reference_speed(self, station: float) -> float:
-        """Not a number: the recording does not tell."""
-        del station
-        return float("nan")
-
-
 def redrive(
     recording: Recording,
     name: str,
@@ -106,7 +71,7 @@ def redrive(
     def driver(_: Route, truck: Truck) -> CommandPlayer:
         found = recording.meta["drive"].get("versions")
         demand_same(found, truck_versions(truck.parameters), name)
-        return CommandPlayer(recording)
+        return CommandPlayer(functools.partial(_recorded, recording))
 
     with Simulation(config, driver=driver, traffic=lambda *_: traffic, visuals=False) as again:
         hashes, poses = StateHash(again.truck), PoseDigest()
@@ -157,3 +122,11 @@ def _config(recording: Recording, name: str, map_path: Path | None) -> DriveConf
         return DriveConfig(**{**options, **files, "map": map_path, "commands": "direct"})
     except (TypeError, InputError) as error:
         raise InputError(f"{name}: its options are not usable: {error}") from error
+
+
+def _recorded(recording: Recording, number: int, ego: EgoState) -> VehicleCommand:
+    """A command of the recording; RedriveError when there is none of this time."""
+    times = recording.command_time
+    if number >= len(times) or abs(times[number] - ego.time) > 1e-6:
+        raise RedriveError(f"the recording has no command of t = {ego.time:.2f} s")
+    return recording.command_at(number)

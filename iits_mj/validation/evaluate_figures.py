@@ -83,11 +83,10 @@ class CellFigures:
 
         The tests are not corrected: in doubt there is something to win.
         """
-        if not self.stronger or any(d.count < FEWEST for d in self.stronger.values()):
+        others = self.stronger.values()
+        if self.trivial or not others or any(d.count < FEWEST for d in others):
             return not self.trivial
-        return not self.trivial and any(
-            d.mean < 0.0 and min(d.t_p, d.wilcoxon_p) < SIGNIFICANT for d in self.stronger.values()
-        )
+        return any(d.mean < 0.0 and min(d.t_p, d.wilcoxon_p) < SIGNIFICANT for d in others)
 
 
 def figures(
