@@ -1,0 +1,110 @@
+"""How far two files of `iits-mj evaluate` agree: two worlds, or two time steps.
+
+    python benchmarks/trial_agreement.py full.csv fast.csv
+
+Prints, as Markdown, the speed loss above the free road [%] and the lane changes of each cell and
+method in both files, and what the rows come to together. Differences are over the seeds of both:
+of the same traffic where both files are of the full chain, else of traffic of the same kind.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import spearmanr
+
+from controllers.decision.trip import CELLS
+from iits_mj.validation.evaluate_figures import CellFigures, figures
+from iits_mj.validation.evaluate_rows import read_trials
+from iits_mj.validation.evaluate_statistics import Estimate, estimate
+
+METHODS = ("conservative", "neutral", "aggressive", "mobil", "lookahead", "ddqn")
+HEADER = "| cell | method | trips | loss | its loss | difference | changes | its changes |"
+
+
+@dataclass(frozen=True)
+class Row:
+    """A method in a cell: loss above the free road [%] and changes in both files, difference."""
+
+    cell: str
+    method: str
+    loss: tuple[float, float]
+    changes: tuple[float, float]
+    difference: Estimate
+
+    def __str__(self) -> str:
+        """A row of the table."""
+        apart = self.difference
+        return (
+            f"| {self.cell} | {self.method} | {apart.count} | {self.loss[0]:.2f} | "
+            f"{self.loss[1]:.2f} | {apart.mean:+.2f} ± {apart.half:.2f} | "
+            f"{self.changes[0]:.2f} | {self.changes[1]:.2f} |"
+        )
+
+
+def cells_of(path: Path) -> dict[str, CellFigures]:
+    """The figures of a file by cell."""
+    if not path.exists():
+        sys.exit(f"file of trials {str(path)!r} does not exist")
+    trials = list(read_trials(path, print).values())
+    return {cell.name: cell for cell in figures(trials, CELLS, METHODS)}
+
+
+def compare(first: CellFigures, second: CellFigures, method: str) -> Row:
+    """A method's figures over the seeds that both files have."""
+    kept = [{trial.seed: trial for trial in cell.trials[method]} for cell in (first, second)]
+    seeds = sorted(set(kept[0]) & set(kept[1]))
+    loss = np.array([[100.0 * trials[seed].speed_loss for seed in seeds] for trials in kept])
+    loss -= [[first.floor], [second.floor]]
+    changes = [float(np.mean([trials[seed].changes for seed in seeds])) for trials in kept]
+    return Row(
+        first.name,
+        method,
+        (float(loss[0].mean()), float(loss[1].mean())),
+        (changes[0], changes[1]),
+        estimate(loss[1] - loss[0]),
+    )
+
+
+def together(rows: list[Row]) -> list[str]:
+    """What the rows come to."""
+    lines = []
+    for name in ("loss", "changes"):
+        one, two = np.array([getattr(row, name) for row in rows]).T
+        text = f"{name}: mean absolute difference {np.abs(two - one).mean():.2f}"
+        if len(rows) > 2:
+            text += f", correlation {np.corrcoef(one, two)[0, 1]:.3f}"
+        lines.append(text)
+    cells = [[row for row in rows if row.cell == name] for name in {row.cell: 0 for row in rows}]
+    losses = [np.array([row.loss for row in cell]) for cell in cells if len(cell) > 2]
+    if losses:
+        ranks = np.mean([spearmanr(pair).statistic for pair in losses])
+        lines.append(f"rank correlation of the methods, mean over the cells: {ranks:.3f}")
+    return lines
+
+
+def main() -> None:
+    """Prints the table of two files."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("first", type=Path)
+    parser.add_argument("second", type=Path)
+    asked = parser.parse_args()
+    first, second = cells_of(asked.first), cells_of(asked.second)
+    rows = [
+        compare(first[name], second[name], method)
+        for name in first
+        if name in second
+        for method in METHODS
+        if method in first[name].trials and method in second[name].trials
+    ]
+    if not rows:
+        sys.exit("no method is in both files in the same cell")
+    print(HEADER, "|---|---|---|---|---|---|---|---|", *rows, "", *together(rows), sep="\n")
+
+
+if __name__ == "__main__":
+    main()
