@@ -2,9 +2,9 @@
 
     python benchmarks/trial_agreement.py full.csv fast.csv
 
-Prints, as Markdown, the speed loss above the free road [%] and the lane changes of each cell and
-method in both files, and what the rows come to together. Differences are over the seeds of both:
-of the same traffic where both files are of the full chain, else of traffic of the same kind.
+Prints, as Markdown, the speed loss [%] and the lane changes of each cell and method in both files,
+the loss on the free road, and what the rows come to together. Differences are over the seeds of
+both: of the same traffic where both files are of the full chain, else of traffic of the same kind.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ HEADER = "| cell | method | trips | loss | its loss | difference | changes | its
 
 @dataclass(frozen=True)
 class Row:
-    """A method in a cell: loss above the free road [%] and changes in both files, difference."""
+    """A method in a cell: loss [%] and changes in both files, and the difference of the losses."""
 
     cell: str
     method: str
@@ -59,7 +59,6 @@ def compare(first: CellFigures, second: CellFigures, method: str) -> Row:
     kept = [{trial.seed: trial for trial in cell.trials[method]} for cell in (first, second)]
     seeds = sorted(set(kept[0]) & set(kept[1]))
     loss = np.array([[100.0 * trials[seed].speed_loss for seed in seeds] for trials in kept])
-    loss -= [[first.floor], [second.floor]]
     changes = [float(np.mean([trials[seed].changes for seed in seeds])) for trials in kept]
     return Row(
         first.name,
@@ -104,6 +103,12 @@ def main() -> None:
     if not rows:
         sys.exit("no method is in both files in the same cell")
     print(HEADER, "|---|---|---|---|---|---|---|---|", *rows, "", *together(rows), sep="\n")
+    floors = [
+        f"{name}: {first[name].floor:.2f}, {second[name].floor:.2f}"
+        for name in first
+        if name in second
+    ]
+    print("free road:", "; ".join(floors))
 
 
 if __name__ == "__main__":
