@@ -10,6 +10,7 @@ both: of the same traffic where both files are of the full chain, else of traffi
 from __future__ import annotations
 
 import argparse
+import itertools
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,11 +19,18 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from controllers.decision.trip import CELLS
-from iits_mj.validation.evaluate_figures import CellFigures, figures
+from iits_mj.validation.evaluate_figures import (
+    POLICY,
+    RULES,
+    STRONGER,
+    CellFigures,
+    figures,
+    same_seeds,
+)
 from iits_mj.validation.evaluate_rows import read_trials
 from iits_mj.validation.evaluate_statistics import Estimate, estimate
 
-METHODS = ("conservative", "neutral", "aggressive", "mobil", "lookahead", "ddqn")
+METHODS = (*RULES, *STRONGER, POLICY)
 HEADER = "| cell | method | trips | loss | its loss | difference | changes | its changes |"
 
 
@@ -56,10 +64,11 @@ def cells_of(path: Path) -> dict[str, CellFigures]:
 
 def compare(first: CellFigures, second: CellFigures, method: str) -> Row:
     """A method's figures over the seeds that both files have."""
-    kept = [{trial.seed: trial for trial in cell.trials[method]} for cell in (first, second)]
-    seeds = sorted(set(kept[0]) & set(kept[1]))
-    loss = np.array([[100.0 * trials[seed].speed_loss for seed in seeds] for trials in kept])
-    changes = [float(np.mean([trials[seed].changes for seed in seeds])) for trials in kept]
+    pairs = same_seeds(first.trials[method], second.trials[method])
+    loss = np.array([[100.0 * trial.speed_loss for trial in pair] for pair in pairs]).T
+    changes = [
+        float(np.mean([trial.changes for trial in trials])) for trials in zip(*pairs, strict=True)
+    ]
     return Row(
         first.name,
         method,
@@ -78,7 +87,7 @@ def together(rows: list[Row]) -> list[str]:
         if len(rows) > 2:
             text += f", correlation {np.corrcoef(one, two)[0, 1]:.3f}"
         lines.append(text)
-    cells = [[row for row in rows if row.cell == name] for name in {row.cell: 0 for row in rows}]
+    cells = [list(cell) for _, cell in itertools.groupby(rows, key=lambda row: row.cell)]
     losses = [np.array([row.loss for row in cell]) for cell in cells if len(cell) > 2]
     if losses:
         ranks = np.mean([spearmanr(pair).statistic for pair in losses])
@@ -93,21 +102,17 @@ def main() -> None:
     parser.add_argument("second", type=Path)
     asked = parser.parse_args()
     first, second = cells_of(asked.first), cells_of(asked.second)
+    shared = [name for name in first if name in second]
     rows = [
         compare(first[name], second[name], method)
-        for name in first
-        if name in second
+        for name in shared
         for method in METHODS
         if method in first[name].trials and method in second[name].trials
     ]
     if not rows:
         sys.exit("no method is in both files in the same cell")
     print(HEADER, "|---|---|---|---|---|---|---|---|", *rows, "", *together(rows), sep="\n")
-    floors = [
-        f"{name}: {first[name].floor:.2f}, {second[name].floor:.2f}"
-        for name in first
-        if name in second
-    ]
+    floors = [f"{name}: {first[name].floor:.2f}, {second[name].floor:.2f}" for name in shared]
     print("free road:", "; ".join(floors))
 
 

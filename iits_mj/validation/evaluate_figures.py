@@ -110,9 +110,15 @@ def over_all(cells: Sequence[CellFigures], first: str, second: str) -> Paired | 
         pair
         for cell in cells
         if first in cell.trials and second in cell.trials
-        for pair in _pairs(cell.trials[first], cell.trials[second])
+        for pair in same_seeds(cell.trials[first], cell.trials[second])
     ]
     return _losses(pairs) if pairs else None
+
+
+def same_seeds(first: Sequence[Trial], second: Sequence[Trial]) -> list[tuple[Trial, Trial]]:
+    """Trials of the same seeds: in one world, of the same traffic."""
+    others = {trial.seed: trial for trial in second}
+    return [(trial, others[trial.seed]) for trial in first if trial.seed in others]
 
 
 def _cell(
@@ -127,7 +133,7 @@ def _cell(
             own[name] = tuple(sorted(rows, key=lambda t: t.seed))
     loss = {name: estimate([_loss(t) for t in rows]) for name, rows in own.items()}
     pairs = {
-        name: _pairs(own[POLICY], rows)
+        name: same_seeds(own[POLICY], rows)
         for name, rows in own.items()
         if POLICY in own and name != POLICY
     }
@@ -142,7 +148,11 @@ def _cell(
         {name: estimate([t.changes for t in rows]) for name, rows in own.items()},
         {name: _losses(both) for name, both in pairs.items()},
         {name: estimate([a.changes - b.changes for a, b in both]) for name, both in pairs.items()},
-        {name: _losses(_pairs(own[name], own[best])) for name in STRONGER if best and name in own},
+        {
+            name: _losses(same_seeds(own[name], own[best]))
+            for name in STRONGER
+            if best and name in own
+        },
         float(np.mean(free)) if free else math.nan,
         best,
     )
@@ -154,12 +164,6 @@ def _loss(trial: Trial) -> float:
 
 def _losses(pairs: Sequence[tuple[Trial, Trial]]) -> Paired:
     return paired([_loss(a) for a, _ in pairs], [_loss(b) for _, b in pairs])
-
-
-def _pairs(first: Sequence[Trial], second: Sequence[Trial]) -> list[tuple[Trial, Trial]]:
-    """Trials of the same traffic."""
-    others = {trial.seed: trial for trial in second}
-    return [(trial, others[trial.seed]) for trial in first if trial.seed in others]
 
 
 def _judge(cell: CellFigures) -> CellFigures:
