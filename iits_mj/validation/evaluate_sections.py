@@ -88,8 +88,8 @@ def _paper_table(cells: Sequence[CellFigures], names: Sequence[str]) -> Section:
     sentence = (
         "Speed loss, the mean over time of (v_ref - v) / v_ref, in %: the paper's figure / ours "
         "with half of its 95 % interval (Student's t). Bold: the lowest of ours. The free road is "
-        "the same drive without traffic: what hills and the start alone take. The paper's 10.0 of "
-        "aggressive in sparse 15 is as printed, probably 1.0."
+        "the same drive without traffic: what the start, hills and the stop before the road's end "
+        "take. The paper's 10.0 of aggressive in sparse 15 is as printed, probably 1.0."
     )
     rows = []
     for cell in cells:
