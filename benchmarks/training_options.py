@@ -3,8 +3,8 @@
     python benchmarks/training_options.py --out out/options --seeds 0 1 > docs/training_options.csv
 
 Every training is a process of its own in a folder of its own; an interrupted run goes on where it
-was. A row is the mean over the last three of a training's six validations, 30 trips each in the
-fast world on seeds that training does not use; figures are those of `training.csv`.
+was. A row is one of a training's six validations, 30 trips in the fast world on seeds that training
+does not use; figures are those of `training.csv`.
 
 With the defaults' charge on changes and their discount no training of this length would leave the
 policy that never changes lanes: changes are cheaper here, what is far off counts less, and updates
@@ -37,7 +37,7 @@ OPTIONS = {
     "target-rate 0.004": ["--target-rate", "0.004"],
 }
 FIGURES = ("score_per_s", "speed_loss", "changes_per_trip", "unsafe_per_trip", "collisions")
-VALIDATIONS, LAST = 6, 3
+VALIDATIONS = 6
 
 
 def train(name: str, seed: int, decisions: int, out: Path) -> None:
@@ -54,13 +54,14 @@ def train(name: str, seed: int, decisions: int, out: Path) -> None:
         subprocess.run(command, stdout=log, stderr=log, check=True)
 
 
-def figures(name: str, seed: int, out: Path) -> list[str]:
-    """The row of a finished training."""
+def figures(name: str, seed: int, out: Path) -> list[list[str]]:
+    """The rows of a finished training, one a validation."""
     table = out / f"{name.replace(' ', '_')}-{seed}" / "training.csv"
     with table.open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))[-LAST:]
-    means = [sum(float(row[f"validation_{f}"]) for row in rows) / len(rows) for f in FIGURES]
-    return [name, str(seed), rows[-1]["decisions"], *(f"{mean:.4f}" for mean in means)]
+        return [
+            [name, str(seed), row["decisions"], *(row[f"validation_{f}"] for f in FIGURES)]
+            for row in csv.DictReader(file)
+        ]
 
 
 def main() -> None:
@@ -78,7 +79,8 @@ def main() -> None:
         list(pool.map(lambda run: train(*run, asked.decisions, asked.out), runs))
     table = csv.writer(sys.stdout, lineterminator="\n")
     table.writerow(["option", "seed", "decisions", *FIGURES])
-    table.writerows(figures(name, seed, asked.out) for name, seed in runs)
+    for name, seed in runs:
+        table.writerows(figures(name, seed, asked.out))
 
 
 if __name__ == "__main__":
