@@ -73,9 +73,12 @@ def readme_text(text: str) -> str:
 
 
 def _wavefront(mesh: mujoco.MjsMesh) -> str:
-    """A mesh of vertices and triangles as Wavefront OBJ, to a tenth of a millimetre."""
+    """A mesh of vertices and triangles as Wavefront OBJ, to a tenth of a millimetre.
+
+    Zeros have no sign: theirs is rounding, which differs from processor to processor.
+    """
     vertices = np.array(mesh.uservert).reshape(-1, 3)
     faces = np.array(mesh.userface).reshape(-1, 3) + 1
-    lines = [f"v {x:.4f} {y:.4f} {z:.4f}" for x, y, z in vertices]
+    lines = [f"v {x:z.4f} {y:z.4f} {z:z.4f}" for x, y, z in vertices]
     lines += [f"f {a} {b} {c}" for a, b, c in faces]
     return "\n".join(lines) + "\n"
