@@ -48,6 +48,11 @@ def test_shipped_files_are_what_the_builder_makes():
         assert shipped == text, f"{name} is stale: run `python -m iits_mj.model`"
 
 
+def test_meshes_have_no_signed_zeros():
+    meshes = [text for name, text in model_files().items() if name.endswith(".obj")]
+    assert meshes and not any("-0.0000" in text for text in meshes)
+
+
 def test_provenance_table_of_the_readme_is_current():
     text = (mjcf_dir() / "README.md").read_text(encoding="utf-8")
     assert text == readme_text(text), "run `python -m iits_mj.model`"
