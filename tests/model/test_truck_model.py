@@ -50,7 +50,8 @@ def test_shipped_files_are_what_the_builder_makes():
 
 def test_meshes_have_no_signed_zeros():
     meshes = [text for name, text in model_files().items() if name.endswith(".obj")]
-    assert meshes and not any("-0.0000" in text for text in meshes)
+    assert meshes
+    assert not any("-0.0000" in text for text in meshes)
 
 
 def test_provenance_table_of_the_readme_is_current():
