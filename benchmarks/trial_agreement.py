@@ -12,11 +12,13 @@ from __future__ import annotations
 import argparse
 import itertools
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy.stats import spearmanr
+from trial_files import trials_of
 
 from controllers.decision.trip import CELLS
 from iits_mj.validation.evaluate_figures import (
@@ -27,8 +29,8 @@ from iits_mj.validation.evaluate_figures import (
     figures,
     same_seeds,
 )
-from iits_mj.validation.evaluate_rows import read_trials
 from iits_mj.validation.evaluate_statistics import Estimate, estimate
+from iits_mj.validation.trials import Trial
 
 METHODS = (*RULES, *STRONGER, POLICY)
 HEADER = "| cell | method | trips | loss | its loss | difference | changes | its changes |"
@@ -56,21 +58,17 @@ class Row:
 
 def cells_of(path: Path) -> dict[str, CellFigures]:
     """The figures of a file by cell."""
-    if not path.exists():
-        sys.exit(f"file of trials {str(path)!r} does not exist")
-    trials = list(read_trials(path, print).values())
-    return {cell.name: cell for cell in figures(trials, CELLS, METHODS)}
+    return {cell.name: cell for cell in figures(trials_of(path), CELLS, METHODS)}
 
 
-def compare(first: CellFigures, second: CellFigures, method: str) -> Row:
-    """A method's figures over the seeds that both files have."""
-    pairs = same_seeds(first.trials[method], second.trials[method])
+def compare(cell: str, method: str, pairs: Sequence[tuple[Trial, Trial]]) -> Row:
+    """A method's figures over trials of the same seeds, first and second file's."""
     loss = np.array([[100.0 * trial.speed_loss for trial in pair] for pair in pairs]).T
     changes = [
         float(np.mean([trial.changes for trial in trials])) for trials in zip(*pairs, strict=True)
     ]
     return Row(
-        first.name,
+        cell,
         method,
         (float(loss[0].mean()), float(loss[1].mean())),
         (changes[0], changes[1]),
@@ -104,13 +102,13 @@ def main() -> None:
     first, second = cells_of(asked.first), cells_of(asked.second)
     shared = [name for name in first if name in second]
     rows = [
-        compare(first[name], second[name], method)
+        compare(name, method, pairs)
         for name in shared
         for method in METHODS
-        if method in first[name].trials and method in second[name].trials
+        if (pairs := same_seeds(*(f[name].trials.get(method, ()) for f in (first, second))))
     ]
     if not rows:
-        sys.exit("no method is in both files in the same cell")
+        sys.exit("no method is in both files in the same cell and on the same seeds")
     print(HEADER, "|---|---|---|---|---|---|---|---|", *rows, "", *together(rows), sep="\n")
     floors = [f"{name}: {first[name].floor:.2f}, {second[name].floor:.2f}" for name in shared]
     print("free road:", "; ".join(floors))

@@ -15,11 +15,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from trial_files import trials_of
+
 from controllers.decision.trip import CELLS
-from iits_mj.errors import InputError
 from iits_mj.validation.evaluate_figures import POLICY, RULES, CellFigures, figures, over_all
-from iits_mj.validation.evaluate_rows import read_trials
-from iits_mj.validation.evaluate_statistics import Paired
 from iits_mj.validation.trials import EMPTY, Trial
 
 METHODS = (*RULES, POLICY)
@@ -27,16 +26,6 @@ HEADER = (
     f"| cell | trips | best rule | its loss | {POLICY} | difference | p (t; Wilcoxon) | corrected "
     "| rule's changes | its changes | its changes less the rule's |"
 )
-
-
-def read_set(path: Path) -> list[Trial]:
-    """The trials of a file of `iits-mj evaluate`, without those of the free road."""
-    if not path.exists():
-        sys.exit(f"file of trials {str(path)!r} does not exist")
-    try:
-        return [trial for trial in read_trials(path, print).values() if trial.density != EMPTY]
-    except InputError as error:
-        sys.exit(str(error))
 
 
 def check_together(sets: Sequence[Sequence[Trial]]) -> None:
@@ -86,23 +75,22 @@ def row(cell: CellFigures) -> str:
     )
 
 
-def text(versus: Paired) -> str:
-    """A difference with its tests."""
-    half, tests = f"± {versus.half:.2f}", f"p = {versus.t_p:.2g}; {versus.wilcoxon_p:.2g}"
-    return f"{versus.mean:+.2f} {half}, {tests}"
-
-
 def main() -> None:
     """Prints the table of several files."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("files", type=Path, nargs="+", metavar="FILE.csv")
-    sets = [read_set(path) for path in parser.parse_args().files]
+    files = parser.parse_args().files
+    # All sets share the drives on the free road.
+    sets = [[trial for trial in trials_of(path) if trial.density != EMPTY] for path in files]
     check_together(sets)
     cells = shared(sets)
     print(HEADER, "|---" * 11 + "|", *(row(cell) for cell in cells), sep="\n")
     for rule in {cell.best: None for cell in cells}:
         if whole := over_all(cells, POLICY, rule):
-            print(f"\nall {whole.count} trips, {POLICY} less {rule}:", text(whole))
+            print(
+                f"\nall {whole.count} trips, {POLICY} less {rule}: {whole.mean:+.2f} ± "
+                f"{whole.half:.2f}, p = {whole.t_p:.2g}; {whole.wilcoxon_p:.2g}"
+            )
 
 
 if __name__ == "__main__":

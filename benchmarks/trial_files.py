@@ -1,0 +1,20 @@
+"""Files of `iits-mj evaluate`, as the benchmarks that read them take them."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from iits_mj.errors import InputError
+from iits_mj.validation.evaluate_rows import read_trials
+from iits_mj.validation.trials import Trial
+
+
+def trials_of(path: Path) -> list[Trial]:
+    """The trials of a file; the program ends with the reason when they cannot be had."""
+    if not path.exists():
+        sys.exit(f"file of trials {str(path)!r} does not exist")
+    try:
+        return list(read_trials(path, print).values())
+    except InputError as error:
+        sys.exit(str(error))
