@@ -13,13 +13,13 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.fallback import Fallback
 from controllers.planner import PlannerConfig
 from controllers.safe_stop import SafeStop
 from controllers.speed_plan import SpeedConfig
 from controllers.stack import Stack
+from iits_mj.core.arrays import FloatArray
 from iits_mj.j1939 import CommandReceiver, command_to_frames
 from iits_mj.messages import Scene
 from iits_mj.render.plots import save
@@ -29,7 +29,6 @@ from iits_mj.truck import Truck
 
 STATION, SPEED, CUT, DURATION = 10_960.0, 80.0 / 3.6, 4.0, 26.0
 CONTROL = 0.02
-FloatArray = NDArray[np.float64]
 
 
 def drive(route: Route, payload: float, stops: bool) -> FloatArray:

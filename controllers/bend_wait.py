@@ -21,10 +21,9 @@ from controllers.following import braking_profile
 from controllers.predicted_boxes import Boxes, Poses, poses, touching
 from controllers.road_preview import LanePath, RoadPreview
 from controllers.surroundings import Surroundings
+from iits_mj.core.arrays import FloatArray
 from iits_mj.messages import EgoState, LightState
 from iits_mj.parameters import TruckParameters
-
-FloatArray = NDArray[np.float64]
 
 # Bends below this radius are looked at [m].
 _RADIUS = 35.0

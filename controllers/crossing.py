@@ -17,6 +17,7 @@ from controllers.following import Lead
 from controllers.predicted_boxes import Boxes, Poses, body_boxes, poses, touching
 from controllers.road_preview import LanePath, RoadPreview
 from controllers.swept_path import swept_path
+from iits_mj.core.arrays import FloatArray
 
 if TYPE_CHECKING:
     from controllers.quintic import Quintic
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from iits_mj.messages import EgoState
     from iits_mj.parameters import TruckParameters
 
-FloatArray = NDArray[np.float64]
 
 # Seconds that are looked ahead.
 _TIMES = np.linspace(0.0, 4.0, 17)

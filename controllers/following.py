@@ -12,9 +12,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from iits_mj.core.arrays import FloatArray
 
 
 @dataclass(frozen=True)

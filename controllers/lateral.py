@@ -17,18 +17,17 @@ import operator
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.lateral_disturbance import DisturbanceObserver
 from controllers.lateral_gains import Gains, LateralConfig, LateralGains
 from controllers.lateral_model import LateralModel
 from controllers.path_view import PathView
 from controllers.steering_play import SteeringPlay
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.messages import EgoState, Trajectory
 from iits_mj.parameters import TruckParameters
 
-FloatArray = NDArray[np.float64]
 # The mass may be off by this before gains are made anew [kg].
 _MASS_STEP = 200.0
 # What steering uses of the truck's state.

@@ -9,11 +9,9 @@ before the truck is off its path.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.lateral_gains import Gains
-
-FloatArray = NDArray[np.float64]
+from iits_mj.core.arrays import FloatArray
 
 
 class DisturbanceObserver:

@@ -13,14 +13,12 @@ from dataclasses import dataclass, field, fields
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
 from controllers.lateral_model import STATES, LateralModel
 from controllers.steering_play import PlayConfig
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.lateral_model import LateralModel
 from controllers.roll_margin import rearward_amplification, roll_threshold
+from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TruckParameters
 from iits_mj.units import GRAVITY
-
-FloatArray = NDArray[np.float64]
 
 _SPEEDS = np.array([3.0, 8.0, 12.0, 16.0, 20.0, 25.0, 30.0])
 _LAG = 0.1

@@ -10,14 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.mass_state import laden_trailer, static_axle_loads
 from iits_mj.parameters import Axle, TruckParameters
 from iits_mj.tire_law import cornering_stiffness
-
-FloatArray = NDArray[np.float64]
 
 # State: lateral speed, yaw rate, trailer yaw rate, articulation, offset and heading error,
 # road wheel angle, demanded road wheel angle, integral of the offset error.

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from controllers.road_preview import LanePath
 from controllers.safety import SafetyConfig, front_gap_needed, rear_gap_needed
 from controllers.surroundings import Neighbor, Surroundings
-
-FloatArray = NDArray[np.float64]
+from iits_mj.core.arrays import FloatArray
 
 # Tried: braking as shares of the most allowed, and seconds until the truck is beside the gap.
 _BRAKING = (1.0, 0.7, 0.45, 0.25, 0.1, 0.05, 0.0)

@@ -6,11 +6,9 @@ import math
 from bisect import bisect_right
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.messages import EgoState, Trajectory
-
-FloatArray = NDArray[np.float64]
 
 
 class PathView:

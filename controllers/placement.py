@@ -9,14 +9,12 @@ trailer have the same room. What counts are all speeds from standstill to the be
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.following import curve_speed
 from controllers.lateral_model import LateralModel
 from controllers.road_preview import RoadPreview
+from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TruckParameters
-
-FloatArray = NDArray[np.float64]
 
 # Speeds at which off-tracking is computed [m/s].
 _SPEEDS = np.array([0.5, 4.0, 8.0, 12.0, 16.0, 20.0, 25.0, 30.0])

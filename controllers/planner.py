@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.change_state import Step
 from controllers.crossing import crossing_leads
@@ -35,13 +34,13 @@ from controllers.state_check import StateCheck, named_decision
 from controllers.stops import Stops
 from controllers.surroundings import Neighbor, Surroundings
 from controllers.trajectory import lead_of, lead_while_passing, on_road
+from iits_mj.core.arrays import FloatArray
 from iits_mj.messages import Decision, PlanMode, Scene, SpeedProfile, Trajectory
 from iits_mj.parameters import TruckParameters
 
 if TYPE_CHECKING:
     from iits_mj.road import Route
 
-FloatArray = NDArray[np.float64]
 
 # The last metres before a stop [m], driven slower than this [m/s]; how far the plan may there be
 # below the truck's speed [m/s].

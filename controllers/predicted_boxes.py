@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.road_preview import RoadPreview
+from iits_mj.core.arrays import FloatArray
 from iits_mj.messages import TrackedVehicle
 
-FloatArray = NDArray[np.float64]
 # Slower than this a vehicle does not turn on [m/s].
 _TURNS = 0.5
 # Columns of `table_of`: what the planner uses of a vehicle; without a pose the last three are zero.

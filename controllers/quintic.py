@@ -10,11 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 
-FloatArray = NDArray[np.float64]
 _SAMPLES = np.linspace(0.0, 1.0, 41)
 
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from iits_mj.core.arrays import FloatArray
 
 if TYPE_CHECKING:
     from iits_mj.road import Route
 
-FloatArray = NDArray[np.float64]
 # A seam turns the heading by less than this, about 1 degree a row [rad].
 SEAM_TURN = 0.02
 _ROWS = 5

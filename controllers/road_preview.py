@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.road_curvature import gradient, road_curvature, sharpest
+from iits_mj.core.arrays import FloatArray
 from iits_mj.units import GRAVITY
 
 if TYPE_CHECKING:
     from iits_mj.road import Route
 
-FloatArray = NDArray[np.float64]
 STEP = 5.0
 WIDTH_MIN = 2.75
 SAME_LANE = 0.6

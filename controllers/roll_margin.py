@@ -17,15 +17,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.lateral_model import LateralModel
+from iits_mj.core.arrays import FloatArray
 from iits_mj.mass_state import laden_trailer, static_axle_loads
 from iits_mj.parameters import TruckParameters
 from iits_mj.tire_law import cornering_stiffness
 from iits_mj.units import GRAVITY
-
-FloatArray = NDArray[np.float64]
 
 _ROLLS = np.linspace(0.002, 0.30, 150)
 

@@ -6,20 +6,18 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.following import braking_profile
 from controllers.lateral_limits import RollMargin, curve_speed_by_roll
 from controllers.road_curvature import sharpest
 from controllers.road_preview import LanePath, RoadPreview
 from controllers.speed_plan import power_acceleration, speed_cap
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.messages import EgoState, SpeedProfile
 
 if TYPE_CHECKING:
     from controllers.planner_config import PlannerConfig
-
-FloatArray = NDArray[np.float64]
 
 
 # Below this speed the truck launches as it can, up to what the reference has ahead [m/s]. The rise

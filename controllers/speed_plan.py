@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.checks import require_positive
 from controllers.following import (
@@ -21,11 +20,11 @@ from controllers.following import (
     required_deceleration,
 )
 from controllers.road_preview import LanePath, RoadPreview
+from iits_mj.core.arrays import FloatArray
 from iits_mj.messages import SpeedProfile
 from iits_mj.parameters import TruckParameters
 from iits_mj.units import GRAVITY
 
-FloatArray = NDArray[np.float64]
 # The cap is met by looking this far ahead [s]: far for a smooth onset, near for an exact end.
 _LOOK_AHEAD = (1.0, 0.4)
 # Looking ahead, a stop would be crept up to for ever: slower than this it is made by the way that

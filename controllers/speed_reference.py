@@ -12,14 +12,12 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.surroundings import Neighbor
 from iits_mj.csv_table import read_columns
 from iits_mj.errors import InputError
 from iits_mj.messages import Scene, SpeedProfile
 
-FloatArray = NDArray[np.float64]
 _SPEED_MIN, _SPEED_MAX = 0.5, 60.0  # [m/s] of a profile: at 0 the truck would stand forever
 _COLUMNS = (("station_m", "s_m", "s", "station"), ("speed_mps", "v_mps", "v", "speed"))
 

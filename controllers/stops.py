@@ -10,7 +10,6 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.bend_wait import DECELERATION, RESTS, BendWait
 from controllers.crossing_traffic import is_free
@@ -19,14 +18,13 @@ from controllers.road_preview import LanePath, RoadPreview
 from controllers.speed_plan import HOLD_REACH
 from controllers.stop_line import LightDemand, LightStop
 from controllers.surroundings import Surroundings
+from iits_mj.core.arrays import FloatArray
 from iits_mj.messages import EgoState, Scene
 from iits_mj.parameters import TruckParameters
 
 if TYPE_CHECKING:
     from controllers.change_state import Change
     from controllers.planner_config import PlannerConfig
-
-FloatArray = NDArray[np.float64]
 
 
 class Stops:

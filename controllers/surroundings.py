@@ -12,7 +12,6 @@ from controllers.road_preview import LanePath, RoadPreview
 from iits_mj.errors import InputError
 from iits_mj.messages import Scene, TrackedVehicle
 
-FloatArray = NDArray[np.float64]
 INTRUSION = 0.3
 # Clearances of bridges are 4.5 m and more, grades and crests shift heights by less than this [m].
 OTHER_LEVEL = 3.0

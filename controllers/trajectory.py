@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.following import Lead
 from controllers.quintic import Quintic
 from controllers.road_preview import LanePath, RoadPreview
 from controllers.surroundings import Neighbor
+from iits_mj.core.arrays import FloatArray
 from iits_mj.messages import Scene, Trajectory
 
-FloatArray = NDArray[np.float64]
 # Shorter pieces of the plan have no direction of their own [m].
 _MOVES = 0.02
 

@@ -11,12 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import Axle, Semitrailer, Tractor, TruckParameters
 from iits_mj.units import GRAVITY
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

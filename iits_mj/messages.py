@@ -13,11 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
-
-FloatArray = NDArray[np.float64]
 
 
 class Decision(enum.IntEnum):

@@ -17,13 +17,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from iits_mj.assets import mjcf_dir
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.units import KMH, RPM
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from iits_mj.assets import mjcf_dir
 from iits_mj.brake_parameters import AirBrake
 from iits_mj.errors import InputError
@@ -32,8 +29,6 @@ from iits_mj.parameter_files import (
     section,
 )
 from iits_mj.powertrain_parameters import Clutch, Engine, Gearbox, Retarder
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

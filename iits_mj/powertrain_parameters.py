@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.parameter_files import Table2D
-
-FloatArray = NDArray[np.float64]
 
 SHIFT_STRATEGIES = ("tables", "adaptive")
 

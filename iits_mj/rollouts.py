@@ -25,14 +25,13 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.model.sensor_table import sensor_unit
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.truck import COMMAND_FIELDS, Truck
 from iits_mj.truck_pose import Placement
-
-FloatArray = NDArray[np.float64]
 
 SIGNALS = (
     "tractor_position",

@@ -8,11 +8,10 @@ Vehicle Dynamics, eq. 4.E25 without camber), scaled so that a tire at its `corne
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import Tire, TireCommon
-
-FloatArray = NDArray[np.float64]
 
 
 def cornering_stiffness(load: ArrayLike, tire: Tire, common: TireCommon) -> FloatArray:

@@ -14,11 +14,10 @@ from typing import Any, NoReturn, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.messages import TrackedVehicle
 from traffic_bridge.checks import is_number, is_whole, shown
-
-FloatArray = NDArray[np.float64]
 
 COLUMNS = (
     "x",

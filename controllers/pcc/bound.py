@@ -38,14 +38,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc.feasibility import enough_speeds, require_feasible
 from controllers.pcc.solver import Answer, Task, with_room
 from controllers.pcc.vehicle import PointMass
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import PlanningError
 
-FloatArray = NDArray[np.float64]
 # Units inside the solver: b [m2/s2], E [J], t [s], cost [kg].
 _B, _E, _T, _COST = 400.0, 3e5, 2.5, 0.1
 _ROUNDING = 1e-7  # of v^2, relative

@@ -11,16 +11,15 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.vehicle import PointMass, brakeable, durations, fastest_below
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import PlanningError
 
 if TYPE_CHECKING:
     from controllers.pcc.solver import Task
 
-FloatArray = NDArray[np.float64]
 _HALVINGS = 40
 _SLACK = 1e-6  # [m2/s2] and relative: rounding of the passes themselves
 

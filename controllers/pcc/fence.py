@@ -6,13 +6,12 @@ import math
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.vehicle import PointMass, durations, full_power_speed
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 
-FloatArray = NDArray[np.float64]
 LEAST_PACE = 0.5  # [m/s] of a leader that stands: it is to be met, not waited for
 _CRAWL = 1.2  # [m/s] that braking ends at: above the 1 m/s of plans behind a leader
 _BRAKE_SHARE = 0.8  # of the planned braking force, so that the fence leaves the optimizer room

@@ -30,14 +30,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc.solver import Task
 from controllers.pcc.vehicle import PointMass, durations
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import PlanningError
 from iits_mj.units import GRAVITY
 
-FloatArray = NDArray[np.float64]
 # Units inside the solver: s [m], v [m/s], P [W], cost [kg].
 _S, _V, _P, _COST = 100.0, 10.0, 1e5, 0.1
 _SAMPLES = 40

@@ -8,11 +8,10 @@ is not there (pinned nodes, open fences, no trip time) has `present` 0 and never
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc.problem import Point, Problem
+from iits_mj.core.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 Slopes = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 _PINNED = 1e-9
 

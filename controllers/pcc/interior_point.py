@@ -16,13 +16,12 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc.inequalities import Inequalities
 from controllers.pcc.kkt import NodeSystem
 from controllers.pcc.problem import Point, Problem
+from iits_mj.core.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 _INSIDE = 0.05  # least first slack
 _MU = 0.1  # first s z
 _DIVERGED = 1e9

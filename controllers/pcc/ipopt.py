@@ -10,16 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc.interior_point import Optimum
 from controllers.pcc.problem import Point, Problem
 from controllers.pcc.vehicle import PointMass, durations
+from iits_mj.core.arrays import FloatArray
 
 if TYPE_CHECKING:
     from controllers.pcc.solver import Task, Units
 
-FloatArray = NDArray[np.float64]
 # Units of b [m2/s2], t [s], fuel [kg] and of the whole cost [fuel] inside the solver.
 _B, _T, _FUEL, _COST = 400.0, 100.0, 1e-3, 100.0
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dgbtrf, dgbtrs, dpttrf, dpttrs
 
-FloatArray = NDArray[np.float64]
+from iits_mj.core.arrays import FloatArray
 
 
 class NodeSystem:

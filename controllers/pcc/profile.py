@@ -8,15 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.csv_table import read_columns
 from iits_mj.errors import InputError
 
 if TYPE_CHECKING:
     from iits_mj.road import Route
 
-FloatArray = NDArray[np.float64]
 _GRADE_MAX = 0.25
 _COLUMNS = (("s_m", "s", "station_m", "station"), ("z_m", "z", "height_m", "height"))
 

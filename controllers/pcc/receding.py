@@ -15,7 +15,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc.fence import Leader, braking_speeds, fence_of
 from controllers.pcc.fuel import FuelMap
@@ -32,11 +31,11 @@ from controllers.pcc.trip import (
     RecedingConfig,
     Trip,
 )
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError, PlanningError
 from iits_mj.messages import SpeedProfile
 from iits_mj.parameters import TruckParameters
 
-FloatArray = NDArray[np.float64]
 _FULL = 0.98  # share of the greatest planned power that is all of it
 _BESIDE = 100.0  # [m] that the truck may be off the road's ends: grids end before the road does
 _FASTEST = 60.0  # [m/s] of any truck, backward as well

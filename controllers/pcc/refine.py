@@ -9,14 +9,12 @@ potential energy change places there, and it burns what was planned.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.vehicle import PointMass
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.units import GRAVITY
-
-FloatArray = NDArray[np.float64]
 
 
 def on_finer_road(

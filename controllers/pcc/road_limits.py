@@ -11,20 +11,19 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.lateral_limits import RollMargins
 from controllers.planner_config import PlannerConfig
 from controllers.road_preview import LanePath, RoadPreview
 from controllers.speed_caps import SpeedCaps
 from controllers.speed_zones import with_zones
+from iits_mj.core.arrays import FloatArray
 from iits_mj.messages import Scene, SpeedProfile
 from iits_mj.parameters import TruckParameters
 
 if TYPE_CHECKING:
     from iits_mj.road import Route
 
-FloatArray = NDArray[np.float64]
 _FREE = 1e3  # [m/s] in place of no wish
 
 

@@ -13,16 +13,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc.fence import braking_speeds
 from controllers.pcc.planner import PccConfig, lower_speeds
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.solver import Answer, Solver, Task
 from controllers.pcc.vehicle import PointMass, durations, full_power_speed
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import PlanningError
 
-FloatArray = NDArray[np.float64]
 # The least trip time is nobody's plan: every drop of fuel for a second. So much is left [1].
 _TIGHT = 1.01
 # A trip that is to end at a time is not to end earlier by more than this share of it [1].

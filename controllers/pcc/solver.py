@@ -16,19 +16,18 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc.feasibility import require_feasible
 from controllers.pcc.interior_point import Optimum, Settings, minimize
 from controllers.pcc.problem import Problem
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.vehicle import PointMass
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError, PlanningError
 
 if TYPE_CHECKING:
     from controllers.pcc.ipopt import Ipopt
 
-FloatArray = NDArray[np.float64]
 METHODS = ("interior_point", "ipopt")
 _PATIENCE = 2.0  # [s] left, from which IPOPT may take over: CasADi alone takes a second to load
 _SPEED = 20.0  # [m/s], unit inside the problem

@@ -7,16 +7,15 @@ vehicle ahead. The cruise at v_ref within all limits always does, as well as the
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc.fence import Leader, approach_speeds, braking_speeds, fence_of
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.schedule import cruise_from
 from controllers.pcc.trip import Trip
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import PlanningError
 from iits_mj.messages import SpeedProfile
 
-FloatArray = NDArray[np.float64]
 _KEEP = 500.0  # [m] that a kept plan must still cover
 _KEEP_SPEED = 1.0  # [m/s] by which a kept plan may miss the truck's speed
 _SOON = 1.0  # [s] by which a kept plan may pass the fence too early

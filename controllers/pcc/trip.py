@@ -12,17 +12,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc.fence import FenceConfig, easing_speeds
 from controllers.pcc.planner import PccConfig
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.schedule import Schedule, level_price, make_schedule
 from controllers.pcc.vehicle import PointMass
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError, PlanningError
 from iits_mj.messages import SpeedProfile
 
-FloatArray = NDArray[np.float64]
 LEAST_INTERVALS = 4
 _EASE = 0.3  # [m/s2] at which a truck comes down to the traffic's speed
 LEAST_SPEED = 1.0  # [m/s] that plans begin with when the truck stands

@@ -6,15 +6,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc.fuel import FuelMap, Willans
 from controllers.pcc.profile import RoadProfile
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import PlanningError
 from iits_mj.parameters import TruckParameters
 from iits_mj.units import GRAVITY
 
-FloatArray = NDArray[np.float64]
 _CRAWL = 2.0  # [m/s]
 
 

@@ -21,13 +21,11 @@ import numpy as np
 import quasi_coordinates
 import sympy as sp
 from lagrange_model import FORCES, STATES, STIFFNESSES, TRAILS, Matrices, derive
-from numpy.typing import NDArray
 from printed_model import CORRECTED, PRINTED, READINGS, Reading, matrices
 
 from iits_mj.analytic import LateralSystem, YawSideslip, step_response
+from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TruckParameters
-
-FloatArray = NDArray[np.float64]
 
 ROOT = Path(__file__).resolve().parents[2]
 V80 = 80.0 / 3.6

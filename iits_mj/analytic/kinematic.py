@@ -15,12 +15,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.parameters import TruckParameters
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

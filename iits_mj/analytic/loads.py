@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.mass_state import kingpin_load, laden_trailer, static_axle_loads
 from iits_mj.parameters import Axle, TruckParameters
 from iits_mj.tire_law import cornering_stiffness
@@ -17,8 +17,6 @@ __all__ = [
     "laden_trailer",
     "static_axle_loads",
 ]
-
-FloatArray = NDArray[np.float64]
 
 
 def cruise_axle_loads(parameters: TruckParameters, payload: float, speed: float) -> FloatArray:

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
 from iits_mj.analytic.loads import axle_cornering_stiffness, static_axle_loads
 from iits_mj.analytic.yaw_sideslip import LateralSystem, YawSideslip
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.parameters import TruckParameters
 from iits_mj.units import GRAVITY
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -36,14 +36,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.mass_state import laden_trailer, payload_inertial, static_axle_loads
 from iits_mj.model.statics import axle_inertial, sprung, wheel_height
 from iits_mj.parameters import TruckParameters
 from iits_mj.units import GRAVITY
-
-FloatArray = NDArray[np.float64]
 
 PHI_C, PHI_T, FIRST_AXLE = 3, 4, 5
 

@@ -31,14 +31,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from iits_mj.analytic.roll_bodies import FIRST_AXLE, PHI_C, PHI_T, RollBodies
+from iits_mj.core.arrays import FloatArray
 from iits_mj.mass_state import group_center
 from iits_mj.parameters import TireCommon, TruckParameters
 from iits_mj.tire_law import friction, lateral_shape
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

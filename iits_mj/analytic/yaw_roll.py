@@ -36,16 +36,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from iits_mj.analytic.loads import cruise_axle_loads, static_axle_loads
 from iits_mj.analytic.roll_bodies import FIRST_AXLE, PHI_C, PHI_T, roll_bodies
 from iits_mj.analytic.traction import Traction, traction_forces
 from iits_mj.analytic.yaw_sideslip import AnyArray, LateralSystem, YawSideslip
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.parameters import TruckParameters
-
-FloatArray = NDArray[np.float64]
 
 # Shortest relaxation length that the tire plugin knows [m].
 SHORTEST_RELAXATION = 0.1

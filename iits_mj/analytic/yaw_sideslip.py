@@ -55,10 +55,10 @@ from iits_mj.analytic.loads import (
     laden_trailer,
     static_axle_loads,
 )
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.parameters import TruckParameters
 
-FloatArray = NDArray[np.float64]
 AnyArray = NDArray[Any]
 
 # An eigenvalue smaller than this is zero but for rounding [1/s].

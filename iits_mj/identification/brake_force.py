@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.identification.log import PRESSURES, Log
 from iits_mj.model.air_brake import torque_slope
 from iits_mj.parameters import TruckParameters
-
-FloatArray = NDArray[np.float64]
 
 # Circuit to the pressures recorded of it; the trailer reports one for both sides.
 CIRCUITS: dict[str, tuple[str, ...]] = {

@@ -14,15 +14,13 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.identification.brake_force import CIRCUITS, circuit_of_axle
 from iits_mj.identification.estimate import Estimate, Free, fit
 from iits_mj.identification.log import Log, Series
 from iits_mj.parameters import TruckParameters
-
-FloatArray = NDArray[np.float64]
 
 # A demand that jumps by this much [m/s2] and then holds this long [s] is an event; what comes later
 # is the deceleration control's, not the response. Smaller demands are the bus's rounding.

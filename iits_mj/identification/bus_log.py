@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import BusError, InputError
 from iits_mj.identification.grade import with_slope
 from iits_mj.identification.log import SIGNALS, Log, Series
@@ -14,8 +14,6 @@ from iits_mj.j1939 import Frame, Status, decode
 from iits_mj.j1939.mapping import Mapping, commands, reports
 from iits_mj.j1939.quantities import ReferenceTorques
 from iits_mj.parameters import TruckParameters
-
-FloatArray = NDArray[np.float64]
 
 # Signals of the log that the bus calls otherwise, and those that only help to find others.
 _BUS_NAMES = {"wheel_based_speed": "speed_of_wheels"}

@@ -12,14 +12,12 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.identification.engine_bench import STEP, Stretch, torques
 from iits_mj.identification.estimate import Estimate, Free, fit
 from iits_mj.identification.log import Log
 from iits_mj.parameters import TruckParameters
-
-FloatArray = NDArray[np.float64]
 
 NEEDED = ("engine_torque", "engine_speed", "command_accelerator_pedal", "shift_in_process")
 NAMES = ("torque_map_scale", "engine_drag_scale", "boost_lag", "torque_rise_rate")

@@ -14,14 +14,12 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from mujoco import rollout
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.model import powertrain
 from iits_mj.parameter_files import Table2D
 from iits_mj.parameters import TruckParameters
 from iits_mj.plugin_library import register
-
-FloatArray = NDArray[np.float64]
 
 STEP = 0.005
 # A rotor that the engine cannot disturb, and the gain of the machine that drives it.

@@ -11,11 +11,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 from scipy.optimize import least_squares
 
-FloatArray = NDArray[np.float64]
+from iits_mj.core.arrays import FloatArray
+
 Residual = Callable[[FloatArray], Sequence[FloatArray]]
 
 # A parameter whose 95 % interval is wider than +/- this share of its value is not identified.

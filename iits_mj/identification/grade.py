@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.identification.log import Log, Series
 from iits_mj.identification.tables import read_table_columns
-
-FloatArray = NDArray[np.float64]
 
 # Length over which the slope of a height is taken, on both sides [m].
 _SLOPE_LENGTH = 40.0

@@ -13,17 +13,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from iits_mj.analytic import RollSystem, YawRoll
+from iits_mj.core.arrays import FloatArray
 from iits_mj.identification.estimate import Estimate, Free, fit
 from iits_mj.identification.log import Log
 from iits_mj.identification.longitudinal import payload_of
 from iits_mj.identification.steering import pitman_angle
 from iits_mj.parameters import TruckParameters
-
-FloatArray = NDArray[np.float64]
 
 NEEDED = ("speed", "yaw_rate")
 _GROUPS = ("steer", "drive", "trailer")

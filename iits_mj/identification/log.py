@@ -11,11 +11,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
-
-FloatArray = NDArray[np.float64]
 
 PRESSURES = tuple(
     f"brake_pressure_{place}"

@@ -11,15 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.identification.brake_force import CIRCUITS
 from iits_mj.identification.estimate import Estimate, Free, fit
 from iits_mj.identification.log import Log
 from iits_mj.identification.longitudinal import NEEDED, Inputs, acceleration, prepare
 from iits_mj.parameters import TruckParameters
-
-FloatArray = NDArray[np.float64]
 
 # Most trusted first: of two that the log cannot tell apart, the later one keeps its prior.
 MOTION = ("mass", "rolling_resistance", "drag_area", "brake_gain", "engine_torque_scale")

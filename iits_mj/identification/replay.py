@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.identification.log import Log
 from iits_mj.j1939.command import XBR_DEMAND_MIN
@@ -24,8 +24,6 @@ from iits_mj.road import RoadMap, Route
 from iits_mj.road.design import Design
 from iits_mj.road.design_build import build
 from iits_mj.truck import Truck
-
-FloatArray = NDArray[np.float64]
 
 NEEDED = ("speed", "grade", "command_accelerator_pedal")
 _COMMANDS = {

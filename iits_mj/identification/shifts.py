@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.identification.estimate import WIDEST, Estimate
 from iits_mj.identification.log import Log
 from iits_mj.parameters import TruckParameters
-
-FloatArray = NDArray[np.float64]
 
 # Fewer changes leave no honest mean.
 _CHANGES_MIN = 4

@@ -5,13 +5,11 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.identification.estimate import Estimate, Free, fit
 from iits_mj.identification.log import Log
 from iits_mj.parameters import TruckParameters
-
-FloatArray = NDArray[np.float64]
 
 _GRID = 0.02
 _WINDOW = 10.0

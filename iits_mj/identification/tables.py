@@ -6,13 +6,11 @@ import csv
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.identification.log import SIGNALS, Log, Series
 from iits_mj.units import KMH, RPM
-
-FloatArray = NDArray[np.float64]
 
 _TO_SI = {"rpm": RPM, "kPa": 1e3, "km/h": KMH, "deg": np.pi / 180.0, "deg/s": np.pi / 180.0}
 _TO_SI |= {"%": 0.01, "bar": 1e5, "MPa": 1e6}

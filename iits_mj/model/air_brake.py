@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.model.brake_distribution import circuits, distribution
-from iits_mj.parameters import FloatArray, TruckParameters
+from iits_mj.parameters import TruckParameters
 
 # Local names of the truck's sensors, in the order of the model. The plural ones have a number for
 # each wheel end, axle by axle, left before right.

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.mass_state import group_center, laden_trailer
-from iits_mj.parameters import FloatArray, TruckParameters
+from iits_mj.parameters import TruckParameters
 from iits_mj.units import GRAVITY
 
 # Decelerations of the table by axle loads [m/s2]: friction allows no more.

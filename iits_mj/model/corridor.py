@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.model.shapes import Shape, merge, surface
 from iits_mj.road import Route
-
-FloatArray = NDArray[np.float64]
 
 RUN_OUT = 400.0  # [m] drawn beyond an end of the route that leads away from it
 CHORD_ERROR = 0.02  # [m] in plan

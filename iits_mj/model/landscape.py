@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.model.corridor import Corridor
 from iits_mj.model.road_materials import GRASS_TILE, periodic_noise
 from iits_mj.model.shapes import Shape, surface
 from iits_mj.road import Route
-
-FloatArray = NDArray[np.float64]
 
 VERGE = (1.3, 0.05)  # [m] width of the gravel strip and its fall
 RIBBON = np.array([1.3, 3.0, 5.0, 8.0, 13.0, 20.0, 30.0, 45.0, 65.0])

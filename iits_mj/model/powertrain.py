@@ -7,7 +7,8 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike
 
-from iits_mj.parameters import FloatArray, TruckParameters
+from iits_mj.core.arrays import FloatArray
+from iits_mj.parameters import TruckParameters
 from iits_mj.powertrain_parameters import Clutch, EngineScalars, Retarder
 
 # Local names of the sensors of the truck, in the order of the model. The plugin knows a few more,

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from iits_mj.core.arrays import FloatArray
 
 ASPHALT_TILE = 8.0  # [m] covered by one repeat of the asphalt texture
 GRASS_TILE = 190.0

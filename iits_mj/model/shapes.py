@@ -14,7 +14,8 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-FloatArray = NDArray[np.float64]
+from iits_mj.core.arrays import FloatArray
+
 IntArray = NDArray[np.int32]
 Point = Sequence[float] | NDArray[np.float64]
 

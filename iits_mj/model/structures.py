@@ -7,13 +7,12 @@ from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.model.corridor import Corridor
 from iits_mj.model.shapes import Shape, boxes, merge, surface
 from iits_mj.road import Route
 
-FloatArray = NDArray[np.float64]
 Parts = Iterator[tuple[str, Shape]]
 
 WALL_GAP = 0.9  # [m] from the pavement's edge to a tunnel's wall

@@ -6,13 +6,11 @@ import math
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.model.shapes import Painter, Shape, arch, boxes, merge, prism, surface
 from iits_mj.model.wheel_visuals import fender_angles
 from iits_mj.parameters import TruckParameters
-
-FloatArray = NDArray[np.float64]
 
 # The cab's front seen from the side and from ahead: height, set-back behind the bumper's foremost
 # point, half width, all for a cab 3.70 m high and 2.50 m wide; scaled to the parameters.

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.model.corridor import Corridor
 from iits_mj.model.shapes import Shape, merge
 from iits_mj.model.structures import Ground
-
-FloatArray = NDArray[np.float64]
 
 TREES_PER_KM = 140
 NEAREST, FARTHEST = 15.0, 120.0  # [m] from the pavement's edge

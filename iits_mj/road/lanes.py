@@ -12,9 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from iits_mj.road.elements import (
     DEFAULT_FRICTION,
     PAVED_TYPES,
@@ -26,7 +23,6 @@ from iits_mj.road.elements import (
 from iits_mj.road.pieces import Piece
 from iits_mj.road.polynomials import PiecewiseCubic, combine
 
-FloatArray = NDArray[np.float64]
 T = TypeVar("T")
 
 

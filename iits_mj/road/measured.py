@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.csv_table import read_columns, read_names
 from iits_mj.errors import InputError
 from iits_mj.road.elements import Lane, LaneSection, OpenDriveMap, Road, RoadMark, RoadType
@@ -20,8 +21,6 @@ from iits_mj.road.geometry import Arc, Geometry, Line, Spiral
 from iits_mj.road.polynomials import Cubic
 from iits_mj.road.road_map import RoadMap
 from iits_mj.road.route import Route
-
-FloatArray = NDArray[np.float64]
 
 _GRADE_MAX = 0.25
 _CURVATURE_MAX = 0.2

@@ -7,13 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import MapError
 from iits_mj.road.chain import Node
 from iits_mj.road.elements import Road
-
-FloatArray = NDArray[np.float64]
 
 GAP_LIMIT = 3.0
 SHIFT_LIMIT = 20.0

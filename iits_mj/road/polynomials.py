@@ -11,9 +11,9 @@ from collections.abc import Iterable
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from iits_mj.core.arrays import FloatArray
 
 
 class Cubic(NamedTuple):

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.road.seams import ContinuousChain, X, Y
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
 KNOT_SPACING = 0.5

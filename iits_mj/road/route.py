@@ -7,8 +7,9 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.road.elements import DEFAULT_FRICTION, RoadMark
 from iits_mj.road.lanes import LaneBand, RouteLane, lane_bands
@@ -25,7 +26,6 @@ from iits_mj.road.seams import ContinuousChain
 if TYPE_CHECKING:
     from iits_mj.road.road_map import RoadMap
 
-FloatArray = NDArray[np.float64]
 Terms = tuple[tuple[float, PiecewiseCubic], ...]
 
 # A lane narrower than this is still opening or closing: not to be driven on.

@@ -16,10 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import MapError
 from iits_mj.road.pieces import Piece
-
-FloatArray = NDArray[np.float64]
 
 HEIGHT_STEP_LIMIT = 3.0
 HEADING_STEP_LIMIT = 0.35

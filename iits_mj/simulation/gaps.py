@@ -8,11 +8,10 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.messages import EgoFootprint, EgoState, TrackedVehicle
 from iits_mj.parameters import TruckParameters
 from traffic_bridge import VehicleFrame
-
-FloatArray = NDArray[np.float64]
 
 # [m] between two roads that cross one above the other: bridges leave at least that free.
 OTHER_LEVEL = 4.5

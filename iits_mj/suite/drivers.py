@@ -15,13 +15,12 @@ import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.suite.roads import TURN_RADIUS
 from iits_mj.suite.tasks import Dock, LaneChange, LaneKeep, TightTurn
 from iits_mj.suite.tasks.lane_change import PREVIEW as PATH_PREVIEW
 
-FloatArray = NDArray[np.float64]
 Driver = Callable[[Mapping[str, FloatArray]], FloatArray]
 
 # Steering wheel over road wheels, wheelbase, and understeer that is compensated for [s2/m].

@@ -9,15 +9,13 @@ import mujoco
 import numpy as np
 from dm_control.mujoco import Physics as BasePhysics
 from dm_control.mujoco import wrapper
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.fleet import Fleet
 from iits_mj.messages import EgoState, VehicleCommand
 from iits_mj.road import Route
 from iits_mj.simulation.gaps import truck_boxes
 from iits_mj.truck import Truck
-
-FloatArray = NDArray[np.float64]
 
 # Fixed to the tractor: name to position and the picture's x and y axes in its frame.
 CAMERAS = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.messages import VehicleCommand
 from iits_mj.parameters import TruckParameters
 from iits_mj.results import Check, Line, Panel
@@ -14,8 +15,6 @@ from iits_mj.units import KMH
 from iits_mj.validation.force_balance import ForceBalance
 from iits_mj.validation.longitudinal_run import Run, run
 from iits_mj.validation.shifts import hunting, shifts
-
-FloatArray = NDArray[np.float64]
 
 # What the paper's Fig. "Drive-line" and the published reference run, without air drag, read.
 PAPER_SPEED_KPH = 46.9

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.validation.closed_loop import CONTROL_PERIOD, Record
-
-FloatArray = NDArray[np.float64]
 
 # Positions that count as pressed, and as floored [1].
 _PRESSED, _FLOORED = 0.02, 0.99

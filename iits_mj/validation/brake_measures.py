@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.results import Line, Panel
 from iits_mj.units import KMH
 from iits_mj.validation.longitudinal_run import Run
 from iits_mj.validation.recorder import PERIOD
-
-FloatArray = NDArray[np.float64]
 
 # A chamber's pressure has begun to rise [Pa].
 _RISEN = 2e3

@@ -6,13 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.messages import EgoState, VehicleCommand, XbrMode
 from iits_mj.truck import Truck
 from iits_mj.validation.recorder import sampled, wheel_slips
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from iits_mj.analytic import Kinematic, YawSideslip, yaw_rate_gain
+from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
 from iits_mj.validation.checkpoint import restore, state_of
@@ -27,8 +27,6 @@ from iits_mj.validation.recorder import (
 )
 from iits_mj.validation.steady_turn import SteadyTurn
 from iits_mj.validation.step_steer import FREE_HITCH
-
-FloatArray = NDArray[np.float64]
 
 RADIUS = 100.0
 # Lateral acceleration up to which a gradient is taken [m/s2].

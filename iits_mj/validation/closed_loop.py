@@ -12,12 +12,12 @@ from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.planner import PlannerConfig
 from controllers.speed_plan import SpeedConfig
 from controllers.stack import Stack
 from controllers.tracking import TrackingConfig
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import Error, InputError
 from iits_mj.messages import (
     EgoState,
@@ -30,8 +30,6 @@ from iits_mj.messages import (
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.truck import Truck
-
-FloatArray = NDArray[np.float64]
 
 # Rates of the stack and of the record [s].
 CONTROL_PERIOD, PLAN_PERIOD = 0.02, 0.1

@@ -18,10 +18,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.truck import Truck
 from iits_mj.units import GRAVITY
-
-FloatArray = NDArray[np.float64]
 
 _SIDES = ("left", "right")
 # Below it slips are measured over this speed (as the tire's sensor does) [m/s].

@@ -12,17 +12,16 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.mass_state import Inertial, group_center, laden_trailer
 from iits_mj.model.powertrain import full_load
 from iits_mj.parameters import TruckParameters
 from iits_mj.road.elements import DEFAULT_FRICTION
 from iits_mj.tire_law import friction
 from iits_mj.units import GRAVITY
-
-FloatArray = NDArray[np.float64]
 
 _STEEPEST = 0.6
 

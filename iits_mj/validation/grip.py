@@ -8,15 +8,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
 from iits_mj.analytic import static_axle_loads
+from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TireCommon, TruckParameters
 from iits_mj.road.elements import DEFAULT_FRICTION
 from iits_mj.tire_law import cornering_stiffness, friction, lateral_shape
-
-FloatArray = NDArray[np.float64]
 
 
 def grip_limit(parameters: TruckParameters, payload: float, surface: float) -> float:

@@ -6,13 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.messages import EgoState, VehicleCommand
 from iits_mj.truck import Truck
 from iits_mj.validation.recorder import sampled, wheel_slips
-
-FloatArray = NDArray[np.float64]
 
 # What of a run is not one number a sample of the truck's own report.
 _NOT_SCALAR = ("grade", "wheel_slips", "wheel_pressures", "extra")

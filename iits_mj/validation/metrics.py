@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from iits_mj.core.arrays import FloatArray
 
 
 def fit(signal: FloatArray, reference: FloatArray) -> float:

@@ -13,11 +13,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from iits_mj import options
 from iits_mj.assets import mjcf_path
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.options import option
 from iits_mj.results import Check, Line, Panel, Results
@@ -31,8 +31,6 @@ from iits_mj.validation.montecarlo_samples import (
 )
 from iits_mj.validation.row_files import write_table
 from iits_mj.validation.single_lane_change import PBS_FACTOR
-
-FloatArray = NDArray[np.float64]
 
 SAMPLES_MAX = 1_000_000
 # Name of the figure, its title and unit.

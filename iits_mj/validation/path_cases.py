@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.decision.base import DecisionContext
 from iits_mj.messages import Decision, EgoState, VehicleCommand, XbrMode
@@ -19,7 +18,6 @@ from iits_mj.units import KMH
 from iits_mj.validation.path_run import PERIOD, Override, PathRun, drive_path
 from iits_mj.validation.side_wind import SideWind
 
-FloatArray = NDArray[np.float64]
 # More than any surface gives, so that ABS works [m/s2].
 FULL_BRAKING = -8.0
 # Deviation of what the controller is told, white at 50 Hz, as after the sensors' own filters: 6 mm,

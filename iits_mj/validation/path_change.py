@@ -18,10 +18,10 @@ import copy
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
 from iits_mj.analytic import LateralSystem, Response, simulate
+from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TruckParameters
 from iits_mj.results import Check, Line, Panel
 from iits_mj.truck import Truck
@@ -34,8 +34,6 @@ from iits_mj.validation.single_lane_change import (
     linear_system,
     steer_axle_acceleration,
 )
-
-FloatArray = NDArray[np.float64]
 
 PERIOD = 2.5
 PEAK = 0.15 * GRAVITY

@@ -7,19 +7,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.decision.base import DecisionMaker
 from controllers.planner import PlannerConfig
 from controllers.speed_plan import SpeedConfig
 from controllers.stack import Stack
 from controllers.tracking import TrackingConfig
+from iits_mj.core.arrays import FloatArray
 from iits_mj.messages import EgoState, Scene, VehicleCommand
 from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
 from iits_mj.validation.side_wind import SideWind
 
-FloatArray = NDArray[np.float64]
 PERIOD = 0.02
 # A turn of the steering wheel back by more than this is a reversal: half the gear's play [rad].
 REVERSAL = np.deg2rad(1.0)

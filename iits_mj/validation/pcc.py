@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc import PccConfig, RoadProfile
 from controllers.pcc.planner import evaluate
 from iits_mj import options
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError, PlanningError
 from iits_mj.options import option
 from iits_mj.results import Check, Line, Panel, Results
@@ -33,7 +33,6 @@ from iits_mj.validation.pcc_accuracy import (
 )
 from iits_mj.validation.pcc_case import Case, solve
 
-FloatArray = NDArray[np.float64]
 PAPER_SAVING_PERCENT = 21.68
 METHODS = ("distance", "hermite", "both")
 

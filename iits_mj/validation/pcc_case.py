@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc import PccConfig, PccSolution, RoadProfile, plan
 from controllers.pcc.bound import certificate, lower_bound
@@ -13,11 +12,11 @@ from controllers.pcc.fuel import FuelMap
 from controllers.pcc.planner import least_speeds, make_vehicle
 from controllers.pcc.solver import Answer, Solver, Task
 from controllers.pcc.vehicle import PointMass, durations, full_power_speed
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import PlanningError
 from iits_mj.parameters import TruckParameters
 from iits_mj.units import GRAVITY
 
-FloatArray = NDArray[np.float64]
 _TIGHT = 1e-4  # relative gap that is as good as none
 _RELAXED_MAX = 1_500_000.0  # [m]: IPOPT needs 3 s for the relaxation of 100 km, and memory
 # Gauss points of an interval, for integrals of the exact motion.

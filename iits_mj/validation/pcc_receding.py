@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from time import process_time
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc import (
     Appointment,
@@ -23,6 +22,7 @@ from controllers.pcc import (
     plan,
 )
 from controllers.pcc.vehicle import PointMass, durations
+from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TruckParameters
 from iits_mj.results import Check, Line, Panel, Results
 from iits_mj.road import RoadMap
@@ -30,7 +30,6 @@ from iits_mj.units import KMH
 from iits_mj.validation.config import ValidateConfig
 from iits_mj.validation.road_files import PAPER_ROAD, find_road
 
-FloatArray = NDArray[np.float64]
 MASS = 55_000.0
 STEP = 0.1  # [s] of the plant
 FINE = 10.0  # [m], grid on which drives are compared

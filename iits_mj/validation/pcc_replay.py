@@ -10,10 +10,10 @@ from __future__ import annotations
 import sys
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc.planner import FuelMap, evaluate
 from controllers.pcc.vehicle import PointMass, cruise, durations
+from iits_mj.core.arrays import FloatArray
 from iits_mj.results import Check, Line, Panel, Results
 from iits_mj.units import KMH
 from iits_mj.validation import actuation, closed_loop, replay_drives, replay_match
@@ -22,8 +22,6 @@ from iits_mj.validation.kept_runs import runs_folder
 from iits_mj.validation.pcc import PAPER_SAVING_PERCENT
 from iits_mj.validation.replay_cases import full_cases, valley_case
 from iits_mj.validation.replay_drives import Case, Replay, Trip, reference_profile
-
-FloatArray = NDArray[np.float64]
 
 _QUICK_LENGTH, _QUICK_STEP = 300.0, 0.005
 # How far off the planner may be: saving [points], trip times of cruise and plan [%]. The plan leans

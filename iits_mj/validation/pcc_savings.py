@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc import PccConfig, RoadProfile
 from controllers.pcc.cycles import read_cycle
@@ -37,7 +36,6 @@ from iits_mj.validation.pcc_accuracy import (
 from iits_mj.validation.pcc_case import Case, bound, scaled_heights, solve, with_power, with_rolling
 from iits_mj.validation.road_files import CYCLE_55, CYCLE_65, PAPER_ROAD, find_road
 
-FloatArray = NDArray[np.float64]
 PAPER_LENGTH = 15_000.0
 MPH = 0.44704  # [m/s]
 STEP = 50.0  # [m]

@@ -12,14 +12,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.parameter_files import Table2D
 from iits_mj.parameters import TruckParameters
 from iits_mj.validation.force_balance import ForceBalance
 from iits_mj.validation.recorder import PERIOD
-
-FloatArray = NDArray[np.float64]
 
 # Middle of the published 0.6 to 0.7 s without torque [s].
 _NO_TORQUE = 0.65

@@ -6,13 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.messages import EgoState, VehicleCommand, XbrMode
 from iits_mj.truck import Truck
-
-FloatArray = NDArray[np.float64]
 
 # Rate of recording and of the speed hold [s].
 PERIOD = 0.01

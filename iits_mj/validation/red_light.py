@@ -10,11 +10,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.planner import PlannerConfig
 from controllers.speed_plan import SpeedConfig
 from controllers.stack import Stack
+from iits_mj.core.arrays import FloatArray
 from iits_mj.messages import LightState, RoadSignals, Scene, TrafficLight
 from iits_mj.results import Check, Line, Panel, Results
 from iits_mj.road import Route
@@ -22,8 +22,6 @@ from iits_mj.simulation.signals import BEHIND
 from iits_mj.truck import Truck
 from iits_mj.validation.closed_loop import CONTROL_PERIOD, PLAN_PERIOD
 from iits_mj.validation.config import ValidateConfig
-
-FloatArray = NDArray[np.float64]
 
 _CALLS = round(PLAN_PERIOD / CONTROL_PERIOD)
 _START = 500.0

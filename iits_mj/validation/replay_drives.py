@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc.fuel import FuelMap
 from controllers.pcc.planner import Drive, PccConfig, evaluate, make_vehicle
@@ -22,14 +21,13 @@ from controllers.pcc.profile import RoadProfile
 from controllers.pcc.refine import on_finer_road
 from controllers.pcc.schedule import Schedule, make_schedule
 from controllers.pcc.vehicle import PointMass
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.messages import SpeedProfile
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.validation.closed_loop import Record, Task, drive
 from iits_mj.validation.replay_match import set_speed, with_all_power, with_power_of
-
-FloatArray = NDArray[np.float64]
 
 # Way before the measured stretch, for the engine to take up the truck [m], and after it [m].
 RUN_IN, RUN_OUT = 300.0, 30.0

@@ -11,14 +11,12 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.vehicle import PointMass, brakeable, cruise, durations, fastest_below
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import PlanningError
 from iits_mj.validation.closed_loop import CONTROL_PERIOD, Record
-
-FloatArray = NDArray[np.float64]
 
 _FLOORED = 0.99
 # Time in which the engine's torque builds up, and climbing that is needed to judge [s].

@@ -20,7 +20,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
 from iits_mj.analytic import (
@@ -30,10 +29,9 @@ from iits_mj.analytic import (
     static_axle_loads,
 )
 from iits_mj.analytic.yaw_roll import relaxation_lengths
+from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import FifthWheel, TruckParameters
 from iits_mj.units import GRAVITY
-
-FloatArray = NDArray[np.float64]
 
 _STEP = math.radians(0.02)
 _LIMIT = math.radians(60.0)

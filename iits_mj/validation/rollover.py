@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.analytic import laden_trailer
+from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TruckParameters
 from iits_mj.results import Check, Line, Panel
 from iits_mj.truck import Truck
@@ -24,8 +25,6 @@ from iits_mj.units import GRAVITY
 from iits_mj.validation.checkpoint import restore, state_of
 from iits_mj.validation.recorder import trailer_roll
 from iits_mj.validation.roll_plane import RollPlane
-
-FloatArray = NDArray[np.float64]
 
 # Rates of the table [rad/s], below and above the angle where a fall may be near (share of T / 2h).
 _FAST, _SLOW = math.radians(1.0), math.radians(0.25)

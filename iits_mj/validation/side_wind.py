@@ -17,9 +17,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from iits_mj.core.arrays import FloatArray
 
 # Open country: roughness length [m]; von Karman's constant.
 ROUGHNESS = 0.03

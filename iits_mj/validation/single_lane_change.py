@@ -12,15 +12,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from iits_mj.analytic import LateralSystem, Response, YawSideslip, simulate, single_sine
+from iits_mj.core.arrays import FloatArray
 from iits_mj.results import Check, Line, Panel
 from iits_mj.truck import Truck
 from iits_mj.units import KMH
 from iits_mj.validation.recorder import Recording, drive, run_straight
-
-FloatArray = NDArray[np.float64]
 
 FREQUENCY = 0.4
 # Peak lateral acceleration of the steer axle [m/s2].

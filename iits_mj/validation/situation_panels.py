@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.swept_path import swept_path
+from iits_mj.core.arrays import FloatArray
 from iits_mj.messages import Trajectory
 from iits_mj.parameters import TruckParameters
 from iits_mj.results import Line, Panel
 from iits_mj.road import Route
 from iits_mj.validation.ideal_drive import IdealDrive
-
-FloatArray = NDArray[np.float64]
 
 
 def seen_from_above(

@@ -17,8 +17,8 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TruckParameters
 from iits_mj.results import Check, Line, Panel
 from iits_mj.units import KMH
@@ -28,8 +28,6 @@ from iits_mj.validation.brake_response import dead_times
 from iits_mj.validation.force_balance import ForceBalance
 from iits_mj.validation.longitudinal_run import Run
 from iits_mj.validation.metrics import fit
-
-FloatArray = NDArray[np.float64]
 
 UPHILL = 0.03
 _FLAT_TIME, _UPHILL_TIME = 100.0, 120.0

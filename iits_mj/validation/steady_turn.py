@@ -17,15 +17,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
 from iits_mj.analytic import YawSideslip, cruise_axle_loads
+from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TruckParameters
 from iits_mj.tire_law import cornering_stiffness, friction, lateral_shape
 from iits_mj.validation.roll_plane import Leaning, RollPlane
-
-FloatArray = NDArray[np.float64]
 
 # Scale of forces in the equations [N].
 _SCALE = 1e4

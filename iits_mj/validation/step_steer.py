@@ -13,9 +13,9 @@ import copy
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from iits_mj.analytic import LateralSystem, YawRoll, YawSideslip, simulate
+from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TruckParameters
 from iits_mj.results import Check, Line, Panel
 from iits_mj.truck import Truck
@@ -23,8 +23,6 @@ from iits_mj.units import KMH
 from iits_mj.validation.checkpoint import restore, state_of
 from iits_mj.validation.metrics import fit, peak_ratio
 from iits_mj.validation.recorder import Recording, drive, run_straight
-
-FloatArray = NDArray[np.float64]
 
 SPEED = 80.0 * KMH
 FREE_HITCH = {"fifth_wheel": {"yaw_friction": 0.0}}

@@ -18,15 +18,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from iits_mj.analytic import Kinematic
+from iits_mj.core.arrays import FloatArray
 from iits_mj.results import Check, Line, Panel
 from iits_mj.truck import Truck
 from iits_mj.units import KMH
 from iits_mj.validation.recorder import Recording, drive
-
-FloatArray = NDArray[np.float64]
 
 RADIUS = 12.5
 SPEED = 5.0 * KMH

@@ -20,9 +20,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from iits_mj.analytic import laden_trailer
+from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TruckParameters
 from iits_mj.results import Check, Line, Panel
 from iits_mj.road import Route
@@ -31,8 +31,6 @@ from iits_mj.units import GRAVITY, KMH
 from iits_mj.validation.circle import gears_held
 from iits_mj.validation.grip import effort, grip_limit
 from iits_mj.validation.recorder import PERIOD, Recording, drive, run_straight, trailer_roll
-
-FloatArray = NDArray[np.float64]
 
 SPEED = 60.0 * KMH
 RATE = math.radians(4.0)

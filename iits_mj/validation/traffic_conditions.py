@@ -30,12 +30,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.validation.traffic_flow import FlowSamples
 from traffic_bridge.vehicles.departures import Departure
 from traffic_bridge.vehicles.idm import IdmParameters, equilibrium_gap
 
-FloatArray = NDArray[np.float64]
 # The driver of a vehicle of a lane, drawn with a generator.
 Drivers = Callable[[int, np.random.Generator], IdmParameters]
 

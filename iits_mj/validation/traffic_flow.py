@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from traffic_bridge.datasets import Pair, Trajectories
 from traffic_bridge.frame import VehicleFrame
 
-FloatArray = NDArray[np.float64]
 LEVELS = ("dense", "medium", "sparse")
 CELL_TIME, CELL_LENGTH = 10.0, 50.0  # [s], [m]: cells in which two flows are set side by side
 STANDING = 0.5  # [m/s]: slower than that a time headway says nothing

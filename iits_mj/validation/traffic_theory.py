@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.results import Check, Line, Panel
 from iits_mj.road import Route
 from iits_mj.validation.metrics import harmonic
@@ -20,8 +20,6 @@ from traffic_bridge.modes.sumo_modes import PureSim
 from traffic_bridge.vehicles.departures import Departure
 from traffic_bridge.vehicles.idm import IdmParameters, equilibrium_flow, equilibrium_gap, gain
 from traffic_bridge.vehicles.types import VehicleType, default_types
-
-FloatArray = NDArray[np.float64]
 
 LIMIT = 20.0  # [m/s]: desired speed of everybody
 COLUMN = 5  # vehicles behind the first

@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.planner import PlannerConfig
 from controllers.speed_plan import SpeedConfig
 from controllers.stack import Stack
+from iits_mj.core.arrays import FloatArray
 from iits_mj.messages import Scene, TrackedVehicle
 from iits_mj.road import Route
 from iits_mj.truck import Truck
 from iits_mj.validation.ideal_drive import car
-
-FloatArray = NDArray[np.float64]
 
 _CONTROL, _PLAN = 0.02, 5
 _CRUISE = 2.0

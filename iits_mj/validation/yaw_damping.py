@@ -11,15 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from iits_mj.analytic import LateralSystem, Response, YawSideslip, simulate
+from iits_mj.core.arrays import FloatArray
 from iits_mj.results import Check, Line, Panel
 from iits_mj.truck import Truck
 from iits_mj.units import KMH
 from iits_mj.validation.recorder import Recording, drive, run_straight
-
-FloatArray = NDArray[np.float64]
 
 SIGNALS = (
     ("yaw rate of the tractor", "yaw_rate"),

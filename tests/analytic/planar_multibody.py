@@ -17,13 +17,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from iits_mj.analytic import YawSideslip, simulate
+from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TruckParameters
-
-FloatArray = NDArray[np.float64]
 
 SIGNALS = ("yaw_rate", "trailer_yaw_rate", "articulation", "y")
 

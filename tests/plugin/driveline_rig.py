@@ -14,15 +14,14 @@ from dataclasses import dataclass
 import mujoco
 import mujoco.rollout
 import numpy as np
-from numpy.typing import NDArray
 
 import iits_mj  # registers the plugin
+from iits_mj.core.arrays import FloatArray
 from iits_mj.model import powertrain
 from iits_mj.parameters import TruckParameters
 from iits_mj.units import GRAVITY
 
 assert iits_mj.__version__
-FloatArray = NDArray[np.float64]
 PARAMETERS = TruckParameters.load()
 RADIUS = PARAMETERS.tires["drive"].rolling_radius
 CONTROLS = ("accelerator_pedal", "engine_brake", "transmission_mode")

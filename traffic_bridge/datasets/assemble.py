@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from traffic_bridge.datasets.speeds import check_speeds
 from traffic_bridge.datasets.trajectories import INSTANT, Trajectories
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 LONGEST_GAP = 1.0  # [s]: a vehicle that is not seen for longer comes back as another one

@@ -16,6 +16,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from traffic_bridge.datasets.assemble import Rows, assemble
 from traffic_bridge.datasets.fcd_road import lay_out
@@ -23,7 +24,6 @@ from traffic_bridge.datasets.table import Table
 from traffic_bridge.datasets.trajectories import Trajectories
 from traffic_bridge.vehicles.types import KINDS, default_types
 
-FloatArray = NDArray[np.float64]
 Size = tuple[str, float, float]
 
 LANE_WIDTH = 3.2  # [m], SUMO's default

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from iits_mj.core.arrays import FloatArray
 
 MISFIT = 5.0  # [m]: by how much the place of an edge beside the chain may differ seen from its ends
 

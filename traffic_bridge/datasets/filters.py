@@ -12,12 +12,10 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from traffic_bridge.datasets.trajectories import Trajectories
-
-FloatArray = NDArray[np.float64]
 
 # Widths of the paper [s].
 POSITION_WIDTH = 0.5

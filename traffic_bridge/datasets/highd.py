@@ -12,13 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from traffic_bridge.datasets.assemble import Rows, assemble
 from traffic_bridge.datasets.ngsim import ARTICULATED_LENGTH
 from traffic_bridge.datasets.table import Table, read_csv
 from traffic_bridge.datasets.trajectories import Trajectories
-
-FloatArray = NDArray[np.float64]
 
 MARKS = ("frame", "id", "x", "y", "xVelocity", "laneId")
 MARKINGS = {1: "upperLaneMarkings", 2: "lowerLaneMarkings"}

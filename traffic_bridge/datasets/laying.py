@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.road import Route
 from traffic_bridge.datasets.motion import Motion, calm, fit, split_jumps, transitions
@@ -24,7 +25,6 @@ from traffic_bridge.vehicles.types import default_types
 if TYPE_CHECKING:
     from traffic_bridge.recording.recording import Recording
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 LANE_CHANGE = 3.5  # [s], as TrafficConfig.lane_change_duration: for sets that jump between lanes

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from iits_mj.core.arrays import FloatArray
 
 DEGREE = 3
 

@@ -13,13 +13,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from traffic_bridge.datasets.assemble import Rows, assemble
 from traffic_bridge.datasets.ngsim import FRAME, LANE_WIDTH, kinds_of
 from traffic_bridge.datasets.speeds import check_speeds
 from traffic_bridge.datasets.table import Table
 from traffic_bridge.datasets.trajectories import Trajectories
-
-FloatArray = NDArray[np.float64]
 
 MARKS = ("preceding_local_y", "preceding_vel", "frame_id", "v_vel", "local_y")
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.road import Route
 from traffic_bridge.datasets.assemble import Rows, assemble
 from traffic_bridge.datasets.trajectories import Trajectories
 from traffic_bridge.modes.resim import check_map
 from traffic_bridge.recording.recording import COLUMNS, Recording
-
-FloatArray = NDArray[np.float64]
 
 LANE_WIDTH = 3.5  # [m], for a recording of one lane whose road is not given
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from traffic_bridge.datasets.trajectories import Trajectories
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

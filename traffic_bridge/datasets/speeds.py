@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from traffic_bridge.datasets.trajectories import INSTANT
-
-FloatArray = NDArray[np.float64]
 
 # [s] over which a way is compared: positions of raw sets jitter by tenths of a metre from row to
 # row, which is of no account over this time.

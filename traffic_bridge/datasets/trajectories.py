@@ -11,10 +11,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from traffic_bridge.vehicles.types import KINDS
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 INSTANT = 1e-3  # [s]: rows nearer in time than this are of one instant

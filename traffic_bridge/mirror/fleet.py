@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.mirror.articulation import Articulation, Pose, TrailerMemory, units
 from traffic_bridge.mirror.contact import Outline
@@ -16,7 +17,6 @@ from traffic_bridge.mirror.motion import CRAWL, NOWHERE, STATE, moved, quaternio
 from traffic_bridge.mirror.slots import Slot
 from traffic_bridge.vehicles.registry import VehicleType
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
 

@@ -12,7 +12,6 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from iits_mj.errors import InputError
 from iits_mj.messages import TrackedVehicle
@@ -23,8 +22,6 @@ from traffic_bridge.mirror.fleet import Fleet
 from traffic_bridge.mirror.looks import LOOKS
 from traffic_bridge.mirror.slots import Slot, Slots
 from traffic_bridge.vehicles.registry import VehicleType, default_types
-
-FloatArray = NDArray[np.float64]
 
 DEFAULT_POOL = {"car": 14, "van": 5, "truck": 4, "articulated": 4}
 LARGEST_POOL = 500

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from traffic_bridge.frame import COLUMNS, VehicleFrame
 from traffic_bridge.modes.observation import TIGHT_TURN
-
-FloatArray = NDArray[np.float64]
 
 # x, y, z, yaw, pitch, roll, yaw_rate, speed, acceleration, lateral_speed.
 STATE = COLUMNS[:10]

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.vehicles.registry import VehicleType
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
 # A vehicle with a slot counts as this much nearer, so that two at the edge do not take turns.

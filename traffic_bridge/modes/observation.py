@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.messages import EgoState
 from iits_mj.road import Route
 from traffic_bridge.frame import COLUMNS, VehicleFrame
@@ -17,7 +18,6 @@ from traffic_bridge.network.lanes import RouteLanes
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles.registry import Vehicles
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
 VIEW_MARGIN = 30.0  # [m]: lanes are chosen by their ends and bends, vehicles by their centres

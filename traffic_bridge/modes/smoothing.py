@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from traffic_bridge.modes.sideways import (
     SIDE_SPEED,
     STEEPEST,
@@ -26,7 +27,6 @@ from traffic_bridge.modes.sideways import (
     quintic,
 )
 
-FloatArray = NDArray[np.float64]
 Rows = Sequence[FloatArray]
 
 JUMP = 0.3  # [m] in one step: more than any lane's taper or a map's seam moves a vehicle

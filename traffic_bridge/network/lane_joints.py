@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from traffic_bridge.network.road_frames import SurfacePoint, wrap
-
-FloatArray = NDArray[np.float64]
 
 SHORT = 0.5  # [m]: a joint this short has no direction of its own
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from traffic_bridge.network.lane_table import LaneTable, per_sample
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
 # Columns of the stack: four coefficients of x, y and z, then two of each of the others.

@@ -9,12 +9,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from traffic_bridge.network.net_file import NetFile
 from traffic_bridge.network.road_frames import SurfacePoint, wrap
-
-FloatArray = NDArray[np.float64]
 
 WINDOW = 30.0  # [m] over which half of a step fades out
 STEP_LIMIT = 3.0  # [m]: beyond it two ends are not one place (as in routes)

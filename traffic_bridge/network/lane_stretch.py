@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from iits_mj.core.arrays import FloatArray
 from traffic_bridge.network.net_file import NetConnection
 from traffic_bridge.network.road_frames import RoadFrame, SurfacePoint
-
-FloatArray = NDArray[np.float64]
 
 
 class Row(NamedTuple):

@@ -14,16 +14,15 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError, TrafficError
 from traffic_bridge.network.lane_joints import joint, moved
 from traffic_bridge.network.lane_seams import LaneSeams, blended, half_step
 from traffic_bridge.network.lane_stretch import Inside, Stretch
 from traffic_bridge.network.net_file import NetEdge, NetFile, NetLane
 from traffic_bridge.network.road_frames import RoadFrame, RoadFrames, SurfacePoint
-
-FloatArray = NDArray[np.float64]
 
 STEP = 2.0  # [m] between the places at which the length of a lane's centre is summed
 

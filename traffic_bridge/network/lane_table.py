@@ -9,12 +9,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.road import Route
 from traffic_bridge.network.lane_surface import LaneSurface
-
-FloatArray = NDArray[np.float64]
 
 SAMPLE_SPACING = 5.0  # [m] of cubic pieces: exact to millimetres in a motorway's bends
 JUNCTION_SPACING = 1.0  # [m] where a truck's turn has a radius of some metres

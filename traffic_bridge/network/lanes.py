@@ -9,8 +9,8 @@ from dataclasses import replace
 from typing import Any, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import TrafficError
 from iits_mj.road import Route
 from iits_mj.road.elements import DRIVING_TYPES
@@ -30,8 +30,6 @@ from traffic_bridge.network.map_network import MapNetwork
 from traffic_bridge.network.nets import Network, lane_kinds
 from traffic_bridge.network.route_edges import RouteEdges, links_of
 from traffic_bridge.session import Session
-
-FloatArray = NDArray[np.float64]
 
 GAP = 10.0  # [m] between edges, at most: netconvert's internal lanes at a change of lanes
 HOPS = 4  # lanes the truck may pass in one step: those inside junctions can be short

@@ -7,7 +7,7 @@ a limit that is none; and dies on direct junctions. The geometry stays as it is.
 from __future__ import annotations
 
 import math
-from xml.etree import ElementTree
+import xml.etree.ElementTree as ElementTree
 from xml.etree.ElementTree import Element
 
 from iits_mj.errors import MapError

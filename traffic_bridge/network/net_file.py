@@ -10,12 +10,10 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import TrafficError
 from iits_mj.road.elements import DRIVING_TYPES
-
-FloatArray = NDArray[np.float64]
 
 ORIGIN = "origId"  # netconvert's name for "ROAD_LANE" of OpenDRIVE (--output.original-names)
 

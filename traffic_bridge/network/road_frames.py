@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.road import RoadMap
 from iits_mj.road.elements import LaneSection, Road, lane_borders
 from iits_mj.road.pieces import join
@@ -22,8 +23,6 @@ from iits_mj.road.polynomials import PiecewiseCubic, combine
 from iits_mj.road.reference_line import ReferenceLine, RoadPoint
 from iits_mj.road.road_map import SUPERELEVATION_LIMIT
 from iits_mj.road.seams import ContinuousChain
-
-FloatArray = NDArray[np.float64]
 
 HALF_STEP = 0.05  # [m]: differences over twice this give heading and grade of a lane's centre
 # [m]: netconvert lays tapered lanes up to 2 m beside their place; a whole lane is wider.

@@ -39,6 +39,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.messages import EgoState, TrackedVehicle, VehicleCommand
 from traffic_bridge import frame as frames
 from traffic_bridge.frame import VehicleFrame
@@ -50,8 +51,6 @@ from traffic_bridge.recording.rows import (
     ego_of,
     ego_row,
 )
-
-FloatArray = NDArray[np.float64]
 
 SCHEMA = 2
 SIZE_COLUMNS = ("length", "width", "height")

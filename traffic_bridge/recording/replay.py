@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from traffic_bridge.frame import COLUMNS, VehicleFrame
 from traffic_bridge.recording.recording import Recording, ranks
-
-FloatArray = NDArray[np.float64]
 
 EXACT = 1e-6  # [s]: this near a recorded frame the frame itself is given
 # Columns whose rate is continuous; all others but the sizes go straight from frame to frame.

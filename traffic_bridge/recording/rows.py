@@ -7,12 +7,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from iits_mj.messages import EgoState, TransmissionMode, VehicleCommand, XbrEbiMode, XbrMode
-
-FloatArray = NDArray[np.float64]
 
 PRESSURES = tuple(
     f"brake_pressure_{place}"

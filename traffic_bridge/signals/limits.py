@@ -17,9 +17,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from traffic_bridge.checks import is_number, is_whole
-from traffic_bridge.network.lanes import FloatArray, LaneTable, RouteLanes
+from traffic_bridge.network.lanes import LaneTable, RouteLanes
 from traffic_bridge.network.upstream import upstream
 from traffic_bridge.session import Session
 from traffic_bridge.signals.events import LONGEST, SpeedLimit

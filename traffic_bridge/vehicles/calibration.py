@@ -18,13 +18,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.errors import InputError
 from traffic_bridge.datasets.pairs import Pair
 from traffic_bridge.vehicles.idm import PARAMETERS, IdmParameters, acceleration
 
-FloatArray = NDArray[np.float64]
 MEASURES = ("mixed", "relative", "absolute")
 # What is searched: v0 [m/s], T [s], s0 [m], a and b [m/s2]. A driver in congestion does not show
 # the desired speed, so its upper bound is that of a freeway; nobody is to stop within 1 m.

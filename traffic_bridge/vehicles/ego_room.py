@@ -6,12 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.messages import EgoFootprint
 from traffic_bridge.network.lanes import LaneTable
-
-FloatArray = NDArray[np.float64]
 
 # Free road kept around the ego in its own lane at the beginning: a minimum and a time [m], [s].
 EGO_GAP = 30.0

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.decision.fast_world.config import Drivers, idm_acceleration
+from iits_mj.core.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 MARGIN = 2.0  # [m] before and behind that must be free after a change

@@ -25,9 +25,9 @@ from controllers.decision.fast_world.config import (
     idm_acceleration,
 )
 from controllers.decision.fast_world.road import LANE_WIDTH, LANES
+from iits_mj.core.arrays import FloatArray
 from iits_mj.messages import TrackedVehicle
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 

@@ -12,14 +12,13 @@ import numpy as np
 from dm_control.suite import base
 from dm_control.utils import rewards
 from dm_env import specs
-from numpy.typing import NDArray
 
 from iits_mj.actions import read_action
+from iits_mj.core.arrays import FloatArray
 from iits_mj.messages import TransmissionMode, VehicleCommand, XbrMode
 from iits_mj.suite.observed import BENDING, INSTRUMENTS, WITHOUT_GEAR, Observed
 from iits_mj.suite.physics import Physics
 
-FloatArray = NDArray[np.float64]
 Observations = collections.OrderedDict[str, FloatArray]
 
 # Full negative "drive" asks the brakes for this deceleration [m/s2].

@@ -1,0 +1,1 @@
+"""What every package speaks: messages, errors, options, checks, results, units and tables."""

@@ -1,0 +1,11 @@
+"""Types of the numpy arrays that the packages pass to each other."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+IndexArray = NDArray[np.intp]
+"""Indices, such as the results of `np.searchsorted` and `np.argsort`."""
