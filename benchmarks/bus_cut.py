@@ -14,16 +14,16 @@ from pathlib import Path
 
 import numpy as np
 
-from controllers.fallback import Fallback
-from controllers.planner import PlannerConfig
-from controllers.safe_stop import SafeStop
-from controllers.speed_plan import SpeedConfig
+from controllers.planning.planner import PlannerConfig
+from controllers.planning.speed_plan import SpeedConfig
+from controllers.safe_stop.fallback import Fallback
+from controllers.safe_stop.stop import SafeStop
 from controllers.stack import Stack
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.messages import Scene
+from iits_mj.core.results import Line, Panel
 from iits_mj.j1939 import CommandReceiver, command_to_frames
-from iits_mj.messages import Scene
 from iits_mj.render.plots import save
-from iits_mj.results import Line, Panel
 from iits_mj.road import RoadMap, Route
 from iits_mj.truck import Truck
 

@@ -15,11 +15,11 @@ import tempfile
 import time
 from pathlib import Path
 
+from iits_mj.evaluation import evaluate
+from iits_mj.evaluation.drives import drive
+from iits_mj.evaluation.montecarlo import NOMINAL, SampleTask, measure
+from iits_mj.evaluation.trials import Task, Trial
 from iits_mj.scale import RayExecutor, Shards
-from iits_mj.validation import evaluate
-from iits_mj.validation.montecarlo_samples import NOMINAL, SampleTask, measure
-from iits_mj.validation.trial_drives import drive
-from iits_mj.validation.trials import Task, Trial
 
 NODES = 3
 

@@ -21,16 +21,9 @@ from scipy.stats import spearmanr
 from trial_files import trials_of
 
 from controllers.decision.trip import CELLS
-from iits_mj.validation.evaluate_figures import (
-    POLICY,
-    RULES,
-    STRONGER,
-    CellFigures,
-    figures,
-    same_seeds,
-)
-from iits_mj.validation.evaluate_statistics import Estimate, estimate
-from iits_mj.validation.trials import Trial
+from iits_mj.evaluation.figures import POLICY, RULES, STRONGER, CellFigures, figures, same_seeds
+from iits_mj.evaluation.trials import Trial
+from iits_mj.validation.harness.statistics import Estimate, estimate
 
 METHODS = (*RULES, *STRONGER, POLICY)
 HEADER = "| cell | method | trips | loss | its loss | difference | changes | its changes |"

@@ -5,9 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from iits_mj.errors import InputError
-from iits_mj.validation.evaluate_rows import read_trials
-from iits_mj.validation.trials import Trial
+from iits_mj.core.errors import InputError
+from iits_mj.evaluation.trials import Trial, read_trials
 
 
 def trials_of(path: Path) -> list[Trial]:

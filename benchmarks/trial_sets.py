@@ -18,8 +18,8 @@ from pathlib import Path
 from trial_files import trials_of
 
 from controllers.decision.trip import CELLS
-from iits_mj.validation.evaluate_figures import POLICY, RULES, CellFigures, figures, over_all
-from iits_mj.validation.trials import EMPTY, Trial
+from iits_mj.evaluation.figures import POLICY, RULES, CellFigures, figures, over_all
+from iits_mj.evaluation.trials import EMPTY, Trial
 
 METHODS = (*RULES, POLICY)
 HEADER = (

@@ -9,14 +9,22 @@ from typing import TYPE_CHECKING
 
 from controllers.decision.base import DecisionContext, DecisionMaker, Keep
 from controllers.decision.observation import ObservationHistory, observe_frame
-from controllers.planner import Planner, PlannerConfig
-from controllers.speed_reference import CruiseReference, ProfileReference, SpeedReference
-from controllers.state_check import named_decision
-from controllers.surroundings import Neighbor, Surroundings
-from controllers.tracking import Tracker, TrackingConfig
-from iits_mj.errors import InputError
-from iits_mj.messages import Decision, EgoState, Scene, SpeedProfile, Trajectory, VehicleCommand
+from controllers.planning.planner import Planner, PlannerConfig, named_decision
+from controllers.planning.speed_reference import CruiseReference, ProfileReference, SpeedReference
+from controllers.planning.surroundings import Neighbor, Surroundings
+from controllers.tracking.controller import Tracker, TrackingConfig
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import (
+    Decision,
+    EgoState,
+    Scene,
+    SpeedProfile,
+    Trajectory,
+    VehicleCommand,
+)
 from iits_mj.parameters import TruckParameters
+
+# --- The pipeline: scene -> decision -> trajectory -> command ---
 
 if TYPE_CHECKING:
     from iits_mj.road import Route

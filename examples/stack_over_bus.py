@@ -17,13 +17,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NoReturn
 
-from controllers.planner import PlannerConfig
+from controllers.planning.planner import PlannerConfig
 from controllers.stack import Stack
-from iits_mj.errors import Error
+from iits_mj.core.errors import Error
+from iits_mj.core.messages import EgoState, Scene
 from iits_mj.j1939 import CommandSender, Link, StateReceiver, pgn_of
 from iits_mj.j1939.addresses import CONTROLLER
 from iits_mj.j1939.network import request
-from iits_mj.messages import EgoState, Scene
 from iits_mj.road import RoadMap
 
 STEP = 0.02

@@ -6,11 +6,11 @@ truck's MJCF. SUMO, CasADi and torch are loaded only by the modules that need th
 
 import warnings
 
-from iits_mj.assets import mjcf_path
-from iits_mj.errors import Error, PluginError
-from iits_mj.messages import VehicleCommand
+from iits_mj.core.assets import mjcf_path
+from iits_mj.core.errors import Error, PluginError
+from iits_mj.core.messages import VehicleCommand
 from iits_mj.parameters import TruckParameters
-from iits_mj.plugin_library import register as _register_plugin
+from iits_mj.plugin import register as _register_plugin
 
 __version__ = "0.1.0"
 

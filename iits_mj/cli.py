@@ -16,7 +16,7 @@ from typing import Any
 
 import iits_mj
 from iits_mj.commands import arguments
-from iits_mj.errors import Error, InputError
+from iits_mj.core.errors import Error, InputError
 
 COMMANDS = {
     "drive": "drive the truck with its stack over a road in traffic; video, telemetry, report",

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from iits_mj.actions import read_action
-from iits_mj.errors import InputError
+from iits_mj.core.checks import read_action
+from iits_mj.core.errors import InputError
 
 
 def test_numbers_of_any_kind_are_read_as_they_are():

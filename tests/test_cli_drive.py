@@ -13,8 +13,8 @@ import pytest
 
 from controllers.stack import Stack
 from iits_mj import cli
-from iits_mj.errors import RenderError
-from iits_mj.messages import EgoState, VehicleCommand
+from iits_mj.core.errors import RenderError
+from iits_mj.core.messages import EgoState, VehicleCommand
 from iits_mj.simulation import Simulation
 from iits_mj.truck import Truck
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from iits_mj import cli
+from iits_mj.core.messages import VehicleCommand
 from iits_mj.j1939 import LogWriter, command_to_frames, read_log
-from iits_mj.messages import VehicleCommand
 
 KENWORTH = Path(__file__).resolve().parents[1] / "../shared/data/j1939/KWTruck.txt"
 Capture = pytest.CaptureFixture[str]

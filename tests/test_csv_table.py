@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from controllers.pcc import RoadProfile
-from controllers.pcc.cycles import read_cycle
-from controllers.speed_reference import read_profile
-from iits_mj.csv_table import read_columns, read_names
-from iits_mj.errors import InputError
+from controllers.pcc.profile import read_cycle
+from controllers.planning.speed_reference import read_profile
+from iits_mj.core.errors import InputError
+from iits_mj.core.tables import read_columns, read_names
 from iits_mj.road.measured import route_from_csv
 
 NAMES = (("s_m", "s"), ("z_m", "z"))

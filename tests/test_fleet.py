@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from iits_mj.errors import InputError
-from iits_mj.fleet import TRUCKS_MAX, Fleet, prefix
+from iits_mj.core.errors import InputError
 from iits_mj.road import Route
 from iits_mj.truck import Truck
-from iits_mj.truck_pose import Placement
+from iits_mj.truck.fleet import TRUCKS_MAX, Fleet, prefix
+from iits_mj.truck.placement import Placement
 
 ROUTE = Route.straight(length=2_000.0, lanes=2)
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from iits_mj import options
 from iits_mj.commands import arguments
-from iits_mj.errors import InputError
-from iits_mj.options import option
+from iits_mj.core import options
+from iits_mj.core.errors import InputError
+from iits_mj.core.options import option
 
 
 @dataclass(frozen=True, kw_only=True)

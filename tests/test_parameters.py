@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from iits_mj.errors import InputError
-from iits_mj.parameter_files import provenance
+from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.files import provenance
 
 
 def test_every_figure_has_unit_grade_and_a_place():

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from iits_mj.errors import InputError
-from iits_mj.results import Check, Results
+from iits_mj.core.errors import InputError
+from iits_mj.core.results import Check, Results
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.model.sensor_table import sensor_unit
 from iits_mj.road import Route
-from iits_mj.rollouts import Scenario, roll_out
 from iits_mj.truck import Truck
-from iits_mj.truck_pose import Placement
+from iits_mj.truck.placement import Placement
+from iits_mj.truck.rollouts import Scenario, roll_out
 
 ROAD = Route.straight(length=3_000.0, lanes=2)
 SLIPPERY = Route.straight(length=3_000.0, lanes=2, friction=0.2)

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
-from iits_mj.spread import Quantity, Spread
+from iits_mj.parameters.randomization import Quantity, Spread
 
 
 def test_the_same_generator_draws_the_same_truck():

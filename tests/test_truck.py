@@ -9,8 +9,8 @@ import pytest
 from mujoco import rollout
 
 import iits_mj
-from iits_mj.errors import Error, InputError
-from iits_mj.messages import XbrMode
+from iits_mj.core.errors import Error, InputError
+from iits_mj.core.messages import XbrMode
 from iits_mj.road import Route
 
 FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS

@@ -13,21 +13,17 @@ from traffic_bridge.config import DENSITIES, LANE_CHANGE_MODELS, TrafficConfig
 from traffic_bridge.datasets import Trajectories, lay, read_trajectories
 from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.mirror.mirror import Mirror
-from traffic_bridge.modes.mixed import MixedSim
-from traffic_bridge.modes.parallel import TrafficWorlds, WorldSpec
-from traffic_bridge.modes.repsim import RepSim
+from traffic_bridge.modes.parallel import SeparateTraffic, TrafficWorlds, WorldSpec
+from traffic_bridge.modes.repsim import MixedSim, RepSim
 from traffic_bridge.modes.resim import ReSim
-from traffic_bridge.modes.separate import SeparateTraffic
 from traffic_bridge.modes.sumo_modes import InterSim, PureSim, Traffic
 from traffic_bridge.network.map_lookup import MapPoint, Place
 from traffic_bridge.network.map_network import MapLane, MapNetwork, MapRoad
 from traffic_bridge.network.map_paths import MapPath
 from traffic_bridge.network.nets import Network, build_network, cache_dir, find_netconvert
-from traffic_bridge.recording.digest import PoseDigest
 from traffic_bridge.recording.recorder import Recorder
-from traffic_bridge.recording.recording import Recording
+from traffic_bridge.recording.recording import PoseDigest, Recording
 from traffic_bridge.session import sumo_runs_here
-from traffic_bridge.signals.event_files import read_events
 from traffic_bridge.signals.events import (
     Event,
     LaneClosure,
@@ -37,15 +33,15 @@ from traffic_bridge.signals.events import (
     SpeedLimit,
     StoppedVehicle,
     VehicleChange,
+    read_events,
 )
-from traffic_bridge.signals.light_ahead import LightAhead
-from traffic_bridge.signals.lights import LightPhase
-from traffic_bridge.vehicles.calibrated import calibrated_types
+from traffic_bridge.signals.lights import LightAhead, LightPhase
 from traffic_bridge.vehicles.calibration import (
     Calibration,
     calibrate,
     calibrate_each,
     calibrate_headways,
+    calibrated_types,
     evaluate,
     trimmed,
 )

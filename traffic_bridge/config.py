@@ -8,9 +8,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from iits_mj.errors import InputError
-from iits_mj.messages import EgoFootprint
-from traffic_bridge.checks import in_range, is_number, make_plain, shown
+from iits_mj.core.checks import in_range, is_number, make_plain, shown
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoFootprint
 from traffic_bridge.signals.events import Event, SlowConvoy, StoppedVehicle, VehicleChange, event_of
 from traffic_bridge.vehicles.departures import Departure
 from traffic_bridge.vehicles.types import VehicleType, default_types, type_from_dict

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import InputError
-from iits_mj.messages import TrackedVehicle
-from traffic_bridge.checks import is_number, is_whole, shown
+from iits_mj.core.checks import is_number, is_whole, shown
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import TrackedVehicle
 
 COLUMNS = (
     "x",

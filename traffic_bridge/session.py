@@ -15,7 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from iits_mj.errors import TrafficError
+from iits_mj.core.errors import TrafficError
 
 ERROR_LOG = "errors.txt"
 

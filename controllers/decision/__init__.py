@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from controllers.decision.base import DecisionContext, DecisionMaker, Keep
 from controllers.decision.observation import ObservationHistory, observation, observe_frame
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 
 NAMES = ("keep", "conservative", "neutral", "aggressive", "mobil", "lookahead", "ddqn")
 
@@ -28,11 +28,11 @@ def make(name: str, weights: str | None = None) -> DecisionMaker:
 
         return ClearanceRule(name)
     if name == "mobil":
-        from controllers.decision.mobil import Mobil
+        from controllers.decision.rules import Mobil
 
         return Mobil()
     if name == "lookahead":
-        from controllers.decision.lookahead import LookAhead
+        from controllers.decision.rules import LookAhead
 
         return LookAhead()
     if name == "ddqn":

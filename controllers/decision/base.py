@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.messages import Decision, Scene
+from iits_mj.core.messages import Decision, Scene
 
 if TYPE_CHECKING:
     from iits_mj.road import Route

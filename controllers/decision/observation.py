@@ -32,8 +32,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.errors import InputError
-from iits_mj.messages import Scene
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import Scene
 
 if TYPE_CHECKING:
     from controllers.decision.base import Observation

@@ -2,11 +2,199 @@
 
 from __future__ import annotations
 
+import itertools
+import json
+import math
+import zipfile
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from controllers.decision.base import DecisionContext
-from controllers.decision.network import QNetwork
-from iits_mj.messages import Decision
+from controllers.decision.observation import (
+    FEATURES,
+    FRAME_AGES,
+    OBSERVATION_SIZE,
+    OBSERVATION_VERSION,
+    ROWS,
+)
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import Decision
+
+# --- The paper's network in numpy: 216-256-512-256-3 with ReLU, and its file ---
+# The file is an npz without pickled objects: `w0..w3` of shape (outputs, inputs), `b0..b3`, and
+# `metadata`, a JSON text that tells the version of the observation, the layers and the origin.
+
+LAYERS = (OBSERVATION_SIZE, 256, 512, 256, 3)
+ACTIONS = (Decision.LEFT, Decision.KEEP, Decision.RIGHT)
+_KEEP = ACTIONS.index(Decision.KEEP)
+FORMAT = "iits_mj.q_network.1"
+_SIZE_MAX = 64 * 2**20
+
+FloatArray = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class QNetwork:
+    """The four layers, and how it decides.
+
+    Attributes:
+      weights: of shape (outputs, inputs), float32; biases: (outputs,).
+      metadata: JSON values that the file tells of itself.
+      margin: a change is decided on when its value exceeds that of keeping by more than this, in
+        the values' units: hysteresis, so that no change hangs on the values' noise.
+    """
+
+    weights: tuple[FloatArray, ...]
+    biases: tuple[FloatArray, ...]
+    metadata: dict[str, Any] = field(default_factory=dict)
+    margin: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuses shapes other than the paper's and numbers that are not finite."""
+        _check_layers(self.weights, self.biases, "network")
+        _check_margin(self.margin, "network")
+
+    @classmethod
+    def random(cls, generator: np.random.Generator) -> QNetwork:
+        """A network with He-initialized weights, for tests and as a control."""
+        pairs = list(itertools.pairwise(LAYERS))
+        weights = tuple(
+            generator.normal(0.0, math.sqrt(2.0 / n), (m, n)).astype(np.float32) for n, m in pairs
+        )
+        return cls(weights, tuple(np.zeros(m, np.float32) for _, m in pairs))
+
+    def values(self, observation: NDArray[np.floating[Any]]) -> FloatArray:
+        """Q of (left, keep, right): (3,) or (batch, 3), of observations (216,) or (batch, 216).
+
+        Raises:
+          InputError: wrong shape, or a value that is not finite; the message names its feature.
+        """
+        check_observation(observation)
+        x = np.asarray(observation, dtype=np.float32)
+        last = len(self.weights) - 1
+        for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            x = x @ weight.T + bias
+            if i < last:
+                x = np.maximum(x, 0.0)
+        return x
+
+    def greedy(self, observation: NDArray[np.floating[Any]]) -> Decision:
+        """The decision with the greatest value, keeping the lane being worth the margin more."""
+        values = self.values(observation).copy()
+        values[_KEEP] += self.margin
+        return ACTIONS[int(np.argmax(values))]
+
+    def save(self, path: str | Path, **metadata: Any) -> None:
+        """Writes the npz; keyword arguments join its metadata."""
+        header = {
+            **self.metadata,
+            **metadata,
+            "format": FORMAT,
+            "observation_version": OBSERVATION_VERSION,
+            "layers": list(LAYERS),
+            "margin": self.margin,
+        }
+        arrays: dict[str, Any] = {"metadata": np.array(json.dumps(header, sort_keys=True))}
+        for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            arrays[f"w{i}"], arrays[f"b{i}"] = weight, bias
+        with Path(path).open("wb") as stream:
+            np.savez_compressed(stream, **arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> QNetwork:
+        """Reads a file written by `save`.
+
+        Raises:
+          InputError: no such file, not an npz of ours, other shapes, another version of the
+            observation, numbers that are not finite; the message gives the reason.
+        """
+        name = str(path)
+        try:
+            if Path(path).stat().st_size > _SIZE_MAX:
+                raise InputError(f"weights file {name!r} is larger than {_SIZE_MAX >> 20} MiB")
+            with np.load(path, allow_pickle=False) as content:
+                arrays = {key: content[key] for key in content.files}
+        except FileNotFoundError as error:
+            raise InputError(f"weights file {name!r} does not exist") from error
+        except (
+            OSError,
+            ValueError,
+            EOFError,
+            KeyError,
+            zipfile.BadZipFile,
+            zipfile.error,
+        ) as error:
+            raise InputError(f"weights file {name!r} is not a readable npz: {error}") from error
+        except Exception as error:  # a damaged deflate stream raises zlib.error
+            raise InputError(f"weights file {name!r} is damaged: {error}") from error
+        metadata = _metadata(arrays, name)
+        count = len(LAYERS) - 1
+        missing = [k for i in range(count) for k in (f"w{i}", f"b{i}") if k not in arrays]
+        if missing:
+            raise InputError(f"weights file {name!r} lacks {', '.join(missing)}")
+        weights = tuple(arrays[f"w{i}"].astype(np.float32) for i in range(count))
+        biases = tuple(arrays[f"b{i}"].astype(np.float32) for i in range(count))
+        _check_layers(weights, biases, f"weights file {name!r}")
+        margin = metadata.get("margin", 0.0)
+        _check_margin(margin, f"weights file {name!r}")
+        return cls(weights, biases, metadata, float(margin))
+
+
+def check_observation(observation: NDArray[np.floating[Any]]) -> None:
+    """Raises InputError on a wrong shape or a number that is not finite, naming its feature."""
+    if observation.ndim not in (1, 2) or observation.shape[-1] != OBSERVATION_SIZE:
+        raise InputError(
+            f"observation has shape {observation.shape}: ({OBSERVATION_SIZE},) is wanted"
+        )
+    bad = np.argwhere(~np.isfinite(np.atleast_2d(observation)))
+    if bad.size:
+        index = int(bad[0][1])
+        age, rest = divmod(index, len(ROWS) * len(FEATURES))
+        row, feature = divmod(rest, len(FEATURES))
+        raise InputError(
+            f"observation: {FEATURES[feature]} of row {ROWS[row]}, {FRAME_AGES[age]:g} s ago, is "
+            f"{np.atleast_2d(observation)[tuple(bad[0])]}: must be finite"
+        )
+
+
+def _metadata(arrays: dict[str, Any], name: str) -> dict[str, Any]:
+    try:
+        metadata = json.loads(str(arrays["metadata"]))
+        kind, version = metadata["format"], metadata["observation_version"]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"weights file {name!r} has no usable metadata: {error}") from error
+    if kind != FORMAT:
+        raise InputError(f"weights file {name!r} has format {kind!r}; {FORMAT!r} is wanted")
+    if version != OBSERVATION_VERSION:
+        raise InputError(
+            f"weights file {name!r} is for version {version!r} of the observation; "
+            f"this program has version {OBSERVATION_VERSION}: train the policy again"
+        )
+    return dict(metadata)
+
+
+def _check_layers(
+    weights: tuple[FloatArray, ...], biases: tuple[FloatArray, ...], what: str
+) -> None:
+    shapes = list(zip(LAYERS[1:], LAYERS[:-1], strict=True))
+    if [w.shape for w in weights] != shapes or [b.shape for b in biases] != [s[:1] for s in shapes]:
+        found = ", ".join(str(w.shape) for w in weights)
+        raise InputError(f"{what} has layers of shape {found}; {shapes} are wanted")
+    if not all(np.isfinite(a).all() for a in (*weights, *biases)):
+        raise InputError(f"{what} holds numbers that are not finite")
+
+
+def _check_margin(margin: Any, what: str) -> None:
+    number = isinstance(margin, int | float) and not isinstance(margin, bool)
+    if not number or not (math.isfinite(margin) and margin >= 0.0):
+        raise InputError(f"{what} has the margin {margin!r}; it must be a number, zero or more")
+
+
+# --- The trained policy as a decision maker; needs numpy only ---
 
 SHIPPED = Path(__file__).resolve().parent / "weights" / "ddqn.npz"
 

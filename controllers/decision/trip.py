@@ -7,15 +7,83 @@ runs: a step lasts 1 s, or as long as the change. Rewards are discounted by the 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Protocol
 
 import numpy as np
 
 from controllers.decision.base import DecisionContext, Observation
-from controllers.decision.reward import RewardConfig, RewardTerms
-from iits_mj.errors import InputError
-from iits_mj.messages import Decision
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import Decision
+
+# --- Where the seeds of training, validation and test trips begin; no two of the three meet ---
+# Training draws from the first, the choice of a policy from the second. Only figures that are to be
+# believed come from the third: no decision may rest on them.
+
+TRAINING_SEEDS, VALIDATION_SEEDS, TEST_SEEDS = 1_000_000, 2_000_000, 3_000_000
+# Each of the three has as many seeds as lie between two beginnings.
+SEEDS_EACH = 1_000_000
+
+
+# --- The paper's reward with its signs repaired, term by term ---
+# `r = r_ch + r_v + r_sa`: -10 for a decision to change lanes (also one that is refused), minus the
+# distance of the speed from the reference for each second (the paper prints it with the wrong
+# sign), -20 for a decision to change at a dangerous moment. A collision, which the paper does not
+# charge, ends the trip, and an end would otherwise be worth more than any future of charges.
+
+
+@dataclass(frozen=True)
+class RewardConfig:
+    """Weights of the terms.
+
+    Attributes:
+      change: charge of a decision to change lanes; danger: further charge when it is dangerous.
+      speed: charge for each second and m/s of distance from the reference speed.
+      collision: charge of a collision.
+      discount: of a reward one second later.
+    """
+
+    change: float = 10.0
+    danger: float = 20.0
+    speed: float = 1.0
+    collision: float = 300.0
+    discount: float = 0.99
+
+
+@dataclass(frozen=True)
+class RewardTerms:
+    """The terms of one decision, discounted to its instant; all zero or negative."""
+
+    change: float = 0.0
+    speed: float = 0.0
+    danger: float = 0.0
+    collision: float = 0.0
+
+    @property
+    def total(self) -> float:
+        """Their sum."""
+        return self.change + self.speed + self.danger + self.collision
+
+    def __add__(self, other: RewardTerms) -> RewardTerms:
+        """Adds term by term."""
+        names = [field.name for field in fields(self)]
+        return RewardTerms(**{n: getattr(self, n) + getattr(other, n) for n in names})
+
+
+def decision_charge(changes: bool, dangerous: bool, config: RewardConfig) -> RewardTerms:
+    """Charge of the decision itself, at its instant."""
+    return RewardTerms(
+        change=-config.change if changes else 0.0,
+        danger=-config.danger if changes and dangerous else 0.0,
+    )
+
+
+def speed_charge(speed: float, reference: float, elapsed: float, config: RewardConfig) -> float:
+    """Charge of one second at a speed [m/s], `elapsed` seconds after the decision."""
+    return -config.speed * abs(speed - reference) * config.discount**elapsed
+
+
+# --- A trip of the truck through highway traffic, one decision a step: what all worlds share ---
 
 # The paper's spawn probabilities, of a vehicle per second and lane, and its two traffic limits.
 SPAWN_PROBABILITY = {"dense": 0.05, "medium": 0.02, "sparse": 0.005}

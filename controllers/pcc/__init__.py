@@ -1,6 +1,6 @@
 """Predictive cruise control: fuel-optimal speed over a hilly road, offline and receding."""
 
-from controllers.pcc.fence import FenceConfig, Leader
+from controllers.pcc.leader_constraint import FenceConfig, Leader
 from controllers.pcc.planner import PccConfig, PccSolution, plan
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.receding import HorizonPlan, RecedingPlanner

@@ -15,7 +15,7 @@ import numpy as np
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.vehicle import PointMass, brakeable, durations, fastest_below
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import PlanningError
+from iits_mj.core.errors import PlanningError
 
 if TYPE_CHECKING:
     from controllers.pcc.solver import Task

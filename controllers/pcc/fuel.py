@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import PlanningError
+from iits_mj.core.errors import PlanningError
 from iits_mj.parameters import TruckParameters
-from iits_mj.powertrain_parameters import Engine
+from iits_mj.parameters.powertrain import Engine
 
 _SPEEDS = 4000  # at which the least power of all gears is looked for
 _ENGINE_SPEED_MIN = 85.0  # [rad/s], 810 rpm: below it the driver would have shifted down

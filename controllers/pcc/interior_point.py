@@ -17,8 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.pcc.inequalities import Inequalities
-from controllers.pcc.kkt import NodeSystem
+from controllers.pcc.kkt import Inequalities, NodeSystem
 from controllers.pcc.problem import Point, Problem
 from iits_mj.core.arrays import FloatArray
 

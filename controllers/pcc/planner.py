@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 
 from controllers.pcc.fuel import FuelMap, Willans
 from controllers.pcc.profile import RoadProfile
-from controllers.pcc.refine import on_finer_road
-from controllers.pcc.solver import Solver, Task
+from controllers.pcc.solver import Solver, Task, on_finer_road
 from controllers.pcc.vehicle import PointMass, brakeable, cruise, durations, full_power_speed
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import InputError, PlanningError
-from iits_mj.messages import SpeedProfile
+from iits_mj.core.errors import InputError, PlanningError
+from iits_mj.core.messages import SpeedProfile
 from iits_mj.parameters import TruckParameters
 
 _NEARLY = 0.999  # of the fastest possible speed, so that more than one drive remains

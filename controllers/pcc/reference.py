@@ -4,24 +4,159 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from controllers.pcc.fence import Leader
-from controllers.pcc.flow import Flow
+from controllers.pcc.leader_constraint import Leader
 from controllers.pcc.planner import PccConfig
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.receding import HorizonPlan, RecedingPlanner
-from controllers.pcc.road_limits import RoadLimits
 from controllers.pcc.trip import Appointment, RecedingConfig
-from controllers.planner_config import PlannerConfig
-from controllers.surroundings import Neighbor
-from iits_mj.errors import InputError
-from iits_mj.messages import EgoState, Scene, SpeedProfile
+from controllers.planning.config import PlannerConfig
+from controllers.planning.road_preview import LanePath, RoadPreview
+from controllers.planning.rollover_limits import RollMargins
+from controllers.planning.speed_caps import SpeedCaps, with_zones
+from controllers.planning.surroundings import Neighbor
+from iits_mj.core.arrays import FloatArray
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoState, Scene, SpeedProfile, TrackedVehicle
 from iits_mj.parameters import TruckParameters
+
+# --- How fast the truck may go along its route: what plans take for the road's limits ---
+# They are the trajectory planner's own bounds, so that a plan, its schedule and the lag behind it
+# are of a drive that can be driven: the map's limits with changing signs laid over them, bends by
+# comfort and by the truck's roll-over margin, each come down to at its gentle deceleration.
+
+if TYPE_CHECKING:
+    from iits_mj.road import Route
+
+_FREE = 1e3  # [m/s] in place of no wish
+
+
+class RoadLimits:
+    """Greatest speeds over station, as they hold now.
+
+    Args:
+      route: the truck's road.
+      step: between the nodes of plans [m].
+      planner: settings of the trajectory planner.
+      parameters: of the truck, with its payload's height.
+    """
+
+    def __init__(
+        self, route: Route, step: float, planner: PlannerConfig, parameters: TruckParameters
+    ) -> None:
+        self._route, self._preview = route, RoadPreview(route)
+        self._caps = SpeedCaps(self._preview, planner)
+        self._margins = RollMargins(parameters, 1.0 / planner.change.duration_min)
+        self._around = math.ceil(0.5 * step / self._preview.step)
+        self._holding: tuple[object, ...] | None = None
+        self._limit: FloatArray = np.empty(0)
+
+    def update(self, scene: Scene) -> bool:
+        """Takes what holds now; true where that is something else than before.
+
+        Args:
+          scene: the truck, its mass and lane, and the signs.
+
+        Raises:
+          InputError: a zone's limit is no positive number, or its ends are none.
+        """
+        ego, zones = scene.ego, scene.signals.zones
+        of_lane = any(zone.lane is not None for zone in zones)
+        lane = max(int(self._route.lane_at(ego.station, ego.offset)), 0) if of_lane else 0
+        zones = tuple(zone for zone in zones if zone.lane is None or zone.lane == lane)
+        margin = self._margins.at(ego.mass)
+        if self._holding == (margin.threshold, zones):
+            return False
+        preview, station = self._preview, self._preview.station
+        path = with_zones(
+            LanePath(station, preview.offset[0], preview.speed_limit[0], 1.0, math.inf, lane), zones
+        )
+        free = SpeedProfile(station, np.full(station.size, _FREE))
+        slowest = self._caps.cap(path, free, margin, ego)
+        # A node stands for half a step to both sides.
+        padded = np.pad(slowest, self._around, mode="edge")
+        window = np.lib.stride_tricks.sliding_window_view(padded, 2 * self._around + 1)
+        self._limit = np.asarray(window.min(axis=1))
+        self._holding = (margin.threshold, zones)
+        return True
+
+    def at(self, station: FloatArray) -> FloatArray:
+        """Greatest speed at the nodes of a plan [m/s], shape as station."""
+        row = np.round(station / self._preview.step).astype(int)
+        return np.asarray(self._limit[np.clip(row, 0, self._limit.size - 1)])
+
+
+# --- How fast the traffic ahead drives: an estimate from the vehicles in sight ---
+# A plan that counts on being fast downhill, where others drive, is late: it meets them.
+
+
+@dataclass(frozen=True)
+class FlowConfig:
+    """How the flow is judged.
+
+    Attributes:
+      sight: vehicles of the road's lanes so far ahead count [m].
+      memory: time constant of the estimate [s].
+      margin: that a truck can be faster than the others by passing some of them [m/s].
+      presence: share of the time with somebody in sight from which on there is a flow, 0 to 1.
+    """
+
+    sight: float = 300.0
+    memory: float = 30.0
+    margin: float = 1.0
+    presence: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Refuses numbers that are not finite or not above 0."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not math.isfinite(value) or value <= 0.0:
+                raise InputError(f"{field.name} = {value!r} is not allowed: use a number above 0")
+
+
+class Flow:
+    """The mean speed of the vehicles ahead, remembered for a while."""
+
+    def __init__(self, config: FlowConfig | None = None) -> None:
+        self.config = config or FlowConfig()
+        self.reset()
+
+    def reset(self) -> None:
+        """Knows of no traffic."""
+        self._speed = self._present = 0.0
+        self._time = -math.inf
+
+    def update(self, time: float, station: float, vehicles: Iterable[TrackedVehicle]) -> float:
+        """Greatest speed that the traffic allows on the whole [m/s]; inf where there is none.
+
+        Args:
+          time: now [s].
+          station: of the truck [m].
+          vehicles: those in sight.
+        """
+        config = self.config
+        ahead = [
+            v.speed
+            for v in vehicles
+            if v.lane >= 0 and 0.0 < v.station - station < config.sight and math.isfinite(v.speed)
+        ]
+        # The first look counts in full.
+        weight = 1.0 - math.exp(-max(time - self._time, 0.0) / config.memory)
+        self._time = time
+        self._present += weight * (float(bool(ahead)) - self._present)
+        if ahead:
+            mean = max(sum(ahead) / len(ahead), 0.0)
+            fresh = self._speed <= 0.0
+            self._speed = mean if fresh else self._speed + weight * (mean - self._speed)
+        return self._speed + config.margin if self._present > config.presence else math.inf
+
+
+# --- Predictive cruise control as the stack's speed reference: a plan a second, behind traffic ---
 
 if TYPE_CHECKING:
     from iits_mj.road import Route
@@ -50,7 +185,7 @@ class PccReport:
 
 
 class PccReference:
-    """The receding-horizon planner in the stack; see `controllers.speed_reference`.
+    """The receding-horizon planner in the stack; see `controllers.planning.speed_reference`.
 
     Attributes:
       planner: None before the first scene, which tells the truck's mass.

@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controllers.pcc.fence import braking_speeds
+from controllers.pcc.leader_constraint import braking_speeds
 from controllers.pcc.planner import PccConfig, lower_speeds
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.solver import Answer, Solver, Task
 from controllers.pcc.vehicle import PointMass, durations, full_power_speed
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import PlanningError
+from iits_mj.core.errors import PlanningError
 
 # The least trip time is nobody's plan: every drop of fuel for a second. So much is left [1].
 _TIGHT = 1.01

@@ -13,14 +13,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from controllers.pcc.fence import FenceConfig, easing_speeds
+from controllers.pcc.leader_constraint import FenceConfig, easing_speeds
 from controllers.pcc.planner import PccConfig
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.schedule import Schedule, level_price, make_schedule
 from controllers.pcc.vehicle import PointMass
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import InputError, PlanningError
-from iits_mj.messages import SpeedProfile
+from iits_mj.core.errors import InputError, PlanningError
+from iits_mj.core.messages import SpeedProfile
 
 LEAST_INTERVALS = 4
 _EASE = 0.3  # [m/s2] at which a truck comes down to the traffic's speed

@@ -10,9 +10,9 @@ import numpy as np
 from controllers.pcc.fuel import FuelMap, Willans
 from controllers.pcc.profile import RoadProfile
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import PlanningError
+from iits_mj.core.errors import PlanningError
+from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
-from iits_mj.units import GRAVITY
 
 _CRAWL = 2.0  # [m/s]
 

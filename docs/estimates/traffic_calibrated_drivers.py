@@ -11,7 +11,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from iits_mj.validation.traffic_fit import calibrated
+from iits_mj.validation.traffic.fit import calibrated
 from traffic_bridge.datasets import pairs, read_trajectories
 from traffic_bridge.vehicles.calibration import calibrate_each, calibrate_headways, trimmed
 

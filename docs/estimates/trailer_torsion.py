@@ -16,8 +16,8 @@ import mujoco
 import numpy as np
 
 import iits_mj
+from iits_mj.core.units import GRAVITY
 from iits_mj.model.builder import truck_xml
-from iits_mj.units import GRAVITY
 
 FRAME_HEIGHT = 1.15  # [m] above the road, where a ladder frame twists about
 TILT_RATE = math.radians(0.1)  # [rad/s] of the table

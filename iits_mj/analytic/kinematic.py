@@ -4,9 +4,9 @@
     psi' = -v (sin(psi) / L_2 + L_1 / (L L_2) cos(psi) tan(phi) + tan(phi) / L)
 
 (x, y) is the centre of the tractor's fixed axles, phi the road-wheel angle, and psi the trailer's
-heading minus the tractor's: the articulation of `iits_mj.messages` is `-psi`. L_1 is the distance
-of the hitch *behind* the fixed axles' centre; ours lies ahead, so L_1 is negative. Derived again:
-the printed equation is right.
+heading minus the tractor's: the articulation of `iits_mj.core.messages` is `-psi`. L_1 is the
+distance of the hitch *behind* the fixed axles' centre; ours lies ahead, so L_1 is negative.
+Derived again: the printed equation is right.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.mass_state import kingpin_load, laden_trailer, static_axle_loads
+from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import Axle, TruckParameters
-from iits_mj.tire_law import cornering_stiffness
-from iits_mj.units import GRAVITY
+from iits_mj.parameters.mass_state import kingpin_load, laden_trailer, static_axle_loads
+from iits_mj.parameters.tire_law import cornering_stiffness
 
 __all__ = [
     "axle_cornering_stiffness",

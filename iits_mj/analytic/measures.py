@@ -10,9 +10,9 @@ from scipy import signal
 from iits_mj.analytic.loads import axle_cornering_stiffness, static_axle_loads
 from iits_mj.analytic.yaw_sideslip import LateralSystem, YawSideslip
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
+from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
-from iits_mj.units import GRAVITY
 
 
 @dataclass(frozen=True)

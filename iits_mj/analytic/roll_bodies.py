@@ -38,10 +38,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.mass_state import laden_trailer, payload_inertial, static_axle_loads
+from iits_mj.core.units import GRAVITY
 from iits_mj.model.statics import axle_inertial, sprung, wheel_height
 from iits_mj.parameters import TruckParameters
-from iits_mj.units import GRAVITY
+from iits_mj.parameters.mass_state import laden_trailer, payload_inertial, static_axle_loads
 
 PHI_C, PHI_T, FIRST_AXLE = 3, 4, 5
 

@@ -34,9 +34,9 @@ import numpy as np
 
 from iits_mj.analytic.roll_bodies import FIRST_AXLE, PHI_C, PHI_T, RollBodies
 from iits_mj.core.arrays import FloatArray
-from iits_mj.mass_state import group_center
 from iits_mj.parameters import TireCommon, TruckParameters
-from iits_mj.tire_law import friction, lateral_shape
+from iits_mj.parameters.mass_state import group_center
+from iits_mj.parameters.tire_law import friction, lateral_shape
 
 
 @dataclass(frozen=True)

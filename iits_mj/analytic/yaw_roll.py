@@ -42,7 +42,7 @@ from iits_mj.analytic.roll_bodies import FIRST_AXLE, PHI_C, PHI_T, roll_bodies
 from iits_mj.analytic.traction import Traction, traction_forces
 from iits_mj.analytic.yaw_sideslip import AnyArray, LateralSystem, YawSideslip
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
 
 # Shortest relaxation length that the tire plugin knows [m].

@@ -56,7 +56,7 @@ from iits_mj.analytic.loads import (
     static_axle_loads,
 )
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
 
 AnyArray = NDArray[Any]

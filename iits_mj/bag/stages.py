@@ -19,12 +19,12 @@ import numpy as np
 
 from controllers.decision.base import DecisionContext, DecisionMaker
 from controllers.stack import Stack
-from iits_mj.bag.reader import Bag
-from iits_mj.errors import Error, InputError
-from iits_mj.messages import Decision, EgoState, Scene, VehicleCommand
+from iits_mj.bag.mcap_file import Bag
+from iits_mj.core.errors import Error, InputError
+from iits_mj.core.messages import Decision, EgoState, Scene, VehicleCommand
 from iits_mj.parameters import TruckParameters
-from iits_mj.simulation.command_player import CommandPlayer
 from iits_mj.simulation.config import DriveConfig
+from iits_mj.simulation.driver import CommandPlayer
 from iits_mj.simulation.loop import Simulation
 from iits_mj.simulation.parts import load_map, make_stack, make_traffic
 from traffic_bridge import VehicleFrame

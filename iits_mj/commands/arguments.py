@@ -1,6 +1,6 @@
 """From a frozen dataclass of options to command-line flags and back.
 
-A field made by `iits_mj.options.option` becomes `--name-with-dashes`; a bool becomes
+A field made by `iits_mj.core.options.option` becomes `--name-with-dashes`; a bool becomes
 `--name/--no-name`; a size is `WIDTHxHEIGHT`. Whatever is wrong is an InputError of one line.
 """
 
@@ -14,8 +14,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-from iits_mj import options
-from iits_mj.errors import InputError
+from iits_mj.core import options
+from iits_mj.core.errors import InputError
 
 T = TypeVar("T")
 SIZE_MIN, SIZE_MAX = 64, 4096

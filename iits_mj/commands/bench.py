@@ -15,15 +15,15 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 
-from iits_mj import options as option_fields
-from iits_mj.commands import bench_bus, bench_traffic
+from iits_mj.commands import bench_rows
+from iits_mj.commands.bench_rows import best
 from iits_mj.commands.output import ResultOptions, finish
-from iits_mj.commands.timing import best
+from iits_mj.core import options as option_fields
+from iits_mj.core.options import option
+from iits_mj.core.results import Check, Results
 from iits_mj.model.builder import truck_spec
 from iits_mj.model.road_table import add_road_table
-from iits_mj.options import option
 from iits_mj.parameters import TruckParameters
-from iits_mj.results import Check, Results
 from iits_mj.road import RoadMap
 from iits_mj.simulation import DriveConfig, Simulation
 from iits_mj.truck import Truck
@@ -57,9 +57,9 @@ def measure(options: Options) -> Results:
     results = Results("bench", options.seed)
     rounds = 3 if options.quick else 10
     _physics(results, options, rounds)
-    bench_bus.measure(results, 5 * rounds)
+    bench_rows.measure_bus(results, 5 * rounds)
     if options.traffic:
-        bench_traffic.measure(results, 2 * rounds)
+        bench_rows.measure_traffic(results, 2 * rounds)
         _drive(results, options, 10.0 if options.quick else 60.0)
     return results
 

@@ -19,9 +19,9 @@ from pathlib import Path
 import mujoco
 
 import iits_mj
-from iits_mj import plugin_library
-from iits_mj.errors import Error
-from iits_mj.options import option
+from iits_mj import plugin as plugin_library
+from iits_mj.core.errors import Error
+from iits_mj.core.options import option
 
 MUJOCO_WANTED = "3.17.0"
 _GL_PROBE = """

@@ -17,26 +17,23 @@ from pathlib import Path
 from typing import Any
 
 import iits_mj
-from iits_mj import options as option_fields
 from iits_mj.commands.output import prepare_folder, progress_bar, write_json
-from iits_mj.errors import RenderError
+from iits_mj.core import options as option_fields
+from iits_mj.core.errors import RenderError
+from iits_mj.core.options import option
 from iits_mj.j1939 import CommandReceiver
 from iits_mj.j1939.log_files import WRITTEN
-from iits_mj.options import option
 from iits_mj.render import plots
 from iits_mj.render.cameras import CAMERAS
 from iits_mj.render.report import Report
 from iits_mj.render.video import VideoObserver
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveSummary, Observer, Simulation, Telemetry
-from iits_mj.simulation.bus_log import BusLog
-from iits_mj.simulation.driver import Driver
-from iits_mj.simulation.ending import DivergedError
-from iits_mj.simulation.figures import drive_figures
-from iits_mj.simulation.log_driver import LogDriver
-from iits_mj.simulation.recorded_options import check_given
-from iits_mj.simulation.speed_report import speed_object, speed_rows
+from iits_mj.simulation.drive_log import BusLog, check_given
+from iits_mj.simulation.driver import Driver, LogDriver
+from iits_mj.simulation.frame import DivergedError
 from iits_mj.simulation.summary import counts_text, to_text
+from iits_mj.simulation.telemetry import drive_figures, speed_object, speed_rows
 from iits_mj.truck import Truck
 
 CAPTIONS = {
@@ -174,7 +171,7 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
             observers.append(log)
         if kept.bag is not None:
             # rosbags is loaded by those who want bags.
-            from iits_mj.bag.writer import BagWriter
+            from iits_mj.bag.mcap_file import BagWriter
 
             observers.append(stack.enter_context(BagWriter(kept.bag, simulation)))
         # Last what complains on stderr when another one cannot be opened.

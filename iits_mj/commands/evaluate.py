@@ -14,17 +14,21 @@ from dataclasses import dataclass
 from tqdm import tqdm
 
 import iits_mj
-from iits_mj.commands.cluster import ClusterOptions, pool_of
-from iits_mj.commands.output import ResultOptions, prepare_file, prepare_folder
-from iits_mj.errors import InputError
-from iits_mj.options import option
-from iits_mj.results import Results
-from iits_mj.scale.sharded import Plan, run_sharded
-from iits_mj.scale.shards import Shards
-from iits_mj.validation import evaluate
-from iits_mj.validation.evaluate_results import shortfall, summarize
-from iits_mj.validation.trial_drives import trial_code
-from iits_mj.validation.trials import Task, Trial, task_of
+from iits_mj.commands.output import (
+    ClusterOptions,
+    ResultOptions,
+    pool_of,
+    prepare_file,
+    prepare_folder,
+)
+from iits_mj.core.errors import InputError
+from iits_mj.core.options import option
+from iits_mj.core.results import Results
+from iits_mj.evaluation import evaluate
+from iits_mj.evaluation.drives import trial_code
+from iits_mj.evaluation.results import shortfall, summarize
+from iits_mj.evaluation.trials import Task, Trial, task_of
+from iits_mj.scale.shards import Plan, Shards, run_sharded
 
 QUICK_LENGTH = 500.0
 KEPT = "evaluate.csv"

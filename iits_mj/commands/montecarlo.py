@@ -13,14 +13,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from iits_mj.commands.cluster import ClusterOptions, pool_of, progress_of
-from iits_mj.commands.output import ResultOptions, finish, prepare_folder
-from iits_mj.options import option
-from iits_mj.results import Results
-from iits_mj.scale.sharded import Plan, run_sharded
-from iits_mj.scale.shards import Shards
-from iits_mj.validation import montecarlo
-from iits_mj.validation.montecarlo_samples import Sample, SampleTask, measure, sample_code
+from iits_mj.commands.output import (
+    ClusterOptions,
+    ResultOptions,
+    finish,
+    pool_of,
+    prepare_folder,
+    progress_of,
+)
+from iits_mj.core.options import option
+from iits_mj.core.results import Results
+from iits_mj.evaluation import montecarlo
+from iits_mj.evaluation.montecarlo import Sample, SampleTask, measure, sample_code
+from iits_mj.scale.shards import Plan, Shards, run_sharded
 
 SAMPLES = "samples.csv"
 QUICK_SAMPLES = 4

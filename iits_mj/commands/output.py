@@ -7,6 +7,8 @@ import json
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,9 +16,10 @@ from typing import TYPE_CHECKING, Any
 from tqdm import tqdm
 
 import iits_mj
-from iits_mj.errors import InputError
-from iits_mj.options import option
-from iits_mj.results import Results
+from iits_mj.core.errors import InputError
+from iits_mj.core.options import option
+from iits_mj.core.results import Results
+from iits_mj.scale.ray_executor import RayExecutor
 
 if TYPE_CHECKING:
     from iits_mj.simulation import Frame
@@ -109,8 +112,7 @@ def finish(options: ResultOptions, measure: Callable[[], Results]) -> int:
     results = measure()
     print(results.to_json(iits_mj.__version__) if options.json else results.to_table())
     if options.report is not None:
-        from iits_mj.render.page import slug, write_markdown
-        from iits_mj.render.report import from_results
+        from iits_mj.render.report import from_results, slug, write_markdown
 
         page = options.report / f"{slug(results.command)}.html"
         from_results(results, iits_mj.__version__).write(page)
@@ -118,3 +120,38 @@ def finish(options: ResultOptions, measure: Callable[[], Results]) -> int:
         stream = sys.stderr if options.json else sys.stdout
         print(f"report: {page} (the same as Markdown: {text})", file=stream)
     return 0 if results.ok else 1
+
+
+# --- Flags of the commands whose work can be spread over machines ---
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClusterOptions:
+    """Where the work is done; to be inherited from."""
+
+    ray: str | None = option(
+        None,
+        help="work on a Ray cluster instead of this machine: its head's HOST:PORT, auto, or local",
+        metavar="ADDRESS",
+    )
+    shard: int = option(
+        5, help="how many a worker does before it brings them home", low=1, high=10_000
+    )
+
+
+def pool_of(options: ClusterOptions, digest: Callable[[], str]) -> Callable[[int], Executor] | None:
+    """What makes the pool of workers for `run_sharded`; None for processes of this machine.
+
+    Args:
+      options: of the command.
+      digest: of the code that does the work, for the workers of a cluster to compare.
+    """
+    address = options.ray
+    return None if address is None else lambda _: RayExecutor(address, digest)
+
+
+@contextmanager
+def progress_of(total: int, unit: str) -> Iterator[Callable[[int], None]]:
+    """A bar on stderr; silent when that is not a terminal."""
+    with tqdm(total=total, unit=f" {unit}", disable=None, smoothing=0.05, file=sys.stderr) as bar:
+        yield lambda count: bar.update(count) and None

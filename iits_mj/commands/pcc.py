@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from iits_mj.commands.output import ResultOptions, finish, prepare_folder
-from iits_mj.validation import pcc
+from iits_mj.validation.planning import pcc_command
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(pcc.PccCommandConfig, ResultOptions):
+class Options(pcc_command.PccCommandConfig, ResultOptions):
     """Flags of `iits-mj pcc`."""
 
 
@@ -17,4 +17,4 @@ def run(options: Options) -> int:
     """Plans and shows what is saved."""
     if options.profile is not None:
         prepare_folder(options.profile.parent, "profile")
-    return finish(options, lambda: pcc.run(options))
+    return finish(options, lambda: pcc_command.run(options))

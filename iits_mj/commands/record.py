@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from iits_mj.commands.output import prepare_file, progress_bar
-from iits_mj.options import option
+from iits_mj.core.options import option
 from iits_mj.simulation import DriveConfig, Simulation
-from iits_mj.simulation.ending import DivergedError
+from iits_mj.simulation.frame import DivergedError
 from traffic_bridge.recording.file import target
 
 

@@ -15,10 +15,10 @@ from pathlib import Path
 
 from iits_mj.commands import drive
 from iits_mj.commands.output import progress_bar
-from iits_mj.errors import InputError, TrafficError
-from iits_mj.options import option
+from iits_mj.core.errors import InputError, TrafficError
+from iits_mj.core.options import option
+from iits_mj.simulation.drive_log import check_options
 from iits_mj.simulation.parts import load_map
-from iits_mj.simulation.recorded_options import check_options
 from iits_mj.simulation.redrive import RedriveError, redrive
 from traffic_bridge import Recording, ReSim
 

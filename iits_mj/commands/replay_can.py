@@ -15,15 +15,15 @@ from pathlib import Path
 
 import iits_mj
 from iits_mj.commands import drive
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
+from iits_mj.core.options import option
 from iits_mj.j1939 import Frame, read_log
-from iits_mj.j1939.senders import LAST_ADDRESS
-from iits_mj.j1939.table import write_table
-from iits_mj.options import option
+from iits_mj.j1939.addresses import LAST_ADDRESS
+from iits_mj.j1939.bus_summary import write_table
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig
 from iits_mj.simulation.config import TruckStart
-from iits_mj.simulation.log_driver import LogDriver
+from iits_mj.simulation.driver import LogDriver
 from iits_mj.simulation.parts import make_stack
 from iits_mj.truck import Truck
 

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from controllers.decision import NAMES
-from iits_mj.bag.reader import read_bag
+from iits_mj.bag.mcap_file import read_bag
 from iits_mj.bag.stages import STAGES, Comparison, run_stage
 from iits_mj.commands.output import ResultOptions, finish
-from iits_mj.options import option
-from iits_mj.results import Check, Results
+from iits_mj.core.options import option
+from iits_mj.core.results import Check, Results
 
 # Of many quantities that differ, these many are shown, the names in their order.
 _SHOWN = 12

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from types import FrameType
 
 import iits_mj
-from iits_mj.options import option
+from iits_mj.core.options import option
 from iits_mj.simulation import ServeConfig, Server
 
 

@@ -19,11 +19,11 @@ from typing import NoReturn
 from tqdm import tqdm
 
 from controllers.decision.learning.collection import MakeDrivers, WorldFactory
-from controllers.decision.learning.interruption import Interrupted
-from controllers.decision.learning.train_config import TrainConfig
+from controllers.decision.learning.config import TrainConfig
+from controllers.decision.learning.log import Interrupted
 from controllers.decision.learning.training import train
 from iits_mj.commands.output import prepare_folder
-from iits_mj.options import option
+from iits_mj.core.options import option
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +96,7 @@ def _drivers(address: str | None) -> MakeDrivers | None:
     """Who drives the trips; None for processes of this machine."""
     if address is None:
         return None
-    from iits_mj.scale.trip_drivers import ClusterDrivers
+    from iits_mj.scale.ray_executor import ClusterDrivers
 
     return functools.partial(ClusterDrivers, address)
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 from iits_mj import validation
 from iits_mj.commands.output import ResultOptions, finish
-from iits_mj.errors import InputError
-from iits_mj.options import option
-from iits_mj.results import Results
+from iits_mj.core.errors import InputError
+from iits_mj.core.options import option
+from iits_mj.core.results import Results
 from iits_mj.validation import ValidateConfig
-from iits_mj.validation.traffic import MISSING
+from iits_mj.validation.traffic.group import MISSING
 
 
 @dataclass(frozen=True, kw_only=True)

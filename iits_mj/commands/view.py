@@ -12,10 +12,10 @@ from typing import Any
 
 import mujoco.viewer
 
-from iits_mj.options import given_names, option
-from iits_mj.render.display import check_display, follow
+from iits_mj.core.options import given_names, option
+from iits_mj.render.offscreen import check_display, follow
 from iits_mj.simulation import DriveConfig, Frame, Simulation
-from iits_mj.simulation.recorded_options import check_given
+from iits_mj.simulation.drive_log import check_given
 
 PERIOD = 0.02
 

@@ -10,9 +10,8 @@ from dm_control.rl import control
 from numpy.typing import NDArray
 
 from iits_mj import suite
-from iits_mj.actions import read_action
-from iits_mj.envs.flat import Flat
-from iits_mj.envs.picture import RENDER_MODES, Picture
+from iits_mj.core.checks import read_action
+from iits_mj.envs.picture import RENDER_MODES, Flat, Picture
 from iits_mj.suite.tasks import DrivingTask
 
 Observation = NDArray[np.float32]

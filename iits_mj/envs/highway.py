@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 from controllers.decision.fast_world.env import HighwayEnv as FastWorld
 from controllers.decision.observation import OBSERVATION_SIZE
-from controllers.decision.reward import RewardTerms
-from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig, World
+from controllers.decision.trip import SPAWN_PROBABILITY, RewardTerms, TripConfig, World
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import Decision
 from iits_mj.envs.picture import RENDER_MODES, Picture
-from iits_mj.errors import InputError
-from iits_mj.messages import Decision
 
 if TYPE_CHECKING:
     from iits_mj.simulation import Simulation

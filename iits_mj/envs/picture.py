@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Mapping
 from typing import Any
 
+import gymnasium
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.closing import Closing
-from iits_mj.errors import InputError
-from iits_mj.render.display import check_display, follow
-from iits_mj.render.offscreen import Offscreen
+from iits_mj.core.context import Closing
+from iits_mj.core.errors import InputError
+from iits_mj.render.offscreen import Offscreen, check_display, follow
 from iits_mj.suite.physics import CAMERAS
 
 RENDER_MODES = ["rgb_array", "human"]
@@ -112,3 +113,40 @@ def level_camera(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> mujoc
     camera.azimuth = math.degrees(math.atan2(forward[1], forward[0]))
     camera.elevation = math.degrees(math.asin(forward[2]))
     return camera
+
+
+# --- A task's observations as one scaled vector ---
+
+OBSERVATION_MAX = 5.0
+
+
+class Flat:
+    """Lays observations side by side, each divided by its scale and clipped to [-5, 5].
+
+    Args:
+      first: observations by name, each of shape (n,); their order is kept.
+      scales: usual size of each.
+
+    Attributes:
+      names: of the vector's numbers.
+      space: the vector's.
+    """
+
+    def __init__(
+        self, first: Mapping[str, NDArray[np.float64]], scales: Mapping[str, float]
+    ) -> None:
+        self._scales = {name: scales[name] for name in first}
+        self.names = tuple(
+            name if len(values) == 1 else f"{name}[{i}]"
+            for name, values in first.items()
+            for i in range(len(values))
+        )
+        self.space = gymnasium.spaces.Box(
+            -OBSERVATION_MAX, OBSERVATION_MAX, (len(self.names),), np.float32
+        )
+
+    def __call__(self, values: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float32]:
+        """The vector of observations of the same names."""
+        parts = [values[name] / scale for name, scale in self._scales.items()]
+        flat = np.clip(np.concatenate(parts), -OBSERVATION_MAX, OBSERVATION_MAX)
+        return flat.astype(np.float32)

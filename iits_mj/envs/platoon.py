@@ -19,17 +19,16 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.actions import read_action
-from iits_mj.closing import Closing
-from iits_mj.envs.flat import Flat
-from iits_mj.envs.picture import RENDER_MODES, Picture
-from iits_mj.errors import InputError
-from iits_mj.fleet import Fleet, prefix
-from iits_mj.suite import roads
+from iits_mj.core.checks import read_action
+from iits_mj.core.context import Closing
+from iits_mj.core.errors import InputError
+from iits_mj.envs.picture import RENDER_MODES, Flat, Picture
+from iits_mj.suite import scene
 from iits_mj.suite.physics import Physics, add_cameras
 from iits_mj.suite.tasks import Platoon
 from iits_mj.suite.truck import CONTROL_TIMESTEP, TIMESTEP
-from iits_mj.truck_pose import Placement
+from iits_mj.truck.fleet import Fleet, prefix
+from iits_mj.truck.placement import Placement
 
 Observation = NDArray[np.float32]
 Action = NDArray[np.float32]
@@ -97,7 +96,7 @@ class PlatoonEnv(Closing):
 
         self.fleet = Fleet.load(
             payloads,
-            route=roads.winding(),
+            route=scene.winding(),
             timestep=TIMESTEP,
             visuals=render_mode is not None,
             edit_spec=edit_spec,

@@ -17,7 +17,8 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from iits_mj.actions import read_action
+from iits_mj.core.checks import read_action
+from iits_mj.core.errors import InputError
 from iits_mj.envs.driving import (
     Action,
     CruiseEnv,
@@ -29,7 +30,6 @@ from iits_mj.envs.driving import (
     StopEnv,
     TightTurnEnv,
 )
-from iits_mj.errors import InputError
 
 # Everything that a step of the physics starts from.
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION

@@ -1,13 +1,11 @@
 """Fits the truck's parameters to a recorded drive, and says what the drive cannot show."""
 
-from iits_mj.identification.bus_log import from_frames
 from iits_mj.identification.command import IdentifyConfig, run
 from iits_mj.identification.estimate import Estimate
 from iits_mj.identification.identify import GROUPS, Identification, identify
 from iits_mj.identification.log import SIGNALS, Log, Series
 from iits_mj.identification.overlay import overlay, write_toml
-from iits_mj.identification.sources import read
-from iits_mj.identification.tables import read_table
+from iits_mj.identification.sources import from_frames, read, read_table
 
 __all__ = [
     "GROUPS",

@@ -7,18 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from iits_mj import options
-from iits_mj.errors import InputError
-from iits_mj.identification.grade import read_grade
+from iits_mj.core import options
+from iits_mj.core.errors import InputError
+from iits_mj.core.options import option
+from iits_mj.core.results import Check, Line, Panel, Results
 from iits_mj.identification.identify import Identification, identify
 from iits_mj.identification.log import Log
 from iits_mj.identification.longitudinal import payload_of
 from iits_mj.identification.overlay import overlay, write_toml
 from iits_mj.identification.replay import replay
-from iits_mj.identification.sources import read
-from iits_mj.options import option
+from iits_mj.identification.sources import read, read_grade
 from iits_mj.parameters import TruckParameters
-from iits_mj.results import Check, Line, Panel, Results
 
 # What the truck must reach with identified values: 100 (1 - mean |v - v_rec| / mean v_rec) [%].
 _ACCURACY = 97.0

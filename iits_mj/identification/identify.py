@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from iits_mj.errors import InputError
-from iits_mj.identification.brake_response import identify_brake_response
+from iits_mj.core.errors import InputError
+from iits_mj.identification.brakes import identify_brake_response
 from iits_mj.identification.engine import identify_engine
 from iits_mj.identification.estimate import Estimate
-from iits_mj.identification.lateral import identify_cornering
+from iits_mj.identification.lateral import identify_cornering, identify_ratio
 from iits_mj.identification.log import Log
 from iits_mj.identification.motion import Motion, identify_motion
 from iits_mj.identification.shifts import identify_shifts
-from iits_mj.identification.steering import identify_ratio
 from iits_mj.parameters import TruckParameters
 
 # Groups of parameters, each with its own fit; the mass that motion shows serves all others.

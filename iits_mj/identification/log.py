@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 
 PRESSURES = tuple(
     f"brake_pressure_{place}"

@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.identification.brake_force import CIRCUITS, circuit_forces
+from iits_mj.core.units import GRAVITY
+from iits_mj.identification.brakes import CIRCUITS, circuit_forces
 from iits_mj.identification.log import PRESSURES, Log
-from iits_mj.mass_state import static_axle_loads
 from iits_mj.parameters import TruckParameters
-from iits_mj.units import GRAVITY
+from iits_mj.parameters.mass_state import static_axle_loads
 
 IntArray = NDArray[np.int_]
 

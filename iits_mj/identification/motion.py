@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.identification.brake_force import CIRCUITS
+from iits_mj.identification.brakes import CIRCUITS
 from iits_mj.identification.estimate import Estimate, Free, fit
 from iits_mj.identification.log import Log
 from iits_mj.identification.longitudinal import NEEDED, Inputs, acceleration, prepare

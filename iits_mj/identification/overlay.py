@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from iits_mj.errors import InputError
-from iits_mj.identification.brake_force import circuit_of_axle
+from iits_mj.core.errors import InputError
+from iits_mj.identification.brakes import circuit_of_axle
 from iits_mj.identification.identify import Identification
 from iits_mj.parameters import TruckParameters
 

@@ -15,10 +15,10 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import TransmissionMode, VehicleCommand, XbrEbiMode, XbrMode
 from iits_mj.identification.log import Log
 from iits_mj.j1939.command import XBR_DEMAND_MIN
-from iits_mj.messages import TransmissionMode, VehicleCommand, XbrEbiMode, XbrMode
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.design import Design

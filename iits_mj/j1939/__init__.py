@@ -8,7 +8,7 @@ which control or sensor stands in `signals.csv`.
 
 from iits_mj.j1939.broadcasts import BroadcastSender, broadcast
 from iits_mj.j1939.bus import Bus
-from iits_mj.j1939.bus_summary import BusSummary, summarize
+from iits_mj.j1939.bus_summary import BusSummary, summarize, write_table
 from iits_mj.j1939.command import CommandSender, command_to_frames
 from iits_mj.j1939.configuration import ConfigurationReceiver, ConfigurationSender
 from iits_mj.j1939.database import (
@@ -23,26 +23,24 @@ from iits_mj.j1939.database import (
     pgn_of,
     unpack,
 )
-from iits_mj.j1939.diagnostics import ActiveFaults, Fault
 from iits_mj.j1939.frame import Frame, make_id
-from iits_mj.j1939.group import NOT_AVAILABLE, Group, Status, Value
-from iits_mj.j1939.identities import (
-    ComponentIdentification,
-    SoftwareIdentification,
-    VehicleIdentification,
-)
-from iits_mj.j1939.layouts import database_path
+from iits_mj.j1939.group import NOT_AVAILABLE, Group, Status, Value, database_path
 from iits_mj.j1939.link import Link, LinkState
 from iits_mj.j1939.log_files import LogWriter, read_log
-from iits_mj.j1939.long_groups import read_group
+from iits_mj.j1939.long_groups import (
+    ActiveFaults,
+    ComponentIdentification,
+    Fault,
+    SoftwareIdentification,
+    VehicleIdentification,
+    read_group,
+)
 from iits_mj.j1939.quantities import ReferenceTorques
 from iits_mj.j1939.readings import BusReader
-from iits_mj.j1939.receiver import CommandReceiver
-from iits_mj.j1939.rejection import Reason
+from iits_mj.j1939.receiver import CommandReceiver, Heard, Loss, TimeOuts
+from iits_mj.j1939.requests import Reason
 from iits_mj.j1939.state import StateSender, state_to_frames
 from iits_mj.j1939.state_receiver import StateReceiver
-from iits_mj.j1939.table import write_table
-from iits_mj.j1939.time_outs import Heard, Loss, TimeOuts
 from iits_mj.j1939.transport import Failure, LongMessage, Reassembler
 
 __all__ = [

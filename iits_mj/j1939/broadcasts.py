@@ -3,10 +3,98 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
-from iits_mj.errors import BusError
+from iits_mj.core.errors import BusError, InputError
 from iits_mj.j1939.frame import Frame, make_id
 from iits_mj.j1939.transport import BAM, CONNECTION, MAX_LENGTH, PACKET_LENGTH, TRANSFER
+
+# --- When a cyclic message is due: whole microseconds inside, so that no rounding adds up ---
+
+_MICROSECONDS = 1_000_000
+# Offsets are whole ticks, and nothing waits longer for its first time.
+_TICK = 10_000
+_LATEST_START = 100_000
+
+
+class Schedule:
+    """Cyclic messages with a period and an offset each, counted from the first call of `due`.
+
+    A message that came late keeps its grid; times that were missed are not made up for. When time
+    goes back, because a drive begins anew, so does the schedule.
+
+    Args:
+      periods: [s], a multiple of a microsecond.
+      offsets: of each [s]; default none.
+
+    Raises:
+      InputError: a period is not a positive number.
+    """
+
+    def __init__(self, periods: Sequence[float], offsets: Sequence[float] | None = None) -> None:
+        for period in periods:
+            if not (math.isfinite(period) and period >= 1e-6):
+                raise InputError(f"period {period!r} s of a cyclic message: use 1e-6 s or more")
+        self._periods = [_whole(period) for period in periods]
+        self._offsets = [_whole(offset) for offset in offsets or [0.0] * len(self._periods)]
+        # When each is due next, counted from the start [us]; empty before the first call.
+        self._next: list[int] = []
+        self._start = self._last = 0
+
+    def due(self, time: float) -> list[int]:
+        """Places of the messages whose time has come since the last call.
+
+        Args:
+          time: [s].
+
+        Raises:
+          InputError: the time is not finite.
+        """
+        if not math.isfinite(time):
+            raise InputError(f"time {time!r} s of a bus: a finite number is wanted")
+        now = _whole(time)
+        if not self._next or now < self._last:
+            self._start, self._next = now, list(self._offsets)
+        self._last = now
+        elapsed = now - self._start
+        found = [place for place, due in enumerate(self._next) if due <= elapsed]
+        for place in found:
+            period = self._periods[place]
+            self._next[place] += ((elapsed - self._next[place]) // period + 1) * period
+        return found
+
+
+def spread(periods: Sequence[float], weights: Sequence[int]) -> list[float]:
+    """Offsets [s] that even out the frames of a bus over ticks of 10 ms.
+
+    Each message in turn, the quickest first, gets the offset at which the fullest of its ticks is
+    emptiest. All offsets lie below 0.1 s.
+
+    Args:
+      periods: [s].
+      weights: frames that each message takes at a time.
+    """
+    ticks = [max(1, _whole(period) // _TICK) for period in periods]
+    load = [0] * math.lcm(*ticks)
+    offsets = [0.0] * len(ticks)
+    for place in sorted(range(len(ticks)), key=lambda i: ticks[i]):
+        period = ticks[place]
+
+        def fullest(offset: int, period: int = period) -> int:
+            return max(load[offset::period])
+
+        best = min(range(min(period, _LATEST_START // _TICK)), key=fullest)
+        for tick in range(best, len(load), period):
+            load[tick] += weights[place]
+        offsets[place] = best * _TICK / _MICROSECONDS
+    return offsets
+
+
+def _whole(seconds: float) -> int:
+    return round(seconds * _MICROSECONDS)
+
+
+# --- Long messages to everybody: a BAM and its packets (SAE J1939-21; `transport` reads them) ---
 
 _MIN_LENGTH = 9
 _PRIORITY = 7

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 
 import cantools.database.can
 
-from iits_mj.errors import BusError
+from iits_mj.core.errors import BusError
 from iits_mj.j1939.group import NOT_AVAILABLE, Status, Value
 
 

@@ -12,7 +12,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from iits_mj.errors import BusError
+from iits_mj.core.errors import BusError
+from iits_mj.core.units import RPM
 from iits_mj.j1939.addresses import DRIVELINE_RETARDER, ENGINE, ENGINE_RETARDER
 from iits_mj.j1939.broadcasts import BroadcastSender
 from iits_mj.j1939.database import cycle_time, pack, pgn_of
@@ -23,7 +24,6 @@ from iits_mj.j1939.long_groups import read_group
 from iits_mj.j1939.quantities import ReferenceTorques
 from iits_mj.j1939.transport import Reassembler
 from iits_mj.parameters import TruckParameters
-from iits_mj.units import RPM
 
 # SPN 901 and 902 (the DBC's value tables), and SPN 557 for torque without steps.
 _HYDRAULIC, _COMPRESSION_RELEASE = 1.0, 3.0

@@ -3,11 +3,38 @@
 from __future__ import annotations
 
 import enum
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import ClassVar, TypeAlias
 
-from iits_mj.errors import BusError
+import cantools.database.can
+
+from iits_mj.core.errors import BusError
+
+# --- The DBC file as cantools reads it ---
+
+
+def database_path() -> Path:
+    """Our DBC file, for other CAN tools."""
+    return Path(__file__).with_name("iits_mj.dbc")
+
+
+@functools.cache
+def layouts() -> cantools.database.can.Database:
+    """All messages of the DBC; read once."""
+    database = cantools.database.can.Database()
+    database.add_dbc_file(str(database_path()))
+    return database
+
+
+def class_name(message: str) -> str:
+    """Name of the typed group: the message's own, or "IitsTrailer" of IITS_TRAILER."""
+    return message.title().replace("_", "") if "_" in message else message
+
+
+# --- What every typed message has in common: fields that are numbers or say why they are not ---
 
 
 class Status(enum.Enum):

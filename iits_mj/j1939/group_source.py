@@ -10,7 +10,7 @@ from pathlib import Path
 import cantools.database.can
 
 from iits_mj.j1939.frame import Frame
-from iits_mj.j1939.layouts import class_name, layouts
+from iits_mj.j1939.group import class_name, layouts
 
 PATH = Path(__file__).with_name("groups.py")
 _WIDTH = 100

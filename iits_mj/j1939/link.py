@@ -9,8 +9,8 @@ from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from iits_mj.closing import Closing
-from iits_mj.errors import BusError, InputError
+from iits_mj.core.context import Closing
+from iits_mj.core.errors import BusError, InputError
 from iits_mj.j1939.bus import Bus
 from iits_mj.j1939.frame import Frame
 

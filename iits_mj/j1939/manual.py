@@ -12,7 +12,7 @@ import cantools.database
 
 from iits_mj.j1939.database import message_names, pgn_of
 from iits_mj.j1939.frame import Frame
-from iits_mj.j1939.layouts import layouts
+from iits_mj.j1939.group import layouts
 from iits_mj.j1939.mapping import Mapping, commands, reports, sender
 
 # More sensors than this are named by the first and the last.

@@ -11,9 +11,9 @@ import functools
 from dataclasses import dataclass
 from pathlib import Path
 
+from iits_mj.core.units import DIESEL_DENSITY, GRAVITY, KMH, RPM
 from iits_mj.j1939.frame import Frame
-from iits_mj.j1939.layouts import layouts
-from iits_mj.units import DIESEL_DENSITY, GRAVITY, KMH, RPM
+from iits_mj.j1939.group import layouts
 
 _LITRE = DIESEL_DENSITY  # of fuel [kg]
 

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from iits_mj.errors import BusError
+from iits_mj.core.errors import BusError
 from iits_mj.j1939 import addresses
 from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame, make_id
 

@@ -13,11 +13,95 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from iits_mj.errors import BusError
-from iits_mj.j1939 import addresses, codes
-from iits_mj.j1939.data_maker import FieldOf
-from iits_mj.messages import EgoState, TruckReport
+from iits_mj.core.errors import BusError
+from iits_mj.core.messages import EgoState, TransmissionMode, TruckReport, XbrMode
+from iits_mj.j1939 import addresses
+from iits_mj.j1939.database import FieldOf
 from iits_mj.parameters import TruckParameters
+
+# --- Codes by which control units say who decides, in which range, and for whom the brakes work ---
+
+# Travel above which a pedal counts as pressed.
+PRESSED = 1e-3
+# SPN 2918: 1 the driver's demand, 2 XBR in addition mode, 3 XBR in maximum mode.
+_DRIVER = 1.0
+_EXECUTION: dict[int, float] = {XbrMode.ADDITION: 2.0, XbrMode.MAXIMUM: 3.0}
+# SPN 899 and 900: who decides on the torque of an engine or a retarder.
+_NO_REQUEST, _OPERATOR, _TRANSMISSION, _BRAKES = 0.0, 1.0, 6.0, 10.0
+_CONTROLLERS = {_TRANSMISSION: addresses.TRANSMISSION, _BRAKES: addresses.BRAKES}
+# SPN 162 and 163: two letters, of which a single one is the second, after a blank.
+RANGES: dict[int, float] = {
+    mode: float(int.from_bytes(f" {letter}".encode(), "little"))
+    for mode, letter in (
+        (TransmissionMode.DRIVE, "D"),
+        (TransmissionMode.NEUTRAL, "N"),
+        (TransmissionMode.REVERSE, "R"),
+    )
+}
+
+
+def driver_percent(lever: float | None, available: float | None) -> float | None:
+    """What the driver's lever asks of a retarder, as a (negative) percentage like `available`."""
+    return None if lever is None or available is None else lever * available
+
+
+def engine_brake_mode(report: TruckReport) -> float | None:
+    """Who decides on the engine brake (SPN 900): nobody, the driver's lever, the brakes."""
+    return _mode(
+        report.engine_brake,
+        report.engine_brake_torque_percent_available,
+        report.engine_brake_torque_percent_intended,
+    )
+
+
+def retarder_mode(report: TruckReport) -> float | None:
+    """The same of the driveline's retarder."""
+    return _mode(
+        report.retarder,
+        report.retarder_torque_percent_available,
+        report.retarder_torque_percent_intended,
+    )
+
+
+def controller(mode: float | None, own: int) -> float | None:
+    """Address of the unit that controls another, which may be that itself."""
+    return None if mode is None else float(_CONTROLLERS.get(mode, own))
+
+
+def direction(gear: float | None) -> float | None:
+    """The selector's place that a gear belongs to."""
+    if gear is None:
+        return None
+    if gear == 0:
+        return TransmissionMode.NEUTRAL
+    return TransmissionMode.DRIVE if gear > 0 else TransmissionMode.REVERSE
+
+
+def letters_of_range(mode: float | None) -> float | None:
+    """A place of the selector as its two letters (SPN 162 and 163)."""
+    return None if mode is None else RANGES.get(round(mode))
+
+
+def execution(report: TruckReport) -> float | None:
+    """Whose demand the brakes execute (SPN 2918)."""
+    if report.xbr_active is None or report.xbr_mode is None:
+        return None
+    if report.xbr_active > 0.5:
+        return _EXECUTION.get(round(report.xbr_mode), 0.0)
+    return _DRIVER if (report.brake_pedal or 0.0) > PRESSED else 0.0
+
+
+def _mode(lever: float | None, available: float | None, intended: float | None) -> float | None:
+    driver = driver_percent(lever, available)
+    if driver is None or intended is None:
+        return None
+    # Half a bit of the percentages.
+    if intended > -0.5:
+        return _NO_REQUEST
+    return _BRAKES if intended < driver - 0.5 else _OPERATOR
+
+
+# --- The quantities that the truck reports, by name, and back ---
 
 _PLACES = ("front_left", "front_right", "rear_left", "rear_right", "trailer")
 PRESSURES = tuple(f"brake_pressure_{place}" for place in _PLACES)
@@ -79,39 +163,35 @@ def quantities() -> dict[str, Quantity]:
         "propeller_shaft_speed": lambda _s, r, _t: _magnitude(r.propeller_shaft_speed),
         "input_shaft_speed": lambda _s, r, _t: _magnitude(r.input_shaft_speed),
         "clutch_slip": lambda s, r, _t: _slip(s.engine_speed, r.input_shaft_speed),
-        "requested_range": lambda _s, r, _t: codes.letters_of_range(r.transmission_mode),
-        "current_range": lambda _s, r, _t: codes.letters_of_range(codes.direction(r.gear_engaged)),
-        "engine_controller": lambda _s, r, _t: codes.controller(
-            r.engine_torque_mode, addresses.ENGINE
-        ),
+        "requested_range": lambda _s, r, _t: letters_of_range(r.transmission_mode),
+        "current_range": lambda _s, r, _t: letters_of_range(direction(r.gear_engaged)),
+        "engine_controller": lambda _s, r, _t: controller(r.engine_torque_mode, addresses.ENGINE),
         "driveline_engaged": lambda _s, r, _t: _test(r.clutch_engagement, 0.999),
-        "accelerator_released": lambda _s, r, _t: _test(
-            r.accelerator_pedal, codes.PRESSED, above=False
-        ),
-        "brake_pedal_pressed": lambda _s, r, _t: _test(r.brake_pedal, codes.PRESSED),
+        "accelerator_released": lambda _s, r, _t: _test(r.accelerator_pedal, PRESSED, above=False),
+        "brake_pedal_pressed": lambda _s, r, _t: _test(r.brake_pedal, PRESSED),
         "fuel_economy": lambda s, r, _t: _economy(r.wheel_based_speed, s.fuel_rate),
         "friction_braking": lambda s, _r, _t: float(max(s.brake_pressures) > 0.0),
-        "xbr_execution": lambda _s, r, _t: codes.execution(r),
+        "xbr_execution": lambda _s, r, _t: execution(r),
         # This truck takes any demand at any time (SPN 2917), and its ABS never fails (SPN 1243).
         "xbr_system_state": lambda _s, r, _t: None if r.xbr_active is None else 0.0,
         "abs_operational": lambda _s, r, _t: None if r.abs_active is None else 1.0,
         # SPN 1812: the angle is absolute.
         "steering_sensor_type": lambda _s, _r, _t: 1.0,
         "engine_brake_percent": lambda _s, r, t: _percent(r.engine_brake_torque, t.engine_brake),
-        "engine_brake_torque_percent_driver": lambda _s, r, _t: codes.driver_percent(
+        "engine_brake_torque_percent_driver": lambda _s, r, _t: driver_percent(
             r.engine_brake, r.engine_brake_torque_percent_available
         ),
-        "engine_brake_mode": lambda _s, r, _t: codes.engine_brake_mode(r),
-        "engine_brake_controller": lambda _s, r, _t: codes.controller(
-            codes.engine_brake_mode(r), addresses.ENGINE_RETARDER
+        "engine_brake_mode": lambda _s, r, _t: engine_brake_mode(r),
+        "engine_brake_controller": lambda _s, r, _t: controller(
+            engine_brake_mode(r), addresses.ENGINE_RETARDER
         ),
         "retarder_percent": lambda _s, r, t: _percent(r.retarder_torque, t.retarder),
-        "retarder_torque_percent_driver": lambda _s, r, _t: codes.driver_percent(
+        "retarder_torque_percent_driver": lambda _s, r, _t: driver_percent(
             r.retarder, r.retarder_torque_percent_available
         ),
-        "retarder_mode": lambda _s, r, _t: codes.retarder_mode(r),
-        "retarder_controller": lambda _s, r, _t: codes.controller(
-            codes.retarder_mode(r), addresses.DRIVELINE_RETARDER
+        "retarder_mode": lambda _s, r, _t: retarder_mode(r),
+        "retarder_controller": lambda _s, r, _t: controller(
+            retarder_mode(r), addresses.DRIVELINE_RETARDER
         ),
     }
 
@@ -172,7 +252,7 @@ def to_report(
         values["engine_brake_torque"] = share * references.engine_brake
     if "retarder_percent" in found:
         values["retarder_torque"] = -0.01 * found["retarder_percent"] * references.retarder
-    for mode, letters in codes.RANGES.items():
+    for mode, letters in RANGES.items():
         if found.get("requested_range") == letters:
             values["transmission_mode"] = float(mode)
     relative = [found[name] for name in _RELATIVE_SPEEDS if name in found]

@@ -7,13 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from iits_mj.errors import BusError
+from iits_mj.core.errors import BusError
 from iits_mj.j1939.database import decode
 from iits_mj.j1939.frame import Frame
-from iits_mj.j1939.group import Group, Status
-from iits_mj.j1939.layouts import layouts
-from iits_mj.j1939.long_group import LongGroup
-from iits_mj.j1939.long_groups import read_group
+from iits_mj.j1939.group import Group, Status, layouts
+from iits_mj.j1939.long_groups import LongGroup, read_group
 from iits_mj.j1939.transport import CONNECTION, TRANSFER, Reassembler
 
 OK = "ok"

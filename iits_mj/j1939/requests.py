@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import enum
 import math
 from dataclasses import dataclass
 
+from iits_mj.core.errors import BusError
+from iits_mj.core.messages import TransmissionMode, XbrEbiMode, XbrMode
 from iits_mj.j1939.command import STEERING_ON, TORQUE_CONTROL, XBR_DEMAND_MIN
-from iits_mj.j1939.group import NOT_AVAILABLE, Value
-from iits_mj.j1939.rejection import Reason, RejectedError, number
-from iits_mj.messages import TransmissionMode, XbrEbiMode, XbrMode
+from iits_mj.j1939.group import NOT_AVAILABLE, Status, Value
 
 # Zero of SPN 2920 lies 12 um/s2 off its grid of 1/2048.
 _DEMAND_SLACK = 1e-3
@@ -161,3 +162,111 @@ def read_body(
     if pedal_percent is not NOT_AVAILABLE:
         pedal = 0.01 * number(pedal_percent, 0.0, 100.0)
     return BodyRequest(wanted, parking, mode, pedal)
+
+
+# --- One sender's messages to one control unit: their sequence, and the last good request ---
+
+# Rounding of time stamps, which files keep to the microsecond [s].
+_HAIR = 1e-6
+
+
+class Stream:
+    """What one sender says to one unit.
+
+    Args:
+      time_out: silence after which its sequence begins anew [s].
+      modulus: of the message's counter; 0 where it has none.
+
+    Attributes:
+      request: the last good one; time: when it came [s], minus infinity before.
+    """
+
+    __slots__ = ("_counter", "_heard", "_modulus", "_time_out", "request", "time")
+
+    def __init__(self, time_out: float, modulus: int) -> None:
+        self.request: Request | None = None
+        self.time = -math.inf
+        self._time_out = time_out
+        self._modulus = modulus
+        self._counter: int | None = None
+        self._heard = -math.inf
+
+    def alive(self, time: float) -> bool:
+        """Whether the last good request is young enough; one of the far future is not."""
+        return abs(time - self.time) <= self._time_out + _HAIR
+
+    def follow(self, time: float, counter: int) -> int:
+        """Takes note of an authentic frame, one whose checksum is right.
+
+        A counter that skips tells of frames that were lost on the way; this one is sound, and no
+        older command could be better. A repeated counter is not obeyed, after a silence neither, so
+        that a sender that is stuck never comes back by waiting.
+
+        Returns:
+          How many frames were lost before this one, as far as the counter can tell; 0 after a
+          silence, where the sequence begins anew.
+
+        Raises:
+          RejectedError: the frame is older than the last, or its counter is the last one's.
+        """
+        if -self._time_out < time - self._heard < -_HAIR:
+            raise RejectedError(Reason.LATE)
+        last, gap = self._counter, abs(time - self._heard) > self._time_out + _HAIR
+        if self._modulus and counter == last:
+            raise RejectedError(Reason.REPEATED)
+        self._counter, self._heard = counter, time
+        if not self._modulus or last is None or gap:
+            return 0
+        return (counter - last - 1) % self._modulus
+
+    def take(self, request: Request, time: float) -> None:
+        """Keeps a good request."""
+        self.request, self.time = request, time
+
+
+# --- Why a command frame is not acted upon ---
+
+
+class Reason(enum.Enum):
+    """What is wrong with a frame, or why a sound one is not obeyed."""
+
+    LENGTH = "wrong length"
+    TIME = "time stamp not finite"
+    LATE = "older than the last"
+    CHECKSUM = "wrong checksum"
+    REPEATED = "counter repeated"
+    OUT_OF_RANGE = "out of range"
+    ERROR = "error"
+    NOT_AVAILABLE = "not available"
+    # Sound, but not for this truck, or not from who may command it.
+    ADDRESS = "to another address"
+    SENDER = "from an address that is not obeyed"
+    HELD = "held by another sender"
+
+
+class RejectedError(BusError):
+    """A command frame is not acted upon, for this reason."""
+
+    def __init__(self, reason: Reason) -> None:
+        super().__init__(reason.value)
+        self.reason = reason
+
+
+_OF_STATUS = {
+    Status.OUT_OF_RANGE: Reason.OUT_OF_RANGE,
+    Status.ERROR: Reason.ERROR,
+    Status.NOT_AVAILABLE: Reason.NOT_AVAILABLE,
+}
+
+
+def number(value: Value, low: float, high: float) -> float:
+    """The number that a field carries, within [low, high].
+
+    Raises:
+      RejectedError: the field carries no number, or one outside.
+    """
+    if isinstance(value, Status):
+        raise RejectedError(_OF_STATUS[value])
+    if not low <= value <= high:
+        raise RejectedError(Reason.OUT_OF_RANGE)
+    return float(value)

@@ -6,13 +6,14 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from iits_mj.j1939.data_maker import DataMaker
-from iits_mj.j1939.database import cycle_time, identifier, pgn_of
+from iits_mj.core.messages import EgoState, TruckReport
+from iits_mj.j1939.broadcasts import Schedule, spread
+from iits_mj.j1939.configuration import ConfigurationSender
+from iits_mj.j1939.database import DataMaker, cycle_time, identifier, pgn_of
 from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame
 from iits_mj.j1939.mapping import Mapping, reports, sender
 from iits_mj.j1939.quantities import ReferenceTorques, check_finite, quantities
-from iits_mj.j1939.schedule import Schedule, spread
-from iits_mj.messages import EgoState, TruckReport
+from iits_mj.parameters import TruckParameters
 
 _NOTHING = TruckReport()
 _REFERENCES = ReferenceTorques()
@@ -157,3 +158,41 @@ def _weights(rows: list[Mapping]) -> Callable[..., list[bytes]]:
         ]
 
     return contents
+
+
+# --- Everything that the truck says on its bus by itself: reports and configurations ---
+
+
+class TruckSender:
+    """The frames of a truck, each message at its own rate.
+
+    Args:
+      parameters: of the truck, for its percent torques and configurations.
+    """
+
+    def __init__(self, parameters: TruckParameters) -> None:
+        self._reports = StateSender(ReferenceTorques.of(parameters))
+        self._configurations = ConfigurationSender(parameters)
+
+    def frames(self, state: EgoState, report: TruckReport) -> list[Frame]:
+        """The frames that are due at the state's time, none twice.
+
+        Raises:
+          BusError: a value is not finite.
+          InputError: the state's time is not finite.
+        """
+        return self._reports.frames(state, report) + self._configurations.frames(state.time)
+
+    def answer(
+        self, pgn: int, address: int, state: EgoState, report: TruckReport
+    ) -> list[Frame] | None:
+        """What a unit (255: all of them) says now with a group; None when it never does.
+
+        A configuration comes later, as a broadcast among `frames`.
+
+        Raises:
+          BusError: a value is not finite.
+        """
+        if self._configurations.repeat(pgn, address):
+            return []
+        return self._reports.answer(pgn, address, state, report) or None

@@ -6,7 +6,9 @@ import functools
 import math
 from dataclasses import dataclass
 
-from iits_mj.errors import BusError
+from iits_mj.core.errors import BusError
+from iits_mj.core.messages import EgoState, TruckReport
+from iits_mj.core.units import GRAVITY
 from iits_mj.j1939.codec import Codec
 from iits_mj.j1939.configuration import ConfigurationReceiver
 from iits_mj.j1939.database import codec_of, name_of
@@ -14,8 +16,6 @@ from iits_mj.j1939.frame import Frame
 from iits_mj.j1939.group import Status, Value
 from iits_mj.j1939.mapping import Mapping, commands, reports, sender
 from iits_mj.j1939.quantities import ReferenceTorques, to_report, to_state
-from iits_mj.messages import EgoState, TruckReport
-from iits_mj.units import GRAVITY
 
 _REFERENCES = ReferenceTorques()
 

@@ -16,7 +16,7 @@ import enum
 from collections import Counter
 from dataclasses import dataclass, field
 
-from iits_mj.errors import BusError
+from iits_mj.core.errors import BusError
 from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame
 
 CONNECTION = 0xEC00

@@ -11,7 +11,7 @@ import xml.etree.ElementTree as ET
 
 import mujoco
 
-from iits_mj.mass_state import axle_loads_by_name, laden_trailer, payload_inertial
+from iits_mj.core.units import GRAVITY
 from iits_mj.model import visuals
 from iits_mj.model.connections import (
     SIDES,
@@ -22,14 +22,9 @@ from iits_mj.model.connections import (
     equalized_share,
     text,
 )
-from iits_mj.model.statics import (
-    beam_inertia,
-    sprung,
-    wheel_height,
-    wheel_inertia,
-)
+from iits_mj.model.statics import beam_inertia, sprung, wheel_height, wheel_inertia
 from iits_mj.parameters import Axle, TruckParameters
-from iits_mj.units import GRAVITY
+from iits_mj.parameters.mass_state import axle_loads_by_name, laden_trailer, payload_inertial
 
 # Contact bits: the truck's hulls meet the ground (bit 0) and traffic (bit 2), never each other.
 TRUCK_CONTYPE, TRUCK_CONAFFINITY = 2, 5

@@ -5,11 +5,11 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 
-from iits_mj.mass_state import axle_loads_by_name, kingpin_load
+from iits_mj.core.units import GRAVITY
 from iits_mj.model import air_brake, powertrain
 from iits_mj.parameters import Axle, TruckParameters
-from iits_mj.tire_law import nominal_cornering_coefficient
-from iits_mj.units import GRAVITY
+from iits_mj.parameters.mass_state import axle_loads_by_name, kingpin_load
+from iits_mj.parameters.tire_law import nominal_cornering_coefficient
 
 SIDES = ("left", "right")
 

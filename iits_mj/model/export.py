@@ -7,11 +7,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.model.builder import truck_spec
-from iits_mj.parameter_files import provenance
 from iits_mj.parameters import TruckParameters
-from iits_mj.plugin_library import register
+from iits_mj.parameters.files import provenance
+from iits_mj.plugin import register
 
 XML_HEADER = (
     "<!-- The 12-wheel tractor-semitrailer, laden to 55 t. Made from truck.toml by "

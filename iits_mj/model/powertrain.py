@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TruckParameters
-from iits_mj.powertrain_parameters import Clutch, EngineScalars, Retarder
+from iits_mj.parameters.powertrain import Clutch, EngineScalars, Retarder
 
 # Local names of the sensors of the truck, in the order of the model. The plugin knows a few more,
 # see its manual; every sensor costs MuJoCo about 0.02 us a step.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from iits_mj.errors import MapError
+from iits_mj.core.errors import MapError
 from iits_mj.road import Route
 
 NUMERIC_NAME = "iits_road"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 
 _XYZ = ("x", "y", "z")
 _PERCENT, _PASCAL, _NEWTON_METER = "%", "Pa", "N m"

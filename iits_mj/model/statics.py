@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
-from iits_mj.mass_state import Inertial, axle_loads_by_name, joined, unit_inertial, without
 from iits_mj.parameters import Axle, Semitrailer, Tractor, TruckParameters
+from iits_mj.parameters.mass_state import (
+    Inertial,
+    axle_loads_by_name,
+    joined,
+    unit_inertial,
+    without,
+)
 
 # Tread width of one tire, and radius of gyration of an axle casing about its own axis [m].
 _TIRE_WIDTH = 0.30

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import os
+import platform
 import sys
 from typing import Any
 
@@ -12,8 +13,35 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.closing import Closing
-from iits_mj.errors import InputError, RenderError
+from iits_mj.core.context import Closing
+from iits_mj.core.errors import InputError, RenderError
+
+# --- Windows on a screen, where there is one ---
+
+
+def check_display() -> None:
+    """Refuses to open a window where none can be shown.
+
+    Raises:
+      RenderError: there is no display.
+    """
+    shown = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if platform.system() == "Linux" and not shown:
+        raise RenderError(
+            "there is no display for the viewer (DISPLAY and WAYLAND_DISPLAY are not set); run it "
+            "from a desktop session, or make a video with 'iits-mj drive'"
+        )
+
+
+def follow(window: Any, model: mujoco.MjModel, prefix: str = "") -> None:
+    """Lets a viewer's camera follow the semitrailer of that prefix from behind."""
+    window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
+    window.cam.trackbodyid = model.body(f"{prefix}trailer").id
+    window.cam.distance, window.cam.elevation = 28.0, -18.0
+    window.cam.azimuth = 180.0
+
+
+# --- Pictures of a model without a window: an EGL context, a scene, and culling of what is far ---
 
 PACKAGES = "libegl1 libgl1-mesa-dri libopengl0"
 SIZE_MIN, SIZE_MAX = 64, 4096

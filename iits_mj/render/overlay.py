@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from iits_mj.messages import Decision, PlanMode
-from iits_mj.render.lane_sketch import LaneSketch
-from iits_mj.render.trajectory import MODE_COLORS
+from iits_mj.core.messages import Decision, PlanMode
+from iits_mj.core.units import DIESEL_DENSITY
+from iits_mj.render.lane_sketch import MODE_COLORS, LaneSketch
 from iits_mj.road import Route
-from iits_mj.units import DIESEL_DENSITY
 
 if TYPE_CHECKING:
     from iits_mj.simulation import Frame

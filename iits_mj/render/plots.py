@@ -1,4 +1,4 @@
-"""Draws `iits_mj.results.Panel`s with matplotlib: one figure, one column of axes, no display."""
+"""Draws `iits_mj.core.results.Panel`s with matplotlib: one figure, one column of axes."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from iits_mj.errors import InputError
-from iits_mj.results import Line, Panel
+from iits_mj.core.errors import InputError
+from iits_mj.core.results import Line, Panel
 
 PALETTE = ("#1f5fa8", "#d1495b", "#2a9d8f", "#e9a03b", "#6d597a", "#577590")
 # Labels of a plan view, which is drawn to scale.

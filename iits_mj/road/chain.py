@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
-from iits_mj.errors import MapError
+import numpy as np
+from numpy.typing import ArrayLike
+
+from iits_mj.core.arrays import FloatArray
+from iits_mj.core.errors import MapError
 from iits_mj.road.elements import LaneSection, OpenDriveMap, Road
 
 Node = tuple[str, int]
@@ -167,3 +173,151 @@ class RoadGraph:
     @staticmethod
     def _first_section(road: Road, direction: int) -> LaneSection:
         return road.sections[0 if direction > 0 else -1]
+
+
+# --- Lays the roads of a chain end to end: trimmed overlaps, bridged gaps, parallel shifts ---
+
+GAP_LIMIT = 3.0
+SHIFT_LIMIT = 20.0
+# Below this a lateral step is dirt to be blended, above it another choice of reference line.
+BLENDED_LATERAL_STEP = 0.3
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A stretch of one road in a chain.
+
+    Attributes:
+      road: the road; direction: +1 along its s, -1 against it.
+      s_start, s_end: where it is entered and left; may lie slightly outside to bridge a gap.
+      p_start: chain parameter at the entry.
+      shift: of the chain's reference line to the left (in travel) of the road's [m].
+    """
+
+    road: Road
+    direction: int
+    s_start: float
+    s_end: float
+    p_start: float
+    shift: float = 0.0
+
+    @property
+    def length(self) -> float:
+        """Metres of road s."""
+        return abs(self.s_end - self.s_start)
+
+    @property
+    def p_end(self) -> float:
+        """Chain parameter where it is left."""
+        return self.p_start + self.length
+
+    def s_at(self, p: ArrayLike) -> FloatArray:
+        """Road s at chain parameters."""
+        return self.s_start + self.direction * (np.asarray(p, dtype=float) - self.p_start)
+
+    def p_at(self, s: float) -> float:
+        """Chain parameter at a road s."""
+        return self.p_start + self.direction * (s - self.s_start)
+
+    def state(self, s: ArrayLike, side: int = 1, roll_scale: float = 1.0) -> FloatArray:
+        """Exact values and derivatives by p, shape (3, 4, n): order of derivative; x, y, z, roll.
+
+        `side` says which record counts where two meet: after (+1) or before (-1) in travel. Second
+        derivatives of z and roll are left zero.
+        """
+        s = np.atleast_1d(np.asarray(s, dtype=float))
+        sign = self.direction
+        plan = self.road.plan.evaluate(s, side * sign)
+        sine, cosine = sign * np.sin(plan.heading), sign * np.cos(plan.heading)
+        bend = sign * plan.curvature
+        stretch = 1.0 - bend * self.shift
+        speed = plan.speed * stretch
+        profile = self.road.superelevation
+        roll = sign * roll_scale * profile.evaluate(s, 0, side * sign)
+        roll_rate = roll_scale * profile.evaluate(s, 1, side * sign)
+        height = self.road.elevation.evaluate(s, 0, side * sign)
+        grade = sign * self.road.elevation.evaluate(s, 1, side * sign)
+        zero = np.zeros_like(s)
+        normal = bend * plan.speed * speed
+        return np.array(
+            [
+                [
+                    plan.x - self.shift * sine,
+                    plan.y + self.shift * cosine,
+                    height + self.shift * np.tan(roll),
+                    roll,
+                ],
+                [
+                    speed * cosine,
+                    speed * sine,
+                    grade + self.shift * roll_rate / np.cos(roll) ** 2,
+                    roll_rate,
+                ],
+                [-normal * sine, normal * cosine, zero, zero],
+            ]
+        )
+
+    def breaks(self) -> list[float]:
+        """Road s of every record that starts inside, in the order of travel."""
+        low, high = sorted((self.s_start, self.s_end))
+        places = {*map(float, self.road.plan.starts)}
+        places.update(self.road.elevation.breaks(), self.road.superelevation.breaks())
+        return sorted((s for s in places if low < s < high), reverse=self.direction < 0)
+
+
+def join(roads: dict[str, Road], chain: Sequence[Node], source: str) -> list[Piece]:
+    """Lays the roads of a chain end to end.
+
+    Overlaps are trimmed, gaps bridged by extending the next road backwards, and where the next
+    road's reference line runs beside the last one's (another lane of it), the chain keeps its line
+    by a parallel shift.
+
+    Raises:
+      MapError: two roads do not meet.
+    """
+    pieces: list[Piece] = []
+    for identity, direction in chain:
+        road = roads[identity]
+        entry, leave = (0.0, road.length) if direction > 0 else (road.length, 0.0)
+        if not pieces:
+            pieces.append(Piece(road, direction, entry, leave, 0.0))
+            continue
+        last = pieces[-1]
+        end = last.state(last.s_end, -1)[0, :2, 0]
+        start, lateral = _project(Piece(road, direction, entry, leave, 0.0), end)
+        along = direction * (start - entry)
+        if abs(along) > GAP_LIMIT or abs(lateral) > SHIFT_LIMIT:
+            raise MapError(
+                f"{source}: road {last.road.id!r} is linked to {identity!r}, but they are "
+                f"{math.hypot(along, lateral):.1f} m apart ({along:.1f} m along, {lateral:.1f} m "
+                f"across); up to {GAP_LIMIT:g} m along are bridged"
+            )
+        if direction * (leave - start) < 0.1:
+            continue
+        shift = lateral if abs(lateral) > BLENDED_LATERAL_STEP else 0.0
+        pieces.append(Piece(road, direction, start, leave, last.p_end, shift))
+        sampled = road.plan.evaluate(np.linspace(0.0, road.length, 200))
+        tightest = float(np.max(np.abs(sampled.curvature)))
+        if tightest * abs(shift) > 0.8:
+            raise MapError(
+                f"{source}: road {identity!r} bends with a radius of {1 / tightest:.1f} m, too "
+                f"tight to follow a line {shift:.1f} m beside its reference line"
+            )
+    return pieces
+
+
+def _project(piece: Piece, point: FloatArray) -> tuple[float, float]:
+    """Road s abreast of a point near the piece's entry, and the point's offset to the left."""
+    s = piece.s_start
+    lateral = 0.0
+    for _ in range(20):
+        state = piece.state(s)
+        position, tangent = state[0, :2, 0], state[1, :2, 0]
+        norm = float(np.hypot(*tangent))
+        dx, dy = point - position
+        along = float((dx * tangent[0] + dy * tangent[1]) / norm)
+        lateral = float((dy * tangent[0] - dx * tangent[1]) / norm)
+        s += piece.direction * along / norm
+        if abs(along) < 1e-9 or abs(s - piece.s_start) > 2.0 * GAP_LIMIT:
+            break
+    return s, lateral

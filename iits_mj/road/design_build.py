@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from iits_mj.errors import InputError
-from iits_mj.road.design import Design
-from iits_mj.road.design_lanes import lane_sections, limit_at, ramp
+from iits_mj.core.errors import InputError
+from iits_mj.road.design import Design, lane_sections, limit_at, ramp
 from iits_mj.road.elements import Link, OpenDriveMap, Road, RoadType, Signal, Structure
 from iits_mj.road.geometry import Arc, Geometry, Line, Spiral
 from iits_mj.road.polynomials import Cubic, PiecewiseCubic, constant

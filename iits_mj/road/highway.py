@@ -10,7 +10,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from iits_mj.errors import Error, MapError
+from iits_mj.core.errors import Error, MapError
 from iits_mj.road.design import Design
 from iits_mj.road.design_build import build
 from iits_mj.road.elements import OpenDriveMap

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
+from iits_mj.road.chain import Piece
 from iits_mj.road.elements import (
     DEFAULT_FRICTION,
     PAVED_TYPES,
@@ -20,7 +21,6 @@ from iits_mj.road.elements import (
     RoadMark,
     lane_borders,
 )
-from iits_mj.road.pieces import Piece
 from iits_mj.road.polynomials import PiecewiseCubic, combine
 
 T = TypeVar("T")

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.csv_table import read_columns, read_names
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
+from iits_mj.core.tables import read_columns, read_names
 from iits_mj.road.elements import Lane, LaneSection, OpenDriveMap, Road, RoadMark, RoadType
 from iits_mj.road.geometry import Arc, Geometry, Line, Spiral
 from iits_mj.road.polynomials import Cubic

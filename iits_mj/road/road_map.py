@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from iits_mj.road.chain import RoadGraph
+from iits_mj.road.chain import RoadGraph, join
 from iits_mj.road.elements import OpenDriveMap, Road
 from iits_mj.road.opendrive import parse
-from iits_mj.road.pieces import join
 from iits_mj.road.reference_line import KNOT_SPACING
 from iits_mj.road.route import Route
 from iits_mj.road.seams import ContinuousChain

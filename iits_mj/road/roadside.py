@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from iits_mj.road.chain import Piece
 from iits_mj.road.elements import Signal
-from iits_mj.road.pieces import Piece
 from iits_mj.road.reference_line import ReferenceLine
 
 

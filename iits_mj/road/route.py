@@ -10,17 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.road.elements import DEFAULT_FRICTION, RoadMark
 from iits_mj.road.lanes import LaneBand, RouteLane, lane_bands
 from iits_mj.road.polynomials import PiecewiseCubic
 from iits_mj.road.reference_line import KNOT_SPACING, ReferenceLine, RoadPoint
-from iits_mj.road.roadside import (
-    FrictionPatch,
-    RouteSegment,
-    facing_signals,
-    structure_spans,
-)
+from iits_mj.road.roadside import FrictionPatch, RouteSegment, facing_signals, structure_spans
 from iits_mj.road.seams import ContinuousChain
 
 if TYPE_CHECKING:

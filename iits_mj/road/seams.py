@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import MapError
-from iits_mj.road.pieces import Piece
+from iits_mj.core.errors import MapError
+from iits_mj.road.chain import Piece
 
 HEIGHT_STEP_LIMIT = 3.0
 HEADING_STEP_LIMIT = 0.35

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.road.elements import Lane, LaneSection, OpenDriveMap, Road, RoadMark, RoadType
 from iits_mj.road.geometry import Line
 from iits_mj.road.polynomials import Cubic

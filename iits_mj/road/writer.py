@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from iits_mj.errors import MapError
+from iits_mj.core.errors import MapError
 from iits_mj.road.elements import Junction, Lane, LaneSection, Link, OpenDriveMap, Road
 from iits_mj.road.geometry import Arc, Geometry, Line, ParamPoly3, Poly3, Spiral
 from iits_mj.road.polynomials import Cubic

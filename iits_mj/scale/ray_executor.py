@@ -7,13 +7,19 @@ import os
 import socket
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from typing import Any
 
-from iits_mj.errors import Error, InputError
-from iits_mj.one_thread import VARIABLES
+from controllers.decision import fast_world
+from controllers.decision.learning import collection
+from controllers.decision.learning.collection import Drive, Driven, TripDrivers, WorldFactory
+from controllers.decision.policy import QNetwork
+from controllers.decision.trip import World
+from iits_mj.core.errors import Error, InputError
+from iits_mj.core.process_pool import VARIABLES
+from iits_mj.validation.harness.run_cache import drive_digest
 
 # A worker or node that dies gives its task back this often.
 RETRIES = 10
@@ -222,3 +228,49 @@ def _none_at(address: str, reason: str) -> ClusterError:
         f"there is no Ray cluster at {address!r} ({reason}); use HOST:PORT of its head, auto, or "
         "local"
     )
+
+
+# --- Trips of a training on a cluster ---
+
+
+class ClusterDrivers(TripDrivers):
+    """Drives trips on a Ray cluster; what they bring home is what processes here would.
+
+    Args:
+      address: of the cluster, see `RayExecutor`.
+      worlds: picklable factories, chosen by `Drive.world`.
+
+    Raises:
+      InputError: Ray is not installed. ClusterError: there is no cluster at the address.
+    """
+
+    def __init__(self, address: str, worlds: Sequence[WorldFactory]) -> None:
+        self._worlds = tuple(worlds)
+        self._executor = RayExecutor(address, trips_code)
+
+    def submit(self, jobs: Sequence[Drive], network: QNetwork) -> list[Future[Driven]]:
+        """Asks for trips on a network, which goes to each node once."""
+        shared = self._executor.share(network)
+        return [
+            self._executor.submit(drive_in_worker, self._worlds[job.world], job, shared)
+            for job in jobs
+        ]
+
+    def close(self) -> None:
+        """Leaves the cluster, also in the middle of a trip."""
+        self._executor.shutdown(cancel_futures=True)
+
+
+def trips_code() -> str:
+    """Digest of the code that drives a training's trips."""
+    return drive_digest(collection, fast_world)
+
+
+def drive_in_worker(factory: WorldFactory, job: Drive, network: QNetwork) -> Driven:
+    """Drives one trip in a worker, which keeps its worlds."""
+    if factory not in _worlds:
+        _worlds[factory] = factory()
+    return collection.drive_trip(_worlds[factory], job, network)
+
+
+_worlds: dict[Any, World] = {}

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from iits_mj.errors import InputError
-from iits_mj.validation import row_files
+from iits_mj.core import tables
+from iits_mj.core.errors import Error, InputError
+from iits_mj.core.process_pool import TasksError, run_all
 
 Row = TypeVar("Row")
 Item = TypeVar("Item")
@@ -37,7 +41,7 @@ class Shards(Generic[Row]):
         """
         return list(
             itertools.chain.from_iterable(
-                row_files.read_rows(path, self._row_type, self._what) for path in self.files()
+                tables.read_rows(path, self._row_type, self._what) for path in self.files()
             )
         )
 
@@ -59,7 +63,7 @@ class Shards(Generic[Row]):
             raise InputError(
                 f"folder {str(self.folder)!r} cannot be made: {error.strerror}"
             ) from error
-        row_files.write_rows(path, self._row_type, rows, self._what)
+        tables.write_rows(path, self._row_type, rows, self._what)
         return path
 
     def clear(self) -> None:
@@ -73,3 +77,102 @@ class Shards(Generic[Row]):
 def in_shards(items: Sequence[Item], size: int) -> list[tuple[Item, ...]]:
     """Items in their order, `size` to a shard."""
     return [tuple(items[begin : begin + size]) for begin in range(0, len(items), size)]
+
+
+# --- Work in shards: a shard is done by one worker, and kept whole or not at all ---
+
+Task = TypeVar("Task")
+
+
+@dataclass(frozen=True)
+class Plan(Generic[Task, Row]):
+    """What is to be done.
+
+    Attributes:
+      work: makes a task's row; picklable, and what it makes depends on the task alone.
+      task_of: the task that a row is of.
+      describe: a task in a few words.
+      what: the tasks are, for messages.
+      size: of a shard.
+    """
+
+    work: Callable[[Task], Row]
+    task_of: Callable[[Row], Task]
+    describe: Callable[[Task], str]
+    what: str
+    size: int
+
+
+def run_sharded(
+    plan: Plan[Task, Row],
+    tasks: Sequence[Task],
+    shards: Shards[Row],
+    keep: Callable[[Sequence[Row]], None],
+    jobs: int,
+    make_pool: Callable[[int], Executor] | None = None,
+) -> None:
+    """Does the tasks that are in no shard yet, and gives the rows of all to `keep`.
+
+    Args:
+      plan: how.
+      tasks: all different.
+      shards: that are kept.
+      keep: called with the rows that were kept before, then shard by shard as they end.
+      jobs: workers at a time.
+      make_pool: of workers; default: processes of this machine.
+
+    Raises:
+      TasksError: some could not be done; all others are kept.
+    """
+    wanted = set(tasks)
+    before = {plan.task_of(row): row for row in shards.rows()}
+    found = [before[task] for task in tasks if task in before]
+    if found:
+        keep(found)
+    missing = [task for task in tasks if task not in before]
+    faults: list[str] = []
+
+    def note(outcome: _Outcome) -> None:
+        faults.extend(outcome.faults)
+        rows = [row for row in outcome.rows if plan.task_of(row) in wanted]
+        if rows:
+            shards.keep(outcome.tasks, rows)
+            keep(rows)
+
+    run_all(
+        in_shards(missing, plan.size),
+        jobs,
+        functools.partial(_work, plan=plan),
+        note,
+        lambda shard: _told(shard, plan.describe),
+        what=plan.what,
+        make_pool=make_pool,
+    )
+    if faults:
+        raise TasksError(
+            f"{len(faults)} {plan.what} could not be done: {'; '.join(faults)}; what was done is "
+            "kept, the same command does the rest"
+        )
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    tasks: tuple[Any, ...]
+    rows: list[Any]
+    faults: list[str]
+
+
+def _work(shard: tuple[Any, ...], plan: Plan[Any, Any]) -> _Outcome:
+    """Does a shard's tasks; one that cannot be done does not cost the others."""
+    rows, faults = [], []
+    for task in shard:
+        try:
+            rows.append(plan.work(task))
+        except Error as error:
+            faults.append(f"{plan.describe(task)}: {error}")
+    return _Outcome(shard, rows, faults)
+
+
+def _told(shard: Iterable[Any], describe: Callable[[Any], str]) -> str:
+    first, *rest = (describe(task) for task in shard)
+    return f"{first} and {len(rest)} more" if rest else first

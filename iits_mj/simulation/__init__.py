@@ -7,13 +7,11 @@ with Simulation(DriveConfig(duration=30.0)) as simulation:
 print(summary.to_text())
 """
 
-from iits_mj.simulation.config import DriveConfig
+from iits_mj.simulation.config import DriveConfig, ServeConfig
 from iits_mj.simulation.frame import Frame, Observer
 from iits_mj.simulation.loop import Simulation
-from iits_mj.simulation.serve_config import ServeConfig
-from iits_mj.simulation.serve_summary import ServeSummary
 from iits_mj.simulation.server import Server
-from iits_mj.simulation.summary import DriveSummary
+from iits_mj.simulation.summary import DriveSummary, ServeSummary
 from iits_mj.simulation.telemetry import Telemetry
 
 __all__ = [

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.messages import EgoFootprint, EgoState, TrackedVehicle
+from iits_mj.core.messages import EgoFootprint, EgoState, TrackedVehicle
 from iits_mj.parameters import TruckParameters
 from traffic_bridge import VehicleFrame
 

@@ -10,24 +10,27 @@ from pathlib import Path
 
 import mujoco
 
-from controllers.planner import Planner
+from controllers.planning.planner import Planner
 from controllers.stack import Stack
-from iits_mj.closing import Closing
-from iits_mj.errors import Error, InputError
-from iits_mj.messages import EgoFootprint, EgoState, Scene, VehicleCommand
+from iits_mj.core.context import Closing
+from iits_mj.core.errors import Error, InputError
+from iits_mj.core.messages import EgoFootprint, EgoState, Scene, VehicleCommand
 from iits_mj.road import Route
 from iits_mj.simulation import gaps
-from iits_mj.simulation.command_path import CommandPath
+from iits_mj.simulation.bus import CommandPath
 from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.drive_log import DriveLog
-from iits_mj.simulation.driver import Driver
-from iits_mj.simulation.ending import DivergedError, check_finite, find_ending
-from iits_mj.simulation.frame import Frame, Observer
-from iits_mj.simulation.parts import load_map, make_stack, make_traffic
-from iits_mj.simulation.signals import read_signals
-from iits_mj.simulation.start import check_start
+from iits_mj.simulation.driver import Driver, Tap
+from iits_mj.simulation.frame import (
+    DivergedError,
+    Frame,
+    Observer,
+    check_finite,
+    find_ending,
+    read_signals,
+)
+from iits_mj.simulation.parts import check_start, load_map, make_stack, make_traffic
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
-from iits_mj.simulation.tap import Tap
 from iits_mj.truck import Truck
 from traffic_bridge import Mirror, MixedSim, Recorder, RepSim, Traffic, VehicleFrame
 

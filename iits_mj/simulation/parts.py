@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from controllers import decision
-from controllers.planner import PlannerConfig
-from controllers.speed_reference import (
+from controllers.planning.planner import PlannerConfig
+from controllers.planning.speed_reference import (
     CruiseReference,
     ProfileReference,
     SpeedReference,
@@ -17,11 +17,12 @@ from controllers.speed_reference import (
     read_profile,
 )
 from controllers.stack import Stack
-from iits_mj.errors import InputError
-from iits_mj.messages import EgoFootprint
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoFootprint
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
-from iits_mj.simulation.config import DriveConfig
+from iits_mj.simulation.config import DriveConfig, TruckStart
+from iits_mj.simulation.frame import END_MARGIN
 from traffic_bridge import (
     InterSim,
     MixedSim,
@@ -32,6 +33,33 @@ from traffic_bridge import (
     TrafficConfig,
     read_events,
 )
+
+# --- Puts a truck at the start that was asked for ---
+
+_ROOM = 10.0
+
+
+def check_start(start: TruckStart, route: Route, footprint: EgoFootprint) -> None:
+    """Holds a start against the route.
+
+    Raises:
+      InputError: it is not on the route, or its lane does not exist there.
+    """
+    first, last = footprint.length, route.length - END_MARGIN - _ROOM
+    if not first <= start.start_station <= last:
+        raise InputError(
+            f"start-station {start.start_station:g} m is not on the route; use "
+            f"{first:.0f} to {last:.0f} m of its {route.length:.0f} m"
+        )
+    lanes = route.lane_count(start.start_station)
+    if not 0 <= start.start_lane < lanes:
+        raise InputError(
+            f"start-lane {start.start_lane} does not exist at station "
+            f"{start.start_station:g} m; use 0 to {lanes - 1}"
+        )
+
+
+# --- Makes the parts of a simulation from its configuration: map, traffic and stack ---
 
 if TYPE_CHECKING:
     from controllers.pcc import PccConfig

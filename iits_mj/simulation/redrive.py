@@ -10,16 +10,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from iits_mj.errors import Error, InputError
-from iits_mj.messages import EgoState, VehicleCommand
+from iits_mj.core.errors import Error, InputError
+from iits_mj.core.messages import EgoState, VehicleCommand
 from iits_mj.road import Route
-from iits_mj.simulation.command_player import CommandPlayer
 from iits_mj.simulation.config import DriveConfig
-from iits_mj.simulation.drive_log import StateHash, truck_versions
+from iits_mj.simulation.drive_log import FILES, StateHash, options_of, truck_versions
+from iits_mj.simulation.driver import CommandPlayer
 from iits_mj.simulation.frame import Frame
 from iits_mj.simulation.loop import Simulation
 from iits_mj.simulation.parts import load_map
-from iits_mj.simulation.recorded_options import FILES, options_of
 from iits_mj.truck import Truck
 from traffic_bridge import PoseDigest, Recording, VehicleFrame
 from traffic_bridge.modes.resim import difference, traffic_of

@@ -7,19 +7,25 @@ ends: an interrupted drive keeps what it has, and an older table is never left h
 from __future__ import annotations
 
 import csv
+import dataclasses
 import math
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.closing import Closing
-from iits_mj.errors import InputError
+from controllers.planning.speed_reference import CruiseReference
+from controllers.stack import Stack
+from iits_mj.core.context import Closing
+from iits_mj.core.errors import InputError
+from iits_mj.core.results import Line, Panel
+from iits_mj.core.units import RPM
+from iits_mj.simulation.driver import Driver
 from iits_mj.simulation.frame import Frame
-from iits_mj.units import RPM
+from iits_mj.simulation.summary import counts_text
 
 if TYPE_CHECKING:
     from iits_mj.simulation.loop import Simulation
@@ -156,3 +162,212 @@ def _cell(value: Value) -> str:
     if isinstance(value, float):
         return f"{value:.9g}" if math.isfinite(value) else ""
     return str(value)
+
+
+# --- The plots of a drive, as panels over the station of the steer axle ---
+
+KMH = 3.6
+STATION = "station [m]"
+
+
+def drive_figures(telemetry: Telemetry) -> dict[str, list[Panel]]:
+    """Figures by name: "longitudinal", "lateral" and "traffic".
+
+    A quantity that the drive did not have, as the plan of a drive by a log, is not drawn.
+    """
+    figures = {
+        "longitudinal": longitudinal(telemetry),
+        "lateral": lateral(telemetry),
+        "traffic": traffic(telemetry),
+    }
+    return {name: _known(panels) for name, panels in figures.items()}
+
+
+def _known(panels: list[Panel]) -> list[Panel]:
+    """The panels with those lines that have a value, without those that have none."""
+    found = []
+    for panel in panels:
+        lines = tuple(line for line in panel.lines if np.isfinite(line.y).any())
+        if lines:
+            found.append(dataclasses.replace(panel, lines=lines))
+    return found
+
+
+def longitudinal(telemetry: Telemetry) -> list[Panel]:
+    """Speed, gear, brake pressure and grade over station."""
+    column = telemetry.column
+    station = column(STATION)
+
+    def line(label: str, name: str, scale: float = 1.0, role: str = "") -> Line:
+        return Line(label, station, scale * column(name), role)
+
+    front = 0.5 * (
+        column("brake_pressure_front_left [kPa]") + column("brake_pressure_front_right [kPa]")
+    )
+    drive = 0.5 * (
+        column("brake_pressure_rear_left [kPa]") + column("brake_pressure_rear_right [kPa]")
+    )
+    return [
+        Panel(
+            "Speed",
+            STATION,
+            "speed [km/h]",
+            (
+                line("reference", "reference_speed [m/s]", KMH, "reference"),
+                line("planned", "planned_speed [m/s]", KMH),
+                line("truck", "speed [m/s]", KMH, "simulation"),
+            ),
+        ),
+        Panel("Gear", STATION, "gear [-]", (line("gear", "gear [-]"),)),
+        Panel(
+            "Brake pressure",
+            STATION,
+            "pressure [kPa]",
+            (
+                Line("steer axle", station, front),
+                Line("drive axles", station, drive),
+                line("trailer", "brake_pressure_trailer [kPa]"),
+            ),
+        ),
+        Panel("Road grade", STATION, "grade [%]", (line("grade", "grade [-]", 100.0),)),
+    ]
+
+
+def lateral(telemetry: Telemetry) -> list[Panel]:
+    """Path across the road, lateral acceleration, articulation and steering over station."""
+    column = telemetry.column
+    station = column(STATION)
+    degrees = 180.0 / np.pi
+    return [
+        Panel(
+            "Path across the road, positive to the left of the reference line",
+            STATION,
+            "offset [m]",
+            (
+                Line("planned", station, column("planned_offset [m]"), "reference"),
+                Line("steer axle", station, column("offset [m]"), "simulation"),
+                Line("trailer axles", station, column("trailer_offset [m]")),
+            ),
+        ),
+        Panel(
+            "Lateral acceleration of the tractor",
+            STATION,
+            "acceleration [m/s²]",
+            (Line("tractor", station, column("lateral_acceleration [m/s2]")),),
+        ),
+        Panel(
+            "Articulation, tractor against semitrailer",
+            STATION,
+            "angle [deg]",
+            (Line("articulation", station, degrees * column("articulation [rad]")),),
+        ),
+        Panel(
+            "Steering wheel",
+            STATION,
+            "angle [deg]",
+            (
+                Line(
+                    "command",
+                    station,
+                    degrees * column("command_steering_wheel_angle [rad]"),
+                    "reference",
+                ),
+                Line(
+                    "actual", station, degrees * column("steering_wheel_angle [rad]"), "simulation"
+                ),
+            ),
+        ),
+    ]
+
+
+def traffic(telemetry: Telemetry) -> list[Panel]:
+    """Lane and gaps over station; a gap is drawn only where there is a vehicle."""
+    column = telemetry.column
+    station = column(STATION)
+    gap = column("gap_ahead [m]")
+    box = column("box_distance [m]")
+    target = column("target_lane [-]")
+    return [
+        Panel(
+            "Lane, 0 being the right one",
+            STATION,
+            "lane [-]",
+            (
+                Line("target", station, np.where(target >= 0.0, target, np.nan), "reference"),
+                Line("truck", station, column("lane [-]"), "simulation"),
+            ),
+        ),
+        Panel(
+            "Distance to the traffic",
+            STATION,
+            "distance [m]",
+            (
+                Line("bumper to bumper ahead", station, np.where(gap < 300.0, gap, np.nan)),
+                Line("nearest vehicle, box to box", station, np.where(box < 300.0, box, np.nan)),
+            ),
+        ),
+    ]
+
+
+# --- What the speed planner did in a drive, for its summary ---
+
+
+def speed_rows(driver: Driver) -> list[tuple[str, str]]:
+    """Names and values for tables that people read; empty where no speed was planned."""
+    if not isinstance(driver, Stack):
+        return []
+    reference = driver.reference
+    if isinstance(reference, CruiseReference):
+        return [("speed planner", reference.reason)] if reference.reason else []
+    report = _report(driver)
+    if report is None:
+        return []
+    rows = [("speed plans", counts_text(report.plans))]
+    if report.reasons:
+        rows.append(("plans without optimum", counts_text(report.reasons)))
+    if report.solve_time:
+        p50, p95 = np.quantile(report.solve_time, [0.5, 0.95])
+        rows.append(("time of a plan", f"{1e3 * p50:.1f} ms, 95 % within {1e3 * p95:.1f} ms"))
+    if math.isfinite(report.lag):
+        place = "behind" if report.lag >= 0.0 else "ahead of"
+        rows.append(
+            (
+                "schedule",
+                f"{abs(report.lag):.1f} s {place} it, made {report.schedules} x; a second is worth "
+                f"{1e3 * report.price:.2f} g of fuel",
+            )
+        )
+    return rows
+
+
+def speed_object(driver: Driver) -> dict[str, Any]:
+    """The same for JSON, {"speed_planner": {...}}; empty where none was to be planned."""
+    if isinstance(driver, Stack) and isinstance(driver.reference, CruiseReference):
+        # A cruise that was asked for needs no reason; one that PCC fell back to does.
+        reason = driver.reference.reason
+        return {"speed_planner": {"fallback": "cruise", "reason": reason}} if reason else {}
+    report = _report(driver)
+    if report is None:
+        return {}
+    solves = np.array(report.solve_time)
+    p50, p95 = np.quantile(solves, [0.5, 0.95]) if solves.size else (math.nan, math.nan)
+    figures = {
+        "solve_p50_s": float(p50),
+        "solve_p95_s": float(p95),
+        "lag_s": report.lag,
+        "price_kgps": report.price,
+    }
+    return {
+        "speed_planner": {
+            "plans": report.plans,
+            "reasons": report.reasons,
+            "schedules": report.schedules,
+            **{n: v if math.isfinite(v) else None for n, v in figures.items()},
+        }
+    }
+
+
+def _report(driver: Driver) -> Any:
+    """The report of PCC, None where somebody else says how fast to go."""
+    report = getattr(driver.reference, "report", None) if isinstance(driver, Stack) else None
+    return None if report is None else report()

@@ -8,11 +8,17 @@ import mujoco
 import numpy as np
 
 from controllers.decision.base import DecisionContext, Observation
-from controllers.decision.reward import RewardTerms, decision_charge, speed_charge
-from controllers.decision.trip import TripConfig, TripStep, TripSummary
-from iits_mj.closing import Closing
-from iits_mj.errors import InputError
-from iits_mj.messages import Decision, EgoFootprint
+from controllers.decision.trip import (
+    RewardTerms,
+    TripConfig,
+    TripStep,
+    TripSummary,
+    decision_charge,
+    speed_charge,
+)
+from iits_mj.core.context import Closing
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import Decision, EgoFootprint
 from iits_mj.road import Route
 from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.frame import Frame

@@ -11,7 +11,7 @@ from typing import Any
 
 from dm_control.rl import control
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.suite import truck
 from iits_mj.suite.drivers import DRIVERS
 from iits_mj.suite.physics import Physics

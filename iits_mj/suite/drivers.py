@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.suite.roads import TURN_RADIUS
+from iits_mj.suite.scene import TURN_RADIUS
 from iits_mj.suite.tasks import Dock, LaneChange, LaneKeep, TightTurn
 from iits_mj.suite.tasks.lane_change import PREVIEW as PATH_PREVIEW
 

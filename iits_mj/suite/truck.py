@@ -10,11 +10,10 @@ from dm_control.rl import control
 from dm_control.utils import containers
 
 from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.road import Route
 from iits_mj.simulation.truck_world import TruckWorld
-from iits_mj.suite import paint, roads
-from iits_mj.suite.highway import HighwayEnvironment, HighwayPhysics
+from iits_mj.suite import scene
 from iits_mj.suite.physics import Physics, add_cameras
 from iits_mj.suite.tasks import (
     Cruise,
@@ -27,6 +26,7 @@ from iits_mj.suite.tasks import (
     Stop,
     TightTurn,
 )
+from iits_mj.suite.tasks.highway import HighwayEnvironment, HighwayPhysics
 from iits_mj.truck import Truck
 
 CONTROL_TIMESTEP = 0.1
@@ -39,43 +39,43 @@ SUITE = containers.TaggedTasks()
 @SUITE.add("benchmarking")
 def cruise(**settings: Any) -> control.Environment:
     """Hold 20 m/s over hills; 60 s."""
-    return _environment(Cruise, roads.hills(), 60.0, **settings)
+    return _environment(Cruise, scene.hills(), 60.0, **settings)
 
 
 @SUITE.add("benchmarking", "easy")
 def stop(**settings: Any) -> control.Environment:
     """Stop at a line; 40 s."""
-    return _environment(Stop, roads.flat(), 40.0, **settings)
+    return _environment(Stop, scene.flat(), 40.0, **settings)
 
 
 @SUITE.add("benchmarking", "easy")
 def hill_start(**settings: Any) -> control.Environment:
     """Start on a grade of 4 to 9 %; 20 s."""
-    return _environment(HillStart, roads.uphill(), 20.0, **settings)
+    return _environment(HillStart, scene.uphill(), 20.0, **settings)
 
 
 @SUITE.add("benchmarking", "hard")
 def lane_keep(**settings: Any) -> control.Environment:
     """Keep the lane of a winding road; 60 s."""
-    return _environment(LaneKeep, roads.winding(), 60.0, **settings)
+    return _environment(LaneKeep, scene.winding(), 60.0, **settings)
 
 
 @SUITE.add("benchmarking", "hard")
 def lane_change(**settings: Any) -> control.Environment:
     """Double lane change at 60 km/h, laden; 30 s."""
-    return _environment(LaneChange, roads.flat(), 30.0, **settings)
+    return _environment(LaneChange, scene.flat(), 30.0, **settings)
 
 
 @SUITE.add("benchmarking", "hard")
 def tight_turn(**settings: Any) -> control.Environment:
     """90 degree turn of 12.5 m within the swept path that the rules allow; 30 s."""
-    return _environment(TightTurn, roads.turn(), 30.0, **settings)
+    return _environment(TightTurn, scene.turn(), 30.0, **settings)
 
 
 @SUITE.add("benchmarking", "hard")
 def dock(**settings: Any) -> control.Environment:
     """Reverse the semitrailer into a loading bay; 60 s."""
-    return _environment(Dock, roads.yard(), 60.0, **settings)
+    return _environment(Dock, scene.yard(), 60.0, **settings)
 
 
 @SUITE.add("hard")
@@ -172,5 +172,5 @@ def _environment(
 
 def _add_common(spec: mujoco.MjSpec) -> None:
     """Colors and cameras of every task."""
-    paint.add_reward_colors(spec)
+    scene.add_reward_colors(spec)
     add_cameras(spec)

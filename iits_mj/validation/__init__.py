@@ -5,9 +5,12 @@
 
 from collections.abc import Callable
 
-from iits_mj.results import Results
-from iits_mj.validation import lateral, longitudinal, planning, standards, step_size, traffic
-from iits_mj.validation.config import ValidateConfig
+from iits_mj.core.results import Results
+from iits_mj.validation.handling import lateral, standards, step_size
+from iits_mj.validation.harness.config import ValidateConfig
+from iits_mj.validation.longitudinal import group as longitudinal
+from iits_mj.validation.planning import group as planning
+from iits_mj.validation.traffic import group as traffic
 
 COMMANDS: dict[str, Callable[[ValidateConfig], Results]] = {
     "lateral": lateral.run,

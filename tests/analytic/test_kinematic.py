@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from iits_mj.analytic import Kinematic
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
 
 MODEL = Kinematic.from_parameters(TruckParameters.load())

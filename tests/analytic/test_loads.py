@@ -8,15 +8,15 @@ from iits_mj.analytic import (
     static_axle_loads,
     understeer_gradient_by_loads,
 )
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
+from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
-from iits_mj.tire_law import (
+from iits_mj.parameters.tire_law import (
     cornering_stiffness,
     friction,
     lateral_shape,
     nominal_cornering_coefficient,
 )
-from iits_mj.units import GRAVITY
 
 PARAMETERS = TruckParameters.load()
 

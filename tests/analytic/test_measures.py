@@ -19,7 +19,7 @@ from iits_mj.analytic import (
     worst_rearward_amplification,
     yaw_rate_gain,
 )
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
 
 PARAMETERS = TruckParameters.load()

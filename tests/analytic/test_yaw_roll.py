@@ -14,14 +14,13 @@ from iits_mj.analytic import (
 from iits_mj.analytic.roll_bodies import FIRST_AXLE, PHI_C, PHI_T, roll_bodies
 from iits_mj.analytic.traction import tractor_pitch
 from iits_mj.analytic.yaw_roll import relaxation_lengths
-from iits_mj.errors import InputError
-from iits_mj.mass_state import laden_trailer, static_axle_loads
+from iits_mj.core.errors import InputError
+from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import laden_trailer, static_axle_loads
 from iits_mj.truck import Truck
-from iits_mj.units import GRAVITY
-from iits_mj.validation.metrics import fit
-from iits_mj.validation.recorder import run_straight
-from iits_mj.validation.step_steer import step_steers
+from iits_mj.validation.handling.step_steer import step_steers
+from iits_mj.validation.harness.recorder import fit, run_straight
 
 PARAMETERS = TruckParameters.load()
 V80 = 80.0 / 3.6

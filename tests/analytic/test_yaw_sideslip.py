@@ -16,7 +16,7 @@ from iits_mj.analytic import (
     yaw_rate_gain,
 )
 from iits_mj.analytic.kinematic import Kinematic
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
 
 PARAMETERS = TruckParameters.load()

@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 
 from iits_mj import cli
-from iits_mj.bag import own_types
-from iits_mj.bag.reader import read_bag
+from iits_mj.bag import message_types
+from iits_mj.bag.mcap_file import TOPICS, BagWriter, read_bag, typestore
 from iits_mj.bag.stages import STAGES, run_stage
-from iits_mj.bag.store import TOPICS, typestore
-from iits_mj.bag.writer import BagWriter
-from iits_mj.errors import InputError
-from iits_mj.messages import (
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import (
     Decision,
     LightState,
     RoadSignals,
@@ -25,7 +23,7 @@ from iits_mj.messages import (
     VehicleCommand,
 )
 from iits_mj.simulation import DriveConfig, Simulation
-from iits_mj.simulation.bus_log import BusLog
+from iits_mj.simulation.drive_log import BusLog
 
 pytest.importorskip("rosbags")
 pytest.importorskip("libsumo")
@@ -117,7 +115,7 @@ def _yaw(turn):
 
 
 def test_rotations_are_those_of_a_rotation_matrix():
-    from iits_mj.bag.standard import Standard
+    from iits_mj.bag.message_types import Standard
     from iits_mj.parameters import TruckParameters
 
     standard = Standard(typestore().types.__getitem__, TruckParameters.load())
@@ -172,13 +170,13 @@ def test_values_that_may_be_missing_survive():
     )
     scene = Scene(1.5, dataclasses.replace(Scene(0.0, _ego()).ego, gear=-1), (TrackedVehicle("a"),))
     for said in (scene, dataclasses.replace(scene, signals=signals), VehicleCommand(0.25)):
-        kind = own_types.type_name(type(said))
-        raw = store.serialize_cdr(own_types.encode(said, store.types.__getitem__), kind)
-        assert own_types.decode(store.deserialize_cdr(raw, kind), type(said)) == said
+        kind = message_types.type_name(type(said))
+        raw = store.serialize_cdr(message_types.encode(said, store.types.__getitem__), kind)
+        assert message_types.decode(store.deserialize_cdr(raw, kind), type(said)) == said
 
 
 def _ego():
-    from iits_mj.messages import EgoState
+    from iits_mj.core.messages import EgoState
 
     return EgoState(brake_pressures=(1.0, 2.0, 3.0, 4.0, 5.0), shift_in_process=True)
 

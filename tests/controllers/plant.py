@@ -12,12 +12,11 @@ import math
 
 import numpy as np
 
-from controllers.driveline_inverse import DrivelineInverse
-from controllers.lateral_model import LateralModel
-from controllers.retardation import share_out
-from iits_mj.messages import EgoState, VehicleCommand, XbrEbiMode
+from controllers.tracking.driveline_inverse import DrivelineInverse, share_out
+from controllers.tracking.lateral_model import LateralModel
+from iits_mj.core.messages import EgoState, VehicleCommand, XbrEbiMode
+from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
-from iits_mj.units import GRAVITY
 
 STEP = 0.005
 _GEAR_SPEED = np.array([0.0, 1.0, 2.0, 2.8, 3.8, 5.0, 6.5, 8.5, 11.0, 14.0, 17.0, 21.0])

@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from controllers.planner import Planner, PlannerConfig
-from iits_mj.messages import Decision, EgoState, Scene, TrackedVehicle, Trajectory
+from controllers.planning.planner import Planner, PlannerConfig
+from iits_mj.core.messages import Decision, EgoState, Scene, TrackedVehicle, Trajectory
 from iits_mj.road import Route
 
 Decide = Callable[[float], Decision]

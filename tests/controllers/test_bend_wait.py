@@ -7,9 +7,16 @@ import numpy as np
 import pytest
 from test_crossing import bend
 
-from controllers.planner import Planner
-from controllers.predicted_boxes import poses, table_of, touching
-from iits_mj.messages import EgoState, LightState, RoadSignals, Scene, TrackedVehicle, TrafficLight
+from controllers.planning.planner import Planner
+from controllers.planning.predicted_boxes import poses, table_of, touching
+from iits_mj.core.messages import (
+    EgoState,
+    LightState,
+    RoadSignals,
+    Scene,
+    TrackedVehicle,
+    TrafficLight,
+)
 
 ROAD = bend()
 FREE = 235.0

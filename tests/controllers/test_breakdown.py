@@ -6,7 +6,7 @@ import pytest
 from scenes import Ideal, at, car
 from test_on_truck import drive
 
-from iits_mj.messages import Decision, PlanMode
+from iits_mj.core.messages import Decision, PlanMode
 from iits_mj.road import Route
 
 ROAD = Route.straight(length=3000.0, lanes=2, lane_width=3.75)

@@ -9,7 +9,7 @@ import pytest
 from controllers.decision import make
 from controllers.decision.fast_world.env import HighwayEnv
 from controllers.decision.learning.collection import Drive, drive_trip
-from controllers.decision.network import ACTIONS, LAYERS, QNetwork
+from controllers.decision.policy import ACTIONS, LAYERS, QNetwork
 from controllers.decision.trip import TripConfig, cell_trip
 
 TRIP = cell_trip("dense", 12.5, TripConfig(duration=60.0))

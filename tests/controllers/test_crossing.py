@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scenes import car
 
-from controllers.crossing import ALONG, _plainly_along
-from controllers.planner import Planner
-from controllers.predicted_boxes import poses, table_of
-from iits_mj.messages import EgoState, PlanMode, RoadSignals, Scene, TrackedVehicle
+from controllers.planning.crossing import ALONG, _plainly_along
+from controllers.planning.planner import Planner
+from controllers.planning.predicted_boxes import poses, table_of
+from iits_mj.core.messages import EgoState, PlanMode, RoadSignals, Scene, TrackedVehicle
 from iits_mj.road import Route
 from iits_mj.road.measured import Lanes, measured_route
 

@@ -7,12 +7,11 @@ import pytest
 
 from controllers.decision import make
 from controllers.decision.fast_world.env import HighwayEnv
-from controllers.decision.learning.inputs import usual_and_spread
 from controllers.decision.learning.replay import Batch
-from controllers.decision.network import LAYERS
 from controllers.decision.observation import FEATURES, OBSERVATION_SIZE, ROWS
+from controllers.decision.policy import LAYERS
 from controllers.decision.trip import cell_trip
-from iits_mj.errors import Error
+from iits_mj.core.errors import Error
 
 torch = pytest.importorskip("torch", reason="torch is not installed (the train extra)")
 
@@ -23,6 +22,7 @@ from controllers.decision.learning.ddqn import (  # noqa: E402
     double_q_target,
     quantile_huber,
     shortfall,
+    usual_and_spread,
 )
 
 

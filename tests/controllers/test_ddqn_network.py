@@ -8,12 +8,11 @@ import pytest
 
 from controllers.decision import make
 from controllers.decision.fast_world.env import HighwayEnv
-from controllers.decision.network import LAYERS, QNetwork
 from controllers.decision.observation import OBSERVATION_SIZE
-from controllers.decision.policy import SHIPPED, GreedyPolicy
+from controllers.decision.policy import LAYERS, SHIPPED, GreedyPolicy, QNetwork
 from controllers.decision.trip import TripConfig, cell_trip
-from iits_mj.errors import InputError
-from iits_mj.messages import Decision
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import Decision
 
 
 def network(seed=0):

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scenes import Ideal, car
 
-from controllers.planner import PlannerConfig
-from controllers.speed_plan import SpeedConfig
-from iits_mj.messages import PlanMode
+from controllers.planning.planner import PlannerConfig
+from controllers.planning.speed_plan import SpeedConfig
+from iits_mj.core.messages import PlanMode
 from iits_mj.road import Route
-from iits_mj.validation.ordinary_traffic import ordinary_drive
-from iits_mj.validation.wall_stop import wall_stop
+from iits_mj.validation.planning.ordinary_traffic import ordinary_drive
+from iits_mj.validation.planning.stops import wall_stop
 
 ROUTE = Route.straight(length=5000.0)
 LENGTH = 4.8

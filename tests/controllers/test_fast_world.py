@@ -16,13 +16,18 @@ from controllers.decision.fast_world.config import (
     Obstacle,
     idm_acceleration,
 )
-from controllers.decision.fast_world.env import HighwayEnv
+from controllers.decision.fast_world.env import HighwayEnv, HighwayTruck
 from controllers.decision.fast_world.traffic import HighwayTraffic
-from controllers.decision.fast_world.truck import HighwayTruck
-from controllers.decision.reward import RewardConfig, decision_charge, speed_charge
-from controllers.decision.trip import CELLS, TripConfig, cell_trip
-from iits_mj.errors import InputError
-from iits_mj.messages import Decision
+from controllers.decision.trip import (
+    CELLS,
+    RewardConfig,
+    TripConfig,
+    cell_trip,
+    decision_charge,
+    speed_charge,
+)
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import Decision
 from iits_mj.parameters import TruckParameters
 from traffic_bridge import TrafficConfig, default_types
 from traffic_bridge.vehicles import mobil

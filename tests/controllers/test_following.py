@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controllers.following import (
+from controllers.planning.following import (
     FollowingConfig,
     Lead,
     braking_profile,
@@ -14,7 +14,7 @@ from controllers.following import (
     idm_acceleration,
     required_deceleration,
 )
-from controllers.safety import SafetyConfig, front_gap_needed, rear_gap_needed
+from controllers.planning.safety import SafetyConfig, front_gap_needed, rear_gap_needed
 
 CONFIG = FollowingConfig()
 

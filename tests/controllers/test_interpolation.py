@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 
-from controllers.interpolation import interpolate
+from controllers.tracking.driveline_inverse import interpolate
 
 
 def test_one_number_has_the_bits_of_numpys_interpolation() -> None:

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from controllers.longitudinal import LongitudinalController, Phase
-from iits_mj.messages import EgoState, Trajectory, XbrEbiMode, XbrMode
+from controllers.tracking.longitudinal import LongitudinalController, Phase
+from iits_mj.core.messages import EgoState, Trajectory, XbrEbiMode, XbrMode
 from iits_mj.parameters import TruckParameters
 
 PARAMETERS = TruckParameters.load()

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from controllers.decision.fast_world.config import HighwayConfig, Obstacle
-from controllers.decision.fast_world.road import LANE_WIDTH
+from controllers.decision.fast_world.config import LANE_WIDTH, HighwayConfig, Obstacle
 from controllers.decision.fast_world.traffic import _COLUMNS, HighwayTraffic
-from controllers.decision.learning.mirror import mirror_half
-from controllers.decision.learning.replay import Batch, Transition
+from controllers.decision.learning.replay import Batch, Transition, mirror_half
 from controllers.decision.observation import OBSERVATION_SIZE, mirrored
 from iits_mj.road import RoadMap
 

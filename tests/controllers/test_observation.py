@@ -12,8 +12,8 @@ from controllers.decision.observation import (
     observation,
     observe_frame,
 )
-from iits_mj.errors import InputError
-from iits_mj.messages import EgoState, Scene
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoState, Scene
 from iits_mj.road import Route
 
 ROUTE = Route.straight(length=5000.0)

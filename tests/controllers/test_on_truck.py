@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scenes import car
 
-from controllers.planner import PlannerConfig
-from controllers.speed_plan import SpeedConfig
+from controllers.planning.planner import PlannerConfig
+from controllers.planning.speed_plan import SpeedConfig
 from controllers.stack import Stack
-from iits_mj.messages import Decision, Scene, SpeedProfile
+from iits_mj.core.messages import Decision, Scene, SpeedProfile
 from iits_mj.road import RoadMap, Route
 from iits_mj.truck import Truck
 

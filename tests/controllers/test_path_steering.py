@@ -5,14 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from controllers.lateral import LateralController
-from controllers.lateral_disturbance import DisturbanceObserver
-from controllers.lateral_gains import LateralConfig, LateralGains
-from controllers.lateral_model import LateralModel
-from controllers.path_view import PathView
-from controllers.steering_play import PlayConfig, SteeringPlay
-from iits_mj.errors import InputError
-from iits_mj.messages import EgoState, Trajectory
+from controllers.tracking.lateral import DisturbanceObserver, LateralController, PathView
+from controllers.tracking.lateral_gains import LateralConfig, LateralGains, PlayConfig, SteeringPlay
+from controllers.tracking.lateral_model import LateralModel
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoState, Trajectory
 from iits_mj.parameters import TruckParameters
 
 PARAMETERS = TruckParameters.load()

@@ -11,9 +11,9 @@ from scipy.optimize import nnls
 from controllers.pcc import PccConfig, RoadProfile, plan
 from controllers.pcc.fuel import FuelMap, _nonnegative_fit
 from controllers.pcc.planner import lower_speeds, make_vehicle
-from controllers.pcc.refine import on_finer_road
+from controllers.pcc.solver import on_finer_road
 from controllers.pcc.vehicle import cruise, durations, full_power_speed
-from iits_mj.errors import InputError, PlanningError
+from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.parameters import TruckParameters
 
 JINAN = Path(__file__).resolve().parents[2] / "../shared/data/road/jinan_altimap_pcc.csv"

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from controllers.pcc import PccConfig, RoadProfile
-from controllers.pcc.bound import _Relaxation, certificate, lower_bound
 from controllers.pcc.feasibility import enough_speeds
 from controllers.pcc.fuel import FuelMap
 from controllers.pcc.planner import lower_speeds, make_vehicle
 from controllers.pcc.solver import Solver, Task
 from controllers.pcc.vehicle import cruise, durations, fastest_below, full_power_speed
-from iits_mj.errors import PlanningError
+from iits_mj.core.errors import PlanningError
 from iits_mj.parameters import TruckParameters
+from iits_mj.validation.planning.pcc_bound import _Relaxation, certificate, lower_bound
 
 PARAMETERS = TruckParameters.load()
 FUEL_MAP = FuelMap(PARAMETERS)

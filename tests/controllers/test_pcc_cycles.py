@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controllers.pcc.cycles import read_cycle
-from iits_mj.errors import InputError
+from controllers.pcc.profile import read_cycle
+from iits_mj.core.errors import InputError
 
 CYCLES = Path(__file__).resolve().parents[2] / "../shared/data/cycles"
 

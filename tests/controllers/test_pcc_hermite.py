@@ -5,14 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controllers.pcc import PccConfig, RoadProfile, hermite
+from controllers.pcc import PccConfig, RoadProfile
 from controllers.pcc.fuel import FuelMap
 from controllers.pcc.planner import lower_speeds, make_vehicle
 from controllers.pcc.solver import Solver, Task
 from controllers.pcc.vehicle import cruise, durations, full_power_speed
-from iits_mj.errors import PlanningError
+from iits_mj.core.errors import PlanningError
+from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
-from iits_mj.units import GRAVITY
+from iits_mj.validation.planning import pcc_hermite
 
 PARAMETERS = TruckParameters.load()
 FUEL_MAP = FuelMap(PARAMETERS)
@@ -41,7 +42,7 @@ def task_on(road, k_a=0.5):
 @pytest.fixture(scope="module")
 def hilly():
     vehicle, task, base = task_on(hills())
-    return vehicle, task, base, hermite.solve(vehicle, task, base)
+    return vehicle, task, base, pcc_hermite.solve(vehicle, task, base)
 
 
 def motion(answer, samples=50):
@@ -50,20 +51,20 @@ def motion(answer, samples=50):
     h = answer.clock[1]
     s, v = answer.node_station, answer.node_speed
     parts = np.array([s[:-1], v[:-1] * h, s[1:], v[1:] * h])
-    return np.array([(parts.T @ hermite.basis(tau)[k] / h**k).ravel() for k in range(3)])
+    return np.array([(parts.T @ pcc_hermite.basis(tau)[k] / h**k).ravel() for k in range(3)])
 
 
 def test_basis_gives_values_and_slopes_at_both_ends():
-    ends = hermite.basis(np.array([0.0, 1.0]))
+    ends = pcc_hermite.basis(np.array([0.0, 1.0]))
     np.testing.assert_allclose(ends[0].T, np.eye(4)[[0, 2]])
     np.testing.assert_allclose(ends[1].T, np.eye(4)[[1, 3]])
 
 
 def test_derivatives_of_the_basis_agree_with_differences():
     tau, step = np.linspace(0.1, 0.9, 9), 1e-5
-    table = hermite.basis(tau)
+    table = pcc_hermite.basis(tau)
     for k in (0, 1):
-        ahead, behind = hermite.basis(tau + step)[k], hermite.basis(tau - step)[k]
+        ahead, behind = pcc_hermite.basis(tau + step)[k], pcc_hermite.basis(tau - step)[k]
         assert table[k + 1] == pytest.approx((ahead - behind) / (2.0 * step), abs=1e-8)
 
 
@@ -71,7 +72,7 @@ def test_gradient_of_the_program_agrees_with_differences():
     import casadi as ca
 
     vehicle, task, base = task_on(hills(intervals=20))
-    problem = hermite._Problem(vehicle, task, 100.0, 4)
+    problem = pcc_hermite._Problem(vehicle, task, 100.0, 4)
     program = problem.program
     value = ca.Function("f", [program["x"]], [program["f"], program["g"]])
     slope = ca.Function(
@@ -127,7 +128,8 @@ def test_shorter_elements_come_closer_to_the_distance_domain(hilly):
     plan = Solver(vehicle, task.road.intervals, task.road.step).solve(task, base).speed
     fuel = vehicle.fuel_of(plan, task.road).sum()
     long, short = (
-        abs(hermite.solve(vehicle, task, base, element=e).fuel / fuel - 1.0) for e in (250.0, 62.5)
+        abs(pcc_hermite.solve(vehicle, task, base, element=e).fuel / fuel - 1.0)
+        for e in (250.0, 62.5)
     )
     assert short < long
     assert short < 2e-3
@@ -135,7 +137,7 @@ def test_shorter_elements_come_closer_to_the_distance_domain(hilly):
 
 def test_constant_speed_is_the_optimum_on_a_level_road():
     vehicle, task, base = task_on(hills(0.0))
-    answer = hermite.solve(vehicle, task, base)
+    answer = pcc_hermite.solve(vehicle, task, base)
     # Only the last stretch may coast a little and come back; the paper's ends are fixed.
     assert np.abs(answer.node_speed - 20.0).max() < 0.2
     power = (vehicle.slope_force(np.zeros(1))[0] + vehicle.drag * 400.0) * 20.0
@@ -148,7 +150,7 @@ def test_speed_limits_hold_at_the_points_of_the_elements():
     limit = np.full(road.station.size, np.inf)
     limit[50:70] = 17.0
     vehicle, task, base = task_on(replace(road, v_limit=limit))
-    answer = hermite.solve(vehicle, task, base)
+    answer = pcc_hermite.solve(vehicle, task, base)
     assert (answer.speed - np.sqrt(task.b_high)).max() < 0.5
     inside = (answer.node_station >= 2500.0) & (answer.node_station <= 3450.0)
     assert answer.node_speed[inside].max() <= 17.0 + 1e-4
@@ -156,12 +158,12 @@ def test_speed_limits_hold_at_the_points_of_the_elements():
 
 def test_a_fence_holds_the_truck_back():
     vehicle, task, base = task_on(hills())
-    free = hermite.solve(vehicle, task, base)
+    free = pcc_hermite.solve(vehicle, task, base)
     # Who drives ahead falls behind by up to 8 s on the first half of the road, and leaves it.
     clock = np.concatenate([[0.0], np.cumsum(durations(base, task.road))])
     late = clock + np.minimum(8.0, 0.12 * clock)
     fence = np.where(task.road.station < 2500.0, late, 0.0)
-    held = hermite.solve(vehicle, replace(task, fence=fence), base)
+    held = pcc_hermite.solve(vehicle, replace(task, fence=fence), base)
     passed = np.interp(2400.0, held.node_station, held.clock)
     assert passed >= fence[48] - 0.05
     assert np.interp(2400.0, free.node_station, free.clock) < fence[48] - 1.0
@@ -171,9 +173,9 @@ def test_a_fence_holds_the_truck_back():
 def test_prices_and_open_trip_times_are_refused():
     vehicle, task, base = task_on(hills())
     with pytest.raises(PlanningError, match="trip time"):
-        hermite.solve(vehicle, replace(task, time_max=np.inf), base)
+        pcc_hermite.solve(vehicle, replace(task, time_max=np.inf), base)
     with pytest.raises(PlanningError, match="price"):
-        hermite.solve(vehicle, replace(task, price_time=0.01), base)
+        pcc_hermite.solve(vehicle, replace(task, price_time=0.01), base)
 
 
 def test_a_fence_beyond_the_trip_time_is_refused():
@@ -181,10 +183,10 @@ def test_a_fence_beyond_the_trip_time_is_refused():
     late = np.full(base.size, 2.0 * task.time_max)
     late[0] = 0.0
     with pytest.raises(PlanningError, match="fence"):
-        hermite.solve(vehicle, replace(task, fence=late), base)
+        pcc_hermite.solve(vehicle, replace(task, fence=late), base)
 
 
 def test_a_trip_time_out_of_reach_ends_with_a_reason():
     vehicle, task, base = task_on(hills())
     with pytest.raises(PlanningError, match="iterations"):
-        hermite.solve(vehicle, replace(task, time_max=0.7 * task.time_max), base)
+        pcc_hermite.solve(vehicle, replace(task, time_max=0.7 * task.time_max), base)

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from controllers.pcc.inequalities import Inequalities
 from controllers.pcc.interior_point import Settings, minimize
-from controllers.pcc.kkt import NodeSystem
+from controllers.pcc.kkt import Inequalities, NodeSystem
 from controllers.pcc.problem import Point, Problem
 
 N = 7

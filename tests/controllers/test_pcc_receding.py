@@ -15,13 +15,13 @@ from controllers.pcc import (
     RoadProfile,
     plan,
 )
-from controllers.pcc.flow import Flow, FlowConfig
+from controllers.pcc.reference import Flow, FlowConfig
 from controllers.pcc.schedule import make_schedule
 from controllers.pcc.solver import Solver
-from iits_mj.errors import InputError, PlanningError
-from iits_mj.messages import TrackedVehicle
+from iits_mj.core.errors import InputError, PlanningError
+from iits_mj.core.messages import TrackedVehicle
 from iits_mj.parameters import TruckParameters
-from iits_mj.validation.pcc_receding import FINE, drive, fuel_on
+from iits_mj.validation.planning.pcc_receding import FINE, drive, fuel_on
 
 STATION = 50.0 * np.arange(241)
 ROAD = RoadProfile(

@@ -12,7 +12,7 @@ from controllers.pcc.fuel import FuelMap
 from controllers.pcc.planner import make_vehicle
 from controllers.pcc.solver import Solver, Task
 from controllers.pcc.vehicle import cruise, durations
-from iits_mj.errors import InputError, PlanningError
+from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.parameters import TruckParameters
 
 PARAMETERS = TruckParameters.load()

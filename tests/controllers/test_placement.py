@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from controllers.lateral_model import LateralModel
-from controllers.placement import lane_shift, off_tracking
-from controllers.planner import Planner
-from controllers.road_preview import RoadPreview
-from controllers.swept_path import swept_path
+from controllers.planning.placement import lane_shift, off_tracking
+from controllers.planning.planner import Planner
+from controllers.planning.predicted_boxes import swept_path
+from controllers.planning.road_preview import RoadPreview
+from controllers.tracking.lateral_model import LateralModel
 from iits_mj.analytic import Kinematic
-from iits_mj.messages import EgoState, Scene
+from iits_mj.core.messages import EgoState, Scene
 from iits_mj.parameters import TruckParameters
 from iits_mj.road.measured import Lanes, measured_route
 

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import Ideal, RightLaneEnds, at, car
 
-from controllers.planner import Planner, PlannerConfig
-from controllers.speed_plan import SpeedConfig
-from iits_mj.errors import InputError
-from iits_mj.messages import Decision, EgoState, PlanMode, Scene, SpeedProfile
+from controllers.planning.planner import Planner, PlannerConfig
+from controllers.planning.speed_plan import SpeedConfig
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import Decision, EgoState, PlanMode, Scene, SpeedProfile
 from iits_mj.road import RoadMap, Route
 
 ROUTE = Route.straight(length=5000.0)

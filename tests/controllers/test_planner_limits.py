@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from scenes import Ideal, car
 
-from controllers.lane_change import lateral_limit
-from controllers.lateral_limits import RollMargins
-from controllers.planner import Planner
-from iits_mj.messages import Decision, EgoState, PlanMode, Scene, SpeedProfile
+from controllers.planning.lane_change import lateral_limit
+from controllers.planning.planner import Planner
+from controllers.planning.rollover_limits import RollMargins
+from iits_mj.core.messages import Decision, EgoState, PlanMode, Scene, SpeedProfile
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.measured import Lanes, measured_route
-from iits_mj.validation import planner_limits
-from iits_mj.validation.planner_limits import random_breaches
+from iits_mj.validation.planning import planner_limits
+from iits_mj.validation.planning.planner_limits import random_breaches
 
 STRAIGHT = Route.straight(length=6000.0)
 

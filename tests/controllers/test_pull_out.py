@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scenes import Ideal, car
 
-from controllers.crossing import bodies_along
-from controllers.planner import Planner
-from controllers.predicted_boxes import poses, table_of, touching
-from iits_mj.messages import Decision, EgoState, LightState, RoadSignals, Scene, TrafficLight
+from controllers.planning.crossing import bodies_along
+from controllers.planning.planner import Planner
+from controllers.planning.predicted_boxes import poses, table_of, touching
+from iits_mj.core.messages import Decision, EgoState, LightState, RoadSignals, Scene, TrafficLight
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 

@@ -3,10 +3,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controllers.lane_change import LaneChangeConfig, lateral_limit, quintic_change
-from controllers.lateral_limits import RollMargins
-from controllers.quintic import Quintic, shortest_to_zero
-from iits_mj.errors import InputError
+from controllers.planning.lane_change import LaneChangeConfig, lateral_limit, quintic_change
+from controllers.planning.rollover_limits import RollMargins
+from controllers.planning.trajectory import Quintic, shortest_to_zero
+from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
 
 MASSES = (19_000.0, 37_000.0, 55_000.0)

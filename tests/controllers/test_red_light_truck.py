@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from iits_mj.validation.red_light import cases, drive_to_red
+from iits_mj.validation.planning.stops import cases, drive_to_red
 
 QUICK = [
     (16.67, 36_000.0, -0.06, False),

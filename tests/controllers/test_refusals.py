@@ -6,11 +6,11 @@ import math
 import pytest
 from scenes import car
 
-from controllers.planner import Planner, PlannerConfig
-from controllers.speed_plan import SpeedConfig
+from controllers.planning.planner import Planner, PlannerConfig
+from controllers.planning.speed_plan import SpeedConfig
 from controllers.stack import Stack
-from iits_mj.errors import InputError
-from iits_mj.messages import Decision, EgoState, Scene
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import Decision, EgoState, Scene
 from iits_mj.road import Route
 
 ROAD = Route.straight(length=3000.0, lanes=2)

@@ -3,10 +3,16 @@
 import numpy as np
 import pytest
 
-from controllers.decision.learning.priorities import Priorities, SumTree
-from controllers.decision.learning.replay import Batch, Replay, Returns, Transition
+from controllers.decision.learning.replay import (
+    Batch,
+    Priorities,
+    Replay,
+    Returns,
+    SumTree,
+    Transition,
+)
 from controllers.decision.observation import OBSERVATION_SIZE
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 
 
 def transition(reward=0.0, discount=0.5, action=1, mark=0.0):

@@ -3,8 +3,12 @@
 import numpy as np
 import pytest
 
-from controllers.driveline_inverse import DrivelineInverse
-from controllers.retardation import EnduranceForces, share_out, xbr_deceleration
+from controllers.tracking.driveline_inverse import (
+    DrivelineInverse,
+    EnduranceForces,
+    share_out,
+    xbr_deceleration,
+)
 from iits_mj.parameters import TruckParameters
 
 PARAMETERS = TruckParameters.load()

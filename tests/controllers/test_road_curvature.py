@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from controllers.planner import Planner
-from controllers.road_curvature import gradient, road_curvature, sharpest
-from iits_mj.messages import EgoState, Scene
+from controllers.planning.planner import Planner
+from controllers.planning.road_preview import gradient, road_curvature, sharpest
+from iits_mj.core.messages import EgoState, Scene
 from iits_mj.road.measured import Lanes, measured_route
 
 

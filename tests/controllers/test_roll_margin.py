@@ -5,14 +5,18 @@ import dataclasses
 import numpy as np
 import pytest
 
-from controllers.lane_change import LaneChangeConfig, lateral_limit, quintic_change
-from controllers.lateral_limits import RollMargins, curve_speed_by_roll
-from controllers.lateral_model import LateralModel
-from controllers.roll_margin import rearward_amplification, roll_threshold
-from iits_mj.errors import InputError
+from controllers.planning.lane_change import LaneChangeConfig, lateral_limit, quintic_change
+from controllers.planning.rollover_limits import (
+    RollMargins,
+    curve_speed_by_roll,
+    rearward_amplification,
+    roll_threshold,
+)
+from controllers.tracking.lateral_model import LateralModel
+from iits_mj.core.errors import InputError
+from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
-from iits_mj.units import GRAVITY
-from iits_mj.validation.roll_plane import RollPlane
+from iits_mj.validation.handling.roll_plane import RollPlane
 
 PARAMETERS = TruckParameters.load()
 

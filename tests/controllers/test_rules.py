@@ -4,8 +4,8 @@ from scenes import car
 
 from controllers.decision import make
 from controllers.decision.base import DecisionContext
-from iits_mj.errors import InputError
-from iits_mj.messages import Decision, EgoState, Scene
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import Decision, EgoState, Scene
 from iits_mj.road import Route
 
 ROUTE = Route.straight(length=5000.0)

@@ -6,14 +6,13 @@ import math
 import numpy as np
 import pytest
 
-from controllers.fallback import Driver, Fallback, FallbackConfig
-from controllers.planner import PlannerConfig
-from controllers.safe_stop import SafeStop
-from controllers.safe_stop_config import SafeStopConfig, StopPhase
-from controllers.speed_plan import SpeedConfig
+from controllers.planning.planner import PlannerConfig
+from controllers.planning.speed_plan import SpeedConfig
+from controllers.safe_stop.fallback import Driver, Fallback, FallbackConfig
+from controllers.safe_stop.stop import SafeStop, SafeStopConfig, StopPhase
 from controllers.stack import Stack
-from iits_mj.errors import InputError
-from iits_mj.messages import (
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import (
     Decision,
     EgoState,
     Scene,

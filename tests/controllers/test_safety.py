@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import car
 
-from controllers.road_preview import RoadPreview
-from controllers.safety import SafetyConfig, conflict, front_gap_needed, rear_gap_needed
-from controllers.surroundings import Surroundings
-from iits_mj.messages import EgoState, Scene
+from controllers.planning.road_preview import RoadPreview
+from controllers.planning.safety import SafetyConfig, conflict, front_gap_needed, rear_gap_needed
+from controllers.planning.surroundings import Surroundings
+from iits_mj.core.messages import EgoState, Scene
 from iits_mj.road import RoadMap, Route
 
 ROUTE = Route.straight(length=3000.0)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from controllers.following import Lead
-from controllers.road_preview import RoadPreview
-from controllers.speed_plan import SpeedConfig, SpeedState, roll_out, speed_cap
-from iits_mj.messages import SpeedProfile
+from controllers.planning.following import Lead
+from controllers.planning.road_preview import RoadPreview
+from controllers.planning.speed_plan import SpeedConfig, SpeedState, roll_out, speed_cap
+from iits_mj.core.messages import SpeedProfile
 from iits_mj.road import Route
 
 ROUTE = Route.straight(length=3_000.0, speed_limit=40.0)

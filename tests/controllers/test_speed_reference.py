@@ -10,18 +10,18 @@ import pytest
 from controllers.decision.base import DecisionContext
 from controllers.pcc import Appointment, PccConfig, PccReference, RecedingConfig
 from controllers.pcc.solver import Solver
-from controllers.planner import PlannerConfig
-from controllers.speed_plan import SpeedConfig
-from controllers.speed_reference import (
+from controllers.planning.planner import PlannerConfig
+from controllers.planning.speed_plan import SpeedConfig
+from controllers.planning.speed_reference import (
     CruiseReference,
     ProfileReference,
     check_covers,
     read_profile,
 )
+from controllers.planning.surroundings import Neighbor, Surroundings
 from controllers.stack import Stack
-from controllers.surroundings import Neighbor, Surroundings
-from iits_mj.errors import InputError, PlanningError
-from iits_mj.messages import (
+from iits_mj.core.errors import InputError, PlanningError
+from iits_mj.core.messages import (
     Decision,
     EgoState,
     RoadSignals,

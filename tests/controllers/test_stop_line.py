@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scenes import car
 
-from controllers.crossing_traffic import is_free
-from controllers.planner import Planner, PlannerConfig
-from controllers.speed_plan import SpeedConfig
-from iits_mj.errors import InputError
-from iits_mj.messages import (
+from controllers.planning.crossing import is_free
+from controllers.planning.planner import Planner, PlannerConfig
+from controllers.planning.speed_plan import SpeedConfig
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import (
     EgoState,
     LightState,
     RoadSignals,

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controllers.stop_profile import StopLimits, StopStart, roll_to_stop, stop_distance
-from iits_mj.errors import InputError
+from controllers.safe_stop.profile import StopLimits, StopStart, roll_to_stop, stop_distance
+from iits_mj.core.errors import InputError
 
 STEP = 0.05
 

@@ -5,15 +5,15 @@ import pytest
 from plant import PlanarTruck
 from scenes import car
 
-from controllers.driveline_inverse import DrivelineInverse
-from controllers.lateral_gains import LateralConfig, LateralGains
-from controllers.lateral_model import LateralModel
-from controllers.planner import PlannerConfig
-from controllers.speed_plan import SpeedConfig
+from controllers.planning.planner import PlannerConfig
+from controllers.planning.speed_plan import SpeedConfig
 from controllers.stack import Stack
-from controllers.tracking import Tracker
-from iits_mj.errors import InputError
-from iits_mj.messages import Decision, EgoState, Scene, XbrMode
+from controllers.tracking.controller import Tracker
+from controllers.tracking.driveline_inverse import DrivelineInverse
+from controllers.tracking.lateral_gains import LateralConfig, LateralGains
+from controllers.tracking.lateral_model import LateralModel
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import Decision, EgoState, Scene, XbrMode
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
 

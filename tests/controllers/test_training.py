@@ -12,11 +12,11 @@ import pytest
 from training_worlds import BlindWorld, DyingWorld, FailingWorld, FlatWorld, TorchlessWorld
 
 from controllers.decision.learning.training import TrainConfig, train
-from controllers.decision.learning.training_trips import ROAD_LENGTH, sample_trip, validation_trips
-from controllers.decision.network import QNetwork
+from controllers.decision.learning.trips import ROAD_LENGTH, sample_trip, validation_trips
+from controllers.decision.policy import QNetwork
 from controllers.decision.trip import TripConfig
 from iits_mj import cli
-from iits_mj.errors import Error, InputError
+from iits_mj.core.errors import Error, InputError
 
 torch = pytest.importorskip("torch", reason="torch is not installed (the train extra)")
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from iits_mj.core.errors import InputError, RenderError
 from iits_mj.envs import ENVIRONMENTS, register
 from iits_mj.envs.driving import CruiseEnv
-from iits_mj.errors import InputError, RenderError
 
 LOW_LEVEL = [
     f"iits_mj/{name}-v0"

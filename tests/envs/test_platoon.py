@@ -3,8 +3,8 @@ import warnings
 import numpy as np
 import pytest
 
+from iits_mj.core.errors import InputError
 from iits_mj.envs.platoon import PlatoonEnv
-from iits_mj.errors import InputError
 from iits_mj.suite.drivers import platoon
 
 

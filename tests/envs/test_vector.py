@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode
 
+from iits_mj.core.errors import InputError
 from iits_mj.envs.driving import LaneKeepEnv
 from iits_mj.envs.vector import DrivingVectorEnv
-from iits_mj.errors import InputError
 
 COUNT = 3
 

@@ -7,8 +7,8 @@ import functools
 import numpy as np
 
 from iits_mj.identification import Log
-from iits_mj.mass_state import static_axle_loads
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import static_axle_loads
 
 PARAMETERS = TruckParameters.load()
 MASS, ROLLING, DRAG = 38_400.0, 0.0078, 5.2

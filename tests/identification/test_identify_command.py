@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from point_mass import MASS, PARAMETERS, drive
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.identification import IdentifyConfig, Log, Series, identify, read_table, run
-from iits_mj.identification.grade import read_grade
+from iits_mj.identification.sources import read_grade
 from iits_mj.parameters import TruckParameters
 
 # Without pressures; the demand tells where the brakes were on.

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from truck_drives import LATERAL, LONGITUDINAL, drive, frames, hidden_truck
 
+from iits_mj.core.messages import VehicleCommand
 from iits_mj.identification import Log, Series, from_frames, identify
-from iits_mj.identification.steering import pitman_angle
-from iits_mj.messages import VehicleCommand
+from iits_mj.identification.lateral import pitman_angle
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from truck_drives import LONGITUDINAL, drive, frames, hidden_truck, hill_drive, hills
 
+from iits_mj.core.messages import VehicleCommand
 from iits_mj.identification import from_frames, identify, overlay, read, write_toml
 from iits_mj.identification.engine import with_engine
-from iits_mj.identification.grade import with_grade
 from iits_mj.identification.replay import replay
+from iits_mj.identification.sources import with_grade
 from iits_mj.j1939 import LogWriter
-from iits_mj.messages import VehicleCommand
 from iits_mj.parameters import TruckParameters
 
 PARAMETERS = TruckParameters.load()

@@ -6,11 +6,11 @@ import dataclasses
 
 import numpy as np
 
+from iits_mj.core.messages import VehicleCommand, XbrMode
 from iits_mj.identification.replay import graded_road
 from iits_mj.j1939 import command_to_frames, encode, make_group, pgn_of
 from iits_mj.j1939.mapping import reports
 from iits_mj.j1939.quantities import ReferenceTorques, quantities
-from iits_mj.messages import VehicleCommand, XbrMode
 from iits_mj.truck import Truck
 
 PERIOD = 0.02

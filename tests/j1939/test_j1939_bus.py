@@ -3,7 +3,8 @@ import uuid
 
 import pytest
 
-from iits_mj.errors import BusError
+from iits_mj.core.errors import BusError
+from iits_mj.core.messages import EgoState, VehicleCommand
 from iits_mj.j1939 import (
     Bus,
     CommandReceiver,
@@ -14,7 +15,6 @@ from iits_mj.j1939 import (
     read_log,
     state_to_frames,
 )
-from iits_mj.messages import EgoState, VehicleCommand
 
 
 def _pair():

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from iits_mj.errors import BusError
+from iits_mj.core.errors import BusError
 from iits_mj.j1939 import Frame, Status, make_group, message_names
 from iits_mj.j1939.database import codec_of, group_type, identifier, name_of, pack, pgn_of, unpack
 

@@ -2,11 +2,11 @@ import dataclasses
 
 import pytest
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import TransmissionMode, VehicleCommand, XbrEbiMode, XbrMode
 from iits_mj.j1939 import CommandReceiver, Frame, TimeOuts, command_to_frames, decode
-from iits_mj.j1939.checksum import tsc1_checksum, with_byte8, xbr_checksum
+from iits_mj.j1939.frame import tsc1_checksum, with_byte8, xbr_checksum
 from iits_mj.j1939.mapping import commands
-from iits_mj.messages import TransmissionMode, VehicleCommand, XbrEbiMode, XbrMode
 
 COMMAND = VehicleCommand(
     accelerator_pedal=0.4,

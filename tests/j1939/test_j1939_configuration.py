@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from iits_mj.errors import BusError
+from iits_mj.core.errors import BusError
 from iits_mj.j1939 import Frame, ReferenceTorques, StateReceiver, broadcast, encode, pack, read_log
 from iits_mj.j1939.addresses import DRIVELINE_RETARDER, ENGINE, ENGINE_RETARDER
 from iits_mj.j1939.configuration import (

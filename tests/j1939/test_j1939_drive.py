@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from iits_mj.core.messages import VehicleCommand, XbrEbiMode, XbrMode
 from iits_mj.j1939 import CommandReceiver, command_to_frames
-from iits_mj.messages import VehicleCommand, XbrEbiMode, XbrMode
 from iits_mj.road import Route
 from iits_mj.truck import Truck
 

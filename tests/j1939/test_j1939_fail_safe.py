@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoState, TransmissionMode, VehicleCommand, XbrEbiMode, XbrMode
 from iits_mj.j1939 import (
     CommandReceiver,
     Frame,
@@ -19,10 +20,9 @@ from iits_mj.j1939 import (
     decode,
     state_to_frames,
 )
-from iits_mj.j1939.checksum import tsc1_checksum, with_byte8, xbr_checksum
 from iits_mj.j1939.command import XBR_DEMAND_MIN
+from iits_mj.j1939.frame import tsc1_checksum, with_byte8, xbr_checksum
 from iits_mj.j1939.receiver import STEERING_ANGLE_MAX
-from iits_mj.messages import EgoState, TransmissionMode, VehicleCommand, XbrEbiMode, XbrMode
 from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
 

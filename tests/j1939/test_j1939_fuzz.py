@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from iits_mj.core.messages import VehicleCommand, XbrEbiMode, XbrMode
 from iits_mj.j1939 import (
     CommandReceiver,
     Frame,
@@ -19,8 +20,7 @@ from iits_mj.j1939 import (
     pgn_of,
     unpack,
 )
-from iits_mj.j1939.layouts import layouts
-from iits_mj.messages import VehicleCommand, XbrEbiMode, XbrMode
+from iits_mj.j1939.group import layouts
 
 EIGHT_BYTES = st.binary(min_size=8, max_size=8)
 # The others take several frames.

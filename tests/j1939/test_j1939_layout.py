@@ -2,7 +2,7 @@
 
 import pytest
 
-from iits_mj.errors import BusError
+from iits_mj.core.errors import BusError
 from iits_mj.j1939 import (
     NOT_AVAILABLE,
     Frame,
@@ -17,8 +17,8 @@ from iits_mj.j1939 import (
     pgn_of,
     unpack,
 )
+from iits_mj.j1939.group import layouts
 from iits_mj.j1939.groups import CCVS1, EEC1, EEC2, ERC1, ETC1, ETC2, LFE1, TSC1, VDC2, VW, XBR
-from iits_mj.j1939.layouts import layouts
 from iits_mj.j1939.manual import PAGE, fill, tables
 from iits_mj.j1939.mapping import commands, reports
 

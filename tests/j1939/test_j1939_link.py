@@ -10,7 +10,7 @@ import can
 import pytest
 from failing_can import FailingBus, Medium
 
-from iits_mj.errors import BusError, InputError
+from iits_mj.core.errors import BusError, InputError
 from iits_mj.j1939 import Bus, Frame, Link, LinkState
 
 FRAME = Frame(0x18FEF100, bytes(range(8)), 1.25)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from iits_mj.errors import BusError
+from iits_mj.core.errors import BusError
 from iits_mj.j1939 import Frame, LogWriter, read_log
 
 SUFFIXES = [".asc", ".blf", ".csv", ".log", ".trc", ".asc.gz", ".csv.gz", ".log.gz"]

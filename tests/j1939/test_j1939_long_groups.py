@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from iits_mj.errors import BusError
+from iits_mj.core.errors import BusError
 from iits_mj.j1939 import (
     ActiveFaults,
     ComponentIdentification,

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from iits_mj.errors import BusError
+from iits_mj.core.errors import BusError
 from iits_mj.j1939 import Frame
+from iits_mj.j1939.addresses import truck_addresses
 from iits_mj.j1939.network import (
     ACKNOWLEDGMENT,
     ADDRESS_CLAIMED,
@@ -15,7 +16,6 @@ from iits_mj.j1939.network import (
     request,
     unit_names,
 )
-from iits_mj.j1939.senders import truck_addresses
 
 TESTER = 0xF9
 EEC1 = Frame(0x0CF00400, bytes(8))

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from iits_mj.core.messages import VehicleCommand, XbrMode
 from iits_mj.j1939 import CommandReceiver, Frame, Reason, TimeOuts, command_to_frames, pgn_of
-from iits_mj.j1939.checksum import tsc1_checksum, with_byte8, xbr_checksum
+from iits_mj.j1939.frame import tsc1_checksum, with_byte8, xbr_checksum
 from iits_mj.j1939.receiver import STEERING_ANGLE_MAX
-from iits_mj.messages import VehicleCommand, XbrMode
 from iits_mj.road import Route
 from iits_mj.truck import Truck
 

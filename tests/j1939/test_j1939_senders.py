@@ -4,7 +4,8 @@ from collections import Counter
 
 import pytest
 
-from iits_mj.errors import BusError, InputError
+from iits_mj.core.errors import BusError, InputError
+from iits_mj.core.messages import EgoState, TruckReport, VehicleCommand, XbrMode
 from iits_mj.j1939 import (
     CommandReceiver,
     CommandSender,
@@ -15,7 +16,6 @@ from iits_mj.j1939 import (
     pgn_of,
     state_to_frames,
 )
-from iits_mj.messages import EgoState, TruckReport, VehicleCommand, XbrMode
 from iits_mj.truck import Truck
 
 # Frames a second, from the repetition rates that J1939-71 gives to its groups.

@@ -2,11 +2,11 @@ import dataclasses
 
 import pytest
 
-from iits_mj.errors import BusError
+from iits_mj.core.errors import BusError
+from iits_mj.core.messages import EgoState, TruckReport, XbrMode
 from iits_mj.j1939 import ReferenceTorques, StateReceiver, decode, encode, state_to_frames
 from iits_mj.j1939.groups import ERC1
 from iits_mj.j1939.mapping import reports
-from iits_mj.messages import EgoState, TruckReport, XbrMode
 from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
 

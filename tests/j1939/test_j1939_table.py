@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from iits_mj.errors import BusError
+from iits_mj.core.errors import BusError
 from iits_mj.j1939 import (
     BusReader,
     Failure,
@@ -18,8 +18,8 @@ from iits_mj.j1939 import (
     summarize,
     write_table,
 )
+from iits_mj.j1939.bus_summary import COLUMNS
 from iits_mj.j1939.groups import EEC1, VW
-from iits_mj.j1939.table import COLUMNS
 
 
 def log():

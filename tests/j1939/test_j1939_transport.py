@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from iits_mj.errors import BusError
+from iits_mj.core.errors import BusError
 from iits_mj.j1939 import BroadcastSender, Failure, Frame, Reassembler, broadcast, make_id
 
 CM, DT = 0xEC00, 0xEB00

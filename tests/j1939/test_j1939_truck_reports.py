@@ -4,7 +4,16 @@ from pathlib import Path
 
 import pytest
 
-from iits_mj.errors import BusError
+from iits_mj.core.errors import BusError
+from iits_mj.core.messages import (
+    EgoState,
+    TransmissionMode,
+    TruckReport,
+    VehicleCommand,
+    XbrEbiMode,
+    XbrMode,
+)
+from iits_mj.core.units import KMH, RPM
 from iits_mj.j1939 import (
     Frame,
     StateReceiver,
@@ -16,16 +25,7 @@ from iits_mj.j1939 import (
     state_to_frames,
 )
 from iits_mj.j1939.groups import CCVS1, EEC2, ETC2, VDC2, IitsTrailer
-from iits_mj.messages import (
-    EgoState,
-    TransmissionMode,
-    TruckReport,
-    VehicleCommand,
-    XbrEbiMode,
-    XbrMode,
-)
 from iits_mj.truck import Truck
-from iits_mj.units import KMH, RPM
 
 OPERATOR, TRANSMISSION, BRAKES = 1, 6, 10
 

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from scipy.interpolate import LinearNDInterpolator
 
-from iits_mj.model.corridor import MARKING_LIFT, Corridor, markings, run_outs
-from iits_mj.model.landscape import OVERLAP, Landscape, is_plain
-from iits_mj.model.road_scene import ROAD_GROUP, add_road
-from iits_mj.model.structures import tunnel
+from iits_mj.model.scenery.corridor import MARKING_LIFT, Corridor, markings, run_outs
+from iits_mj.model.scenery.landscape import OVERLAP, Landscape, is_plain
+from iits_mj.model.scenery.road_scene import ROAD_GROUP, add_road
+from iits_mj.model.scenery.structures import tunnel
 from iits_mj.road import RoadMap, Route
-from iits_mj.suite.roads import turn
+from iits_mj.suite.scene import turn
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from iits_mj.core.units import GRAVITY
 from iits_mj.truck import Truck
-from iits_mj.units import GRAVITY
 
 NEUTRAL = 1.0
 

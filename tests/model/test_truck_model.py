@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import iits_mj
-from iits_mj.assets import mjcf_dir
-from iits_mj.errors import InputError
-from iits_mj.mass_state import laden_trailer, static_axle_loads
-from iits_mj.messages import VehicleCommand
+from iits_mj.core.assets import mjcf_dir
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import VehicleCommand
 from iits_mj.model.builder import truck_spec
 from iits_mj.model.export import model_files, readme_text
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import laden_trailer, static_axle_loads
 
 PARAMETERS = TruckParameters.load()
 AXLE_LOADS_KN = {

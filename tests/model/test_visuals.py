@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 import iits_mj
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.model.builder import truck_spec, truck_xml
-from iits_mj.model.shapes import VISUAL_GROUP, boxes, lathe, merge, prism, surface
 from iits_mj.model.visuals import decorate
+from iits_mj.model.visuals.shapes import VISUAL_GROUP, boxes, lathe, merge, prism, surface
 from iits_mj.parameters import TruckParameters
 
 PARAMETERS = TruckParameters.load()

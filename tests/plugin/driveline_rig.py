@@ -17,9 +17,9 @@ import numpy as np
 
 import iits_mj  # registers the plugin
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.units import GRAVITY
 from iits_mj.model import powertrain
 from iits_mj.parameters import TruckParameters
-from iits_mj.units import GRAVITY
 
 assert iits_mj.__version__
 PARAMETERS = TruckParameters.load()

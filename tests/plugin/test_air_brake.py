@@ -6,7 +6,7 @@ import pytest
 from vehicle_sled import KMH, PARAMETERS, Sled, sled_xml
 
 import iits_mj
-from iits_mj.units import GRAVITY
+from iits_mj.core.units import GRAVITY
 
 FULL_PHYSICS = mujoco.mjtState.mjSTATE_FULLPHYSICS
 BRAKE = PARAMETERS.air_brake

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from vehicle_sled import KMH, PARAMETERS, Sled
 
+from iits_mj.core.units import GRAVITY
 from iits_mj.model.air_brake import torque_slope
-from iits_mj.units import GRAVITY
 
 BRAKE = PARAMETERS.air_brake
 XBR = {"xbr_mode": 2.0}

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from vehicle_sled import KMH, PARAMETERS, Sled
 
-from iits_mj.units import GRAVITY
+from iits_mj.core.units import GRAVITY
 
 BRAKE = PARAMETERS.air_brake
 TRAILER = "brake_pressure_trailer"

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import iits_mj
-from iits_mj.assets import mjcf_dir
-from iits_mj.messages import XbrEbiMode, XbrMode
-from iits_mj.model.brake_distribution import distribution, group_loads
+from iits_mj.core.assets import mjcf_dir
+from iits_mj.core.messages import XbrEbiMode, XbrMode
+from iits_mj.core.units import KMH
+from iits_mj.model.air_brake import distribution, group_loads
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from iits_mj.units import KMH
-from iits_mj.validation.recorder import wheel_slips
+from iits_mj.validation.harness.recorder import wheel_slips
 
 PARAMETERS = TruckParameters.load()
 BRAKE = PARAMETERS.air_brake

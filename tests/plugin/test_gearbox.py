@@ -6,7 +6,7 @@ import pytest
 from driveline_rig import CONTROLS, PARAMETERS, Case, constant, drive, shifts
 from vehicle_sled import KMH, Sled, sled_xml
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
 
 ENGINE, GEARBOX = PARAMETERS.engine, PARAMETERS.gearbox

@@ -7,8 +7,8 @@ import pytest
 from driveline_rig import PARAMETERS, RADIUS, Case, constant, drive, reversals, shifts
 from vehicle_sled import KMH
 
+from iits_mj.core.units import GRAVITY
 from iits_mj.model.powertrain import full_load
-from iits_mj.units import GRAVITY
 
 ENGINE, GEARBOX = PARAMETERS.engine, PARAMETERS.gearbox
 MASSES = (19_000.0, 37_000.0, 55_000.0)

@@ -6,7 +6,7 @@ import pytest
 from tire_rig import COMMON, PARAMETERS, drive, rig, road
 
 import iits_mj
-from iits_mj.tire_law import cornering_stiffness, friction
+from iits_mj.parameters.tire_law import cornering_stiffness, friction
 
 
 def test_wheel_end_carries_load_by_its_vertical_stiffness():

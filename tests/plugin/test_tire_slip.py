@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from tire_rig import COMMON, PARAMETERS, drive, rig, road
 
-from iits_mj.tire_law import cornering_stiffness, friction
+from iits_mj.parameters.tire_law import cornering_stiffness, friction
 from iits_mj.truck import Truck
 
 NOMINAL = 2 * COMMON.nominal_load  # of a dual pair

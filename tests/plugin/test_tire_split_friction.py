@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from iits_mj.parameters.tire_law import friction
 from iits_mj.road import Route
-from iits_mj.tire_law import friction
 from iits_mj.truck import Truck
 
 ICE, DRY, REFERENCE = 0.3, 0.8, 0.8

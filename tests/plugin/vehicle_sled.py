@@ -10,9 +10,9 @@ import mujoco
 import numpy as np
 
 import iits_mj  # registers the plugin
+from iits_mj.core.units import GRAVITY
 from iits_mj.model import air_brake, powertrain
 from iits_mj.parameters import TruckParameters
-from iits_mj.units import GRAVITY
 
 PARAMETERS = TruckParameters.load()
 RPM = 2 * math.pi / 60

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from iits_mj.messages import (
+from iits_mj.core.messages import (
     Decision,
     EgoState,
     PlanMode,

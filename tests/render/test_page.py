@@ -3,8 +3,8 @@ import re
 import numpy as np
 import pytest
 
-from iits_mj.render.page import slug, table, write_markdown
-from iits_mj.results import Check, Line, Panel, Results
+from iits_mj.core.results import Check, Line, Panel, Results
+from iits_mj.render.report import slug, table, write_markdown
 
 X = np.linspace(0.0, 1.0, 20)
 PANEL = Panel("Speed", "time [s]", "speed [m/s]", (Line("truck", X, X**2, "simulation"),))

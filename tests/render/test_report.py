@@ -4,9 +4,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
+from iits_mj.core.results import Check, Line, Panel, Results
 from iits_mj.render import plots, report
-from iits_mj.results import Check, Line, Panel, Results
 
 X = np.linspace(0.0, 10.0, 50)
 PANEL = Panel(

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from iits_mj.model.structures import TUNNEL_ROOF, WALL_GAP
+from iits_mj.model.scenery.structures import TUNNEL_ROOF, WALL_GAP
 from iits_mj.render.cameras import FollowCamera
 from iits_mj.road import RoadMap
 from iits_mj.truck import Truck

@@ -7,14 +7,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from iits_mj.errors import InputError, RenderError
-from iits_mj.messages import PlanMode, Trajectory
+from iits_mj.core.errors import InputError, RenderError
+from iits_mj.core.messages import PlanMode, Trajectory
 from iits_mj.render import offscreen
 from iits_mj.render.cameras import CAMERAS, FollowCamera
-from iits_mj.render.encoder import Mp4Encoder
+from iits_mj.render.lane_sketch import add_trajectory
 from iits_mj.render.offscreen import Offscreen, camera_pose, check_size
-from iits_mj.render.trajectory import add_trajectory
-from iits_mj.render.video import VideoWriter
+from iits_mj.render.video import Mp4Encoder, VideoWriter
 
 SIZE = (160, 120)
 XML = """

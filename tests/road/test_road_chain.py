@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from opendrive_text import LANES, document, line, road, successor
 
-from iits_mj.errors import MapError
+from iits_mj.core.errors import MapError
 from iits_mj.road import RoadMap
 from iits_mj.road.opendrive import parse
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from map_peers import netconvert, read_net
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.road import RoadMap
 from iits_mj.road.design import Design
 from iits_mj.road.geometry import Arc

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from opendrive_text import LANES, LINE, document, line, road, successor
 from test_road_route import PROFILES, SPIRAL, WIDE
 
-from iits_mj.errors import MapError
+from iits_mj.core.errors import MapError
 from iits_mj.road import RoadMap
 from iits_mj.road.opendrive import parse
 from iits_mj.road.xml_input import read_file

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.road.measured import Lanes, measured_route, route_from_csv
 
 STATION = np.arange(0.0, 401.0, 10.0)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from map_peers import SHARED_MAPS, convert, netconvert, read_net, shared_maps
 
-from iits_mj.errors import MapError
+from iits_mj.core.errors import MapError
 from iits_mj.road import RoadMap, Route
+from iits_mj.road.chain import Piece
 from iits_mj.road.elements import Road
 from iits_mj.road.geometry import wrap_angle
-from iits_mj.road.pieces import Piece
 from iits_mj.road.seams import ContinuousChain
 
 DISTANCE = 0.05

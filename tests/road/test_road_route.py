@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from opendrive_text import document, road
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.road import TABLE_COLUMNS, RoadMap, Route
 from iits_mj.road.opendrive import parse
 

@@ -5,7 +5,7 @@ from map_peers import shared_maps
 from opendrive_text import document, road
 from test_road_route import PROFILES, SPIRAL, WIDE
 
-from iits_mj.errors import MapError
+from iits_mj.core.errors import MapError
 from iits_mj.road.elements import OpenDriveMap
 from iits_mj.road.geometry import Arc, Line, ParamPoly3, Poly3, Spiral
 from iits_mj.road.opendrive import load, parse

@@ -12,9 +12,9 @@ import time
 import pytest
 
 from iits_mj import cli
-from iits_mj.errors import Error, InputError
+from iits_mj.core.errors import Error, InputError
+from iits_mj.evaluation.trials import read_trials
 from iits_mj.scale.ray_executor import ClusterError, RayExecutor
-from iits_mj.validation.evaluate_rows import read_trials
 
 ray = pytest.importorskip("ray")
 NODES = 3
@@ -183,7 +183,7 @@ def test_a_missing_ray_is_named_with_its_remedy(monkeypatch):
 
 def test_a_training_is_bit_for_bit_the_one_of_one_machine(cluster, tmp_path):
     pytest.importorskip("torch")
-    from controllers.decision.network import QNetwork
+    from controllers.decision.policy import QNetwork
 
     for folder, flags in (("here", ()), ("there", ("--ray", cluster))):
         command = [

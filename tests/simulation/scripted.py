@@ -8,10 +8,10 @@ import numpy as np
 
 from controllers.decision.base import DecisionContext
 from controllers.stack import Stack
-from iits_mj.messages import Decision
+from iits_mj.core.messages import Decision
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, Observer, Simulation, Telemetry
-from iits_mj.simulation.command_path import CommandPath
+from iits_mj.simulation.bus import CommandPath
 from iits_mj.simulation.telemetry import COLUMNS
 from iits_mj.truck import Truck
 

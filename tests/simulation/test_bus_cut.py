@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from controllers.fallback import Driver, Fallback
-from controllers.planner import PlannerConfig
-from controllers.safe_stop import SafeStop
-from controllers.safe_stop_config import StopPhase
-from controllers.speed_plan import SpeedConfig
+from controllers.planning.planner import PlannerConfig
+from controllers.planning.speed_plan import SpeedConfig
+from controllers.safe_stop.fallback import Driver, Fallback
+from controllers.safe_stop.stop import SafeStop, StopPhase
 from controllers.stack import Stack
+from iits_mj.core.messages import Scene
 from iits_mj.j1939 import CommandReceiver, command_to_frames
-from iits_mj.messages import Scene
 from iits_mj.road import RoadMap
 from iits_mj.truck import Truck
 

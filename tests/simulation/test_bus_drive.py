@@ -16,15 +16,16 @@ import numpy as np
 import pytest
 from scripted import DRIVEN, drive, simulation, table, watch
 
-from iits_mj.errors import BusError, InputError
+from iits_mj.core.errors import BusError, InputError
+from iits_mj.core.messages import Decision, VehicleCommand
 from iits_mj.j1939 import Frame, command_to_frames, database_path, read_log
 from iits_mj.j1939.addresses import CONTROLLER
-from iits_mj.messages import Decision, VehicleCommand
 from iits_mj.road import Route
-from iits_mj.simulation import DriveConfig, Simulation, Telemetry, log_driver
-from iits_mj.simulation.bus_log import BusLog
-from iits_mj.simulation.command_path import CommandPath
-from iits_mj.simulation.log_driver import LogDriver
+from iits_mj.simulation import DriveConfig, Simulation, Telemetry
+from iits_mj.simulation import driver as log_driver
+from iits_mj.simulation.bus import CommandPath
+from iits_mj.simulation.drive_log import BusLog
+from iits_mj.simulation.driver import LogDriver
 from iits_mj.truck import Truck
 
 LEFT_AT_3 = {3: Decision.LEFT}

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from iits_mj.messages import EgoFootprint, EgoState, TrackedVehicle
+from iits_mj.core.messages import EgoFootprint, EgoState, TrackedVehicle
 from iits_mj.parameters import TruckParameters
 from iits_mj.simulation import gaps
 

@@ -14,7 +14,7 @@ import can
 import pytest
 
 from iits_mj.j1939 import Frame, encode, groups
-from iits_mj.j1939.python_can import to_can
+from iits_mj.j1939.bus import to_can
 from iits_mj.simulation import ServeConfig, Server
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from iits_mj.errors import InputError
-from iits_mj.simulation.pace import Pace
+from iits_mj.core.errors import InputError
+from iits_mj.simulation.server import Pace
 
 
 class Clock:

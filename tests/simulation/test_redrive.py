@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 from iits_mj import cli
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.simulation import DriveConfig, Frame, Simulation
 from iits_mj.simulation import drive_log as drive_log_module
+from iits_mj.simulation.drive_log import check_options
 from iits_mj.simulation.parts import load_map
-from iits_mj.simulation.recorded_options import check_options
 from iits_mj.simulation.redrive import RedriveError, redrive
 from traffic_bridge import PureSim, Recorder, Recording, RepSim, TrafficConfig
 

@@ -14,7 +14,8 @@ import pytest
 from can.interfaces.virtual import VirtualBus
 
 from iits_mj import cli
-from iits_mj.errors import BusError, InputError
+from iits_mj.core.errors import BusError, InputError
+from iits_mj.core.messages import TransmissionMode, VehicleCommand, XbrMode
 from iits_mj.j1939 import (
     Bus,
     Frame,
@@ -29,9 +30,8 @@ from iits_mj.j1939 import (
 )
 from iits_mj.j1939.network import ADDRESS_CLAIMED, request
 from iits_mj.j1939.receiver import UNIT_NAMES
-from iits_mj.messages import TransmissionMode, VehicleCommand, XbrMode
 from iits_mj.simulation import ServeConfig, Server
-from iits_mj.simulation.ending import LEAVE_MARGIN, ROLL_OVER
+from iits_mj.simulation.frame import LEAVE_MARGIN, ROLL_OVER
 from iits_mj.simulation.server import TICK
 from iits_mj.truck import Truck
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from iits_mj.messages import (
+from iits_mj.core.messages import (
     EgoFootprint,
     EgoState,
     LightState,
@@ -15,7 +15,7 @@ from iits_mj.messages import (
 )
 from iits_mj.road import RoadMap, Route
 from iits_mj.simulation import DriveConfig, Simulation
-from iits_mj.simulation.signals import read_signals
+from iits_mj.simulation.frame import read_signals
 from iits_mj.simulation.summary import SummaryBuilder
 from traffic_bridge import InterSim, PureSim, Recorder, TrafficConfig
 

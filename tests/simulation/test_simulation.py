@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from iits_mj.errors import InputError
-from iits_mj.messages import TrackedVehicle
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import TrackedVehicle
 from iits_mj.simulation import DriveConfig, Frame, Simulation, Telemetry
-from iits_mj.simulation.ending import DivergedError
+from iits_mj.simulation.frame import DivergedError
 from iits_mj.simulation.telemetry import COLUMNS
 
 

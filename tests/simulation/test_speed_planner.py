@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from controllers.pcc import PccReference
-from controllers.speed_reference import CruiseReference, ProfileReference
-from iits_mj.errors import InputError
+from controllers.planning.speed_reference import CruiseReference, ProfileReference
+from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
 from iits_mj.simulation import DriveConfig, Simulation, Telemetry
 from iits_mj.simulation.parts import make_reference, make_stack
-from iits_mj.simulation.speed_report import speed_object
+from iits_mj.simulation.telemetry import speed_object
 
 PARAMETERS = TruckParameters.load()
 

@@ -7,8 +7,8 @@ import pytest
 
 from controllers.decision import make
 from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig, cell_trip
-from iits_mj.errors import InputError
-from iits_mj.messages import Decision
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import Decision
 from traffic_bridge.config import DENSITIES
 
 pytest.importorskip("libsumo")

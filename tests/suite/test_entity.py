@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from dm_control import composer, mjcf
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.suite.entity import TruckEntity, truck_mjcf, use_options
 from iits_mj.truck import COMMAND_FIELDS, Truck
 

@@ -3,7 +3,7 @@ import pytest
 from dm_control.rl import control
 
 from iits_mj import suite
-from iits_mj.errors import Error, InputError
+from iits_mj.core.errors import Error, InputError
 from iits_mj.suite.tasks import Dock, LaneKeep
 from iits_mj.suite.tasks.base import BRAKE_MAX
 

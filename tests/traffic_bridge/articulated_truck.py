@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scripted_truck import corners, overlap, vehicle_box
 
-from iits_mj.messages import EgoState
+from iits_mj.core.messages import EgoState
 from iits_mj.road import Route
 
 # The combination of `EgoFootprint`: 16.5 m long, 2.55 m wide, front bumper 1.40 m before the axle.

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scripted_truck import ego_at
 
-from iits_mj.messages import VehicleCommand
+from iits_mj.core.messages import VehicleCommand
 from iits_mj.road import Route
 from traffic_bridge import InterSim, Recorder, TrafficConfig, VehicleFrame
 

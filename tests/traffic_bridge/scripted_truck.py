@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from iits_mj.messages import EgoState, TrackedVehicle
+from iits_mj.core.messages import EgoState, TrackedVehicle
 from iits_mj.road import Route
 
 

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from iits_mj.messages import TrackedVehicle
+from iits_mj.core.messages import TrackedVehicle
 from traffic_bridge import Mirror, VehicleFrame
 from traffic_bridge.mirror.articulation import Articulation, TrailerMemory
 

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from iits_mj.errors import InputError
-from iits_mj.messages import TrackedVehicle
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import TrackedVehicle
 from iits_mj.road import Route
 from traffic_bridge import PureSim, TrafficConfig, calibrated_types, default_types
 from traffic_bridge.frame import VehicleFrame

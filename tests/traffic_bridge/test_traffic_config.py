@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from iits_mj.errors import InputError
-from iits_mj.messages import EgoFootprint
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoFootprint
 from iits_mj.road import Route
 from traffic_bridge import (
     KINDS,

@@ -9,11 +9,11 @@ from test_traffic_mirror import scene, vehicle
 
 from controllers.stack import Stack
 from iits_mj import Truck
-from iits_mj.messages import TrackedVehicle, VehicleCommand
+from iits_mj.core.messages import TrackedVehicle, VehicleCommand
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, Simulation, gaps
 from traffic_bridge import Mirror, VehicleFrame
-from traffic_bridge.mirror.contact import Outline, may_touch, separation
+from traffic_bridge.mirror.bodies import Outline, may_touch, separation
 from traffic_bridge.mirror.mirror import DEFAULT_POOL
 
 

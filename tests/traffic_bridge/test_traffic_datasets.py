@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import synthetic_sets as sets
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from traffic_bridge import find_netconvert
 from traffic_bridge.datasets import read_trajectories, without_noise
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scripted_truck import ego_at, overlap, vehicle_box
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.road import Route
 from traffic_bridge import (
     Departure,

@@ -8,8 +8,8 @@ from merge_map import write_merge_map
 
 from iits_mj.road import Route
 from traffic_bridge import PureSim, TrafficConfig, default_types
+from traffic_bridge.vehicles.lane_changing import Occupancy
 from traffic_bridge.vehicles.mobil import idm_acceleration
-from traffic_bridge.vehicles.occupancy import Occupancy
 
 
 def changes_and_braking(politeness):

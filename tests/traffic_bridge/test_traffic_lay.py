@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import synthetic_sets as sets
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.road import RoadMap, Route
 from traffic_bridge import Recording, RepSim
 from traffic_bridge.datasets import (

@@ -2,15 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from iits_mj.errors import InputError, TrafficError
+from iits_mj.core.errors import InputError, TrafficError
 from iits_mj.road import RoadMap
-from traffic_bridge import (
-    LightPhase,
-    LightProgramRun,
-    LightState,
-    PureSim,
-    TrafficConfig,
-)
+from traffic_bridge import LightPhase, LightProgramRun, LightState, PureSim, TrafficConfig
 
 MAP = (
     Path(__file__).resolve().parents[2]

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.road import Route
 from traffic_bridge import PureSim, TrafficConfig
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from merge_map import BANK, GRADE, SIDE, WIDTH, dirty_map, merge_map, write_merge_map
 
-from iits_mj.errors import Error, InputError, MapError, TrafficError
+from iits_mj.core.errors import Error, InputError, MapError, TrafficError
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.elements import OpenDriveMap, RoadType
 from iits_mj.road.writer import write

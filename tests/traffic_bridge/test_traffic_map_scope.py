@@ -7,7 +7,7 @@ import pytest
 from merge_map import LIMIT, write_merge_map
 from scripted_truck import ego_at, ego_box, overlap, vehicle_box
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.road import RoadMap
 from traffic_bridge import InterSim, MapNetwork, PureSim, TrafficConfig
 from traffic_bridge.session import load_libsumo

@@ -7,17 +7,10 @@ import numpy as np
 import pytest
 from scripted_truck import ego_at
 
-from iits_mj.errors import InputError
-from iits_mj.messages import TrackedVehicle
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import TrackedVehicle
 from iits_mj.road import RoadMap
-from traffic_bridge import (
-    InterSim,
-    Mirror,
-    PureSim,
-    TrafficConfig,
-    VehicleFrame,
-    default_types,
-)
+from traffic_bridge import InterSim, Mirror, PureSim, TrafficConfig, VehicleFrame, default_types
 
 MAPS = Path(__file__).resolve().parents[3] / "shared" / "data" / "xodr"
 TYPES = {kind.name: kind for kind in default_types()}

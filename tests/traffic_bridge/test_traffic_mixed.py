@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scripted_truck import ego_at
 
-from iits_mj.errors import InputError
-from iits_mj.messages import TrackedVehicle
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import TrackedVehicle
 from iits_mj.road import Route
 from traffic_bridge import InterSim, MixedSim, Recorder, Recording, ReSim, TrafficConfig
 

@@ -5,8 +5,8 @@ import pytest
 
 from traffic_bridge import default_types
 from traffic_bridge.network.lane_graph import Lane, LaneGraph
+from traffic_bridge.vehicles.lane_changing import Occupancy, Place, decide
 from traffic_bridge.vehicles.mobil import Driver, Surroundings, gain, idm_acceleration
-from traffic_bridge.vehicles.occupancy import Occupancy, Place, decide
 
 CAR = default_types()[0]
 TRUCK = next(t for t in default_types() if t.kind == "articulated")

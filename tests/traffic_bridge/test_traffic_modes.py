@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scripted_truck import ego_at, ego_box, overlap, vehicle_box
 
-from iits_mj.errors import InputError, TrafficError
+from iits_mj.core.errors import InputError, TrafficError
 from traffic_bridge import InterSim, PureSim, Traffic, TrafficConfig
 
 CROWDED = TrafficConfig(density=0.2, fill_ahead=800.0, fill_behind=800.0)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from iits_mj.errors import Error, MapError, TrafficError
+from iits_mj.core.errors import Error, MapError, TrafficError
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.writer import to_xml
 from traffic_bridge import MapNetwork, PureSim, TrafficConfig, build_network, cache_dir
@@ -167,7 +167,7 @@ def test_a_net_of_another_map_is_refused(straight, highway):
 
 
 def test_a_broken_netconvert_run_says_why(straight, tmp_path):
-    from traffic_bridge.network.netconvert import run_netconvert
+    from traffic_bridge.network.nets import run_netconvert
 
     bad = tmp_path / "bad.xodr"
     bad.write_text("<OpenDRIVE><road id='1'/></OpenDRIVE>")

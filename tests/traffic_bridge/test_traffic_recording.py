@@ -7,11 +7,11 @@ import pytest
 from recorded_drive import STEPS, record
 from scripted_truck import ego_at
 
-from iits_mj.errors import InputError
-from iits_mj.messages import EgoState, TrackedVehicle, VehicleCommand, XbrMode
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoState, TrackedVehicle, VehicleCommand, XbrMode
 from traffic_bridge import Recorder, Recording, RepSim, ReSim, VehicleFrame
+from traffic_bridge.recording.recorder import PIECE, SpillTable
 from traffic_bridge.recording.rows import ego_of, ego_row
-from traffic_bridge.recording.spill import PIECE, SpillTable
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ import pytest
 from recorded_drive import changed, record
 from scripted_truck import ego_at
 
-from iits_mj.errors import InputError
-from iits_mj.messages import EgoState, TrackedVehicle
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoState, TrackedVehicle
 from iits_mj.road import Route
 from traffic_bridge import Recording, RepSim, ReSim, VehicleFrame
 from traffic_bridge.recording.replay import Replay

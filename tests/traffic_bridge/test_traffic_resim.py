@@ -9,7 +9,7 @@ import pytest
 from recorded_drive import STEPS, changed, config, record
 from scripted_truck import ego_at
 
-from iits_mj.errors import InputError, TrafficError
+from iits_mj.core.errors import InputError, TrafficError
 from iits_mj.road import Route
 from traffic_bridge import Recording, ReSim, TrafficConfig
 from traffic_bridge.modes.resim import difference

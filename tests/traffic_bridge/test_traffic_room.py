@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scripted_truck import ego_at, ego_box, overlap, vehicle_box
 
-from iits_mj.errors import InputError
-from iits_mj.messages import EgoFootprint
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoFootprint
 from iits_mj.road import RoadMap, Route
 from traffic_bridge import Departure, InterSim, PureSim, SlowConvoy, TrafficConfig
 from traffic_bridge.network.lane_table import LaneTable

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from iits_mj.errors import TrafficError
+from iits_mj.core.errors import TrafficError
 from traffic_bridge import PureSim, TrafficConfig
 from traffic_bridge.network.nets import build_network
 from traffic_bridge.session import Session, load_libsumo

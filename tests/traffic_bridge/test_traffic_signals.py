@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.road import RoadMap
 from traffic_bridge import PureSim, TrafficConfig
 

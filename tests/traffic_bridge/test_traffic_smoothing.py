@@ -1,7 +1,6 @@
 import numpy as np
 
-from traffic_bridge.modes.sideways import quintic
-from traffic_bridge.modes.smoothing import LateralSmoother
+from traffic_bridge.modes.smoothing import LateralSmoother, quintic
 
 SIZE = np.array([[4.7, 1.85]])
 

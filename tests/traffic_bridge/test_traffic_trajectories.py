@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from traffic_bridge.datasets import Trajectories, pairs
 
 

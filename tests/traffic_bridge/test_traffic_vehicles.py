@@ -3,7 +3,7 @@ import json
 
 import pytest
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.road import Route
 from traffic_bridge import (
     KINDS,

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from scripted_truck import ego_at
 
-from iits_mj.errors import InputError, TrafficError
+from iits_mj.core.errors import InputError, TrafficError
 from iits_mj.road import Route
 from traffic_bridge import InterSim, PureSim, TrafficConfig, TrafficWorlds, WorldSpec
 

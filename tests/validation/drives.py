@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from iits_mj.validation.longitudinal_run import Run
-from iits_mj.validation.recorder import PERIOD
+from iits_mj.validation.harness.recorder import PERIOD
+from iits_mj.validation.longitudinal.runs import Run
 
 
 def drive(duration=10.0, **columns):

@@ -4,7 +4,7 @@ import math
 import os
 from pathlib import Path
 
-from iits_mj.validation.trials import Task, Trial
+from iits_mj.evaluation.trials import Task, Trial
 
 
 def trial(task: Task, loss: float, changes: int = 3, **figures) -> Trial:

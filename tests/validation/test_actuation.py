@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from iits_mj.errors import InputError
-from iits_mj.validation import actuation
-from iits_mj.validation.closed_loop import COLUMNS, CONTROL_PERIOD, Record
+from iits_mj.core.errors import InputError
+from iits_mj.validation.planning import speed_tracking
+from iits_mj.validation.planning.closed_loop import COLUMNS, CONTROL_PERIOD, Record
 
 
 def record(seconds, **columns):
@@ -20,8 +20,8 @@ def record(seconds, **columns):
 
 def test_coasting_between_two_uses_of_the_pedal_is_no_reversal():
     drive = record(30.0, pedal=lambda t: np.where((t > 10.0) & (t < 20.0), 0.0, 0.5))
-    assert actuation.reversals(drive).size == 0
-    assert actuation.shortest_turn(drive) == pytest.approx(30.0, abs=0.05)
+    assert speed_tracking.reversals(drive).size == 0
+    assert speed_tracking.shortest_turn(drive) == pytest.approx(30.0, abs=0.05)
 
 
 def test_pedal_brake_pedal_are_two_reversals_whichever_brake_it_is():
@@ -32,14 +32,14 @@ def test_pedal_brake_pedal_are_two_reversals_whichever_brake_it_is():
             pedal=lambda t: np.where((t > 10.0) & (t < 20.0), 0.0, 0.5),
             **{brake: lambda t, sign=sign: np.where((t > 12.0) & (t < 18.0), 0.5 * sign, 0.0)},
         )
-        assert actuation.reversals(drive) == pytest.approx([12.0, 20.0], abs=0.05)
-        assert actuation.reversals_per_km(drive) == pytest.approx(2.0, rel=0.01)
-        assert actuation.shortest_turn(drive) == pytest.approx(8.0, abs=0.05)
+        assert speed_tracking.reversals(drive) == pytest.approx([12.0, 20.0], abs=0.05)
+        assert speed_tracking.reversals_per_km(drive) == pytest.approx(2.0, rel=0.01)
+        assert speed_tracking.shortest_turn(drive) == pytest.approx(8.0, abs=0.05)
 
 
 def test_neutral_in_a_gear_change_is_not_counted_as_a_gear():
     drive = record(20.0, gear=lambda t: np.where(t < 8.0, 11.0, np.where(t < 9.0, 0.0, 12.0)))
-    assert actuation.gear_changes(drive) == 1
+    assert speed_tracking.gear_changes(drive) == 1
 
 
 def test_the_error_is_not_judged_at_full_pedal_nor_just_after_it():
@@ -49,9 +49,9 @@ def test_the_error_is_not_judged_at_full_pedal_nor_just_after_it():
         speed=lambda t: np.where((t > 10.0) & (t < 21.0), 19.5, 20.0),
         planned=lambda t: 20.0 + 0.0 * t,
     )
-    assert np.abs(actuation.tracking_error(drive)).max() == 0.0
-    assert actuation.full_load_share(drive) == pytest.approx(1.0 / 3.0, abs=0.01)
-    assert np.count_nonzero(actuation.within_power(drive)) * CONTROL_PERIOD == pytest.approx(
+    assert np.abs(speed_tracking.tracking_error(drive)).max() == 0.0
+    assert speed_tracking.full_load_share(drive) == pytest.approx(1.0 / 3.0, abs=0.01)
+    assert np.count_nonzero(speed_tracking.within_power(drive)) * CONTROL_PERIOD == pytest.approx(
         17.0, abs=0.1
     )
 

@@ -5,12 +5,11 @@ import pytest
 from drives import drive
 
 from iits_mj.parameters import TruckParameters
-from iits_mj.validation import brake_measures as measures
-from iits_mj.validation import speed_accuracy
-from iits_mj.validation.acceleration import coast_along, engaged_gear
-from iits_mj.validation.brake_response import dead_times
-from iits_mj.validation.force_balance import ForceBalance
-from iits_mj.validation.shifts import hunting, shifts
+from iits_mj.validation.longitudinal import full_stop as measures
+from iits_mj.validation.longitudinal import speed_accuracy
+from iits_mj.validation.longitudinal.acceleration import coast_along, engaged_gear, hunting, shifts
+from iits_mj.validation.longitudinal.braking import dead_times
+from iits_mj.validation.longitudinal.force_balance import ForceBalance
 
 LAG = 0.25
 

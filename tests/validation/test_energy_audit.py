@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from iits_mj.truck import Truck
-from iits_mj.validation import energy_audit
-from iits_mj.validation.energy import Ledger
-from iits_mj.validation.slopes import hills
+from iits_mj.validation.longitudinal import energy_audit
+from iits_mj.validation.longitudinal.energy_audit import Ledger
+from iits_mj.validation.longitudinal.runs import hills
 
 NEUTRAL = 1.0
 PARTS = ("air", "rolling", "slip", "tire_damping", "suspension")

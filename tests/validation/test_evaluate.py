@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 from evaluate_rows_of import die_once, task, trial
 
-from controllers.decision import seeds
-from controllers.decision.network import QNetwork
-from controllers.decision.policy import SHIPPED
-from iits_mj.errors import InputError, TrafficError
-from iits_mj.validation import evaluate_rows, kept_runs, trial_drives, trials
-from iits_mj.validation.evaluate import (
+from controllers.decision import trip
+from controllers.decision.policy import SHIPPED, QNetwork
+from iits_mj.core.errors import InputError, TrafficError
+from iits_mj.core.process_pool import TasksError, run_all
+from iits_mj.evaluation import drives, trials
+from iits_mj.evaluation import trials as evaluate_rows
+from iits_mj.evaluation.evaluate import (
     EvaluateConfig,
     describe,
     drive_trials,
@@ -25,7 +26,7 @@ from iits_mj.validation.evaluate import (
     tasks_of,
     trial_seed,
 )
-from iits_mj.validation.side_by_side import TasksError, run_all
+from iits_mj.validation.harness import run_cache
 
 CONFIG = EvaluateConfig(trials=2, methods="keep,aggressive", cells="dense-12.5,medium-15")
 
@@ -41,31 +42,27 @@ class Fake:
             if asked.seed in self.faulty:
                 raise TrafficError("SUMO fell over")
             self.driven.append(asked)
-            keep(
-                trial(
-                    asked, 0.1 + 1e-4 * (asked.seed % 7), code=trial_drives.trial_code(asked.world)
-                )
-            )
+            keep(trial(asked, 0.1 + 1e-4 * (asked.seed % 7), code=drives.trial_code(asked.world)))
 
 
 def test_the_code_of_fast_trials_is_every_module_of_the_fast_world(tmp_path):
-    assert trial_drives.trial_code("fast") != trial_drives.trial_code("full")
+    assert drives.trial_code("fast") != drives.trial_code("full")
     for name in ("__init__.py", "env.py", "changes.py"):
         (tmp_path / name).write_text("")
     package = ModuleType("package")
     package.__path__, package.__file__ = [str(tmp_path)], str(tmp_path / "__init__.py")
-    before = kept_runs.drive_digest(package)
+    before = run_cache.drive_digest(package)
     (tmp_path / "changes.py").write_text("MARGIN = 3.0")
-    assert kept_runs.drive_digest(package) != before
+    assert run_cache.drive_digest(package) != before
 
 
 def test_no_seed_is_of_two_kinds():
-    starts = (seeds.TRAINING_SEEDS, seeds.VALIDATION_SEEDS, seeds.TEST_SEEDS)
-    assert all(b - a >= seeds.SEEDS_EACH for a, b in itertools.pairwise(starts))
+    starts = (trip.TRAINING_SEEDS, trip.VALIDATION_SEEDS, trip.TEST_SEEDS)
+    assert all(b - a >= trip.SEEDS_EACH for a, b in itertools.pairwise(starts))
     for kind, start in (("validation", starts[1]), ("test", starts[2])):
         config = EvaluateConfig(seeds=kind, seed=9)
         assert trial_seed(0, 0, replace(config, seed=0)) == start
-        assert trial_seed(5, 999, config) < start + seeds.SEEDS_EACH
+        assert trial_seed(5, 999, config) < start + trip.SEEDS_EACH
 
 
 def test_all_methods_meet_the_same_traffic_trial_by_trial():
@@ -184,7 +181,7 @@ def test_weights_that_change_while_trials_are_driven_are_refused(tmp_path):
     asked = task("ddqn", 0, weights=trials.weights_digest("ddqn", policy))
     policy.write_bytes(b"two")
     with pytest.raises(InputError, match="not the one that was asked for"):
-        trial_drives.drive(asked, policy)
+        drives.drive(asked, policy)
 
 
 def test_without_driving_the_files_trials_are_all_there_is(tmp_path):

@@ -8,10 +8,10 @@ from evaluate_rows_of import rows, task, trial
 from scipy import stats
 
 from controllers.decision.trip import CELLS
-from iits_mj.validation.evaluate import EvaluateConfig
-from iits_mj.validation.evaluate_figures import figures, over_all
-from iits_mj.validation.evaluate_results import summarize
-from iits_mj.validation.evaluate_statistics import estimate, half_width, holm, paired
+from iits_mj.evaluation.evaluate import EvaluateConfig
+from iits_mj.evaluation.figures import figures, over_all
+from iits_mj.evaluation.results import summarize
+from iits_mj.validation.harness.statistics import estimate, half_width, holm, paired
 
 CELL = (("dense", 12.5),)
 FOUR = ("conservative", "neutral", "aggressive", "ddqn")

@@ -8,10 +8,10 @@ from evaluate_rows_of import trial
 
 from controllers.decision.trip import CELLS
 from iits_mj import cli
-from iits_mj.validation import evaluate_rows
-from iits_mj.validation.evaluate import EvaluateConfig, tasks_of
-from iits_mj.validation.evaluate_figures import figures
-from iits_mj.validation.evaluate_sections import command_of
+from iits_mj.evaluation import trials
+from iits_mj.evaluation.evaluate import EvaluateConfig, tasks_of
+from iits_mj.evaluation.figures import figures
+from iits_mj.evaluation.page import command_of
 
 LOSS = {"conservative": 0.3, "neutral": 0.27, "aggressive": 0.25, "mobil": 0.22, "ddqn": 0.2}
 
@@ -27,7 +27,7 @@ def file(tmp_path):
         code = "aaaaaaaaaaaa" if task.method == "neutral" else "bbbbbbbbbbbb"
         rows.append(trial(task, loss, unsafe=2, code=code))
     path = tmp_path / "trials.csv"
-    evaluate_rows.write_trials(path, rows)
+    trials.write_trials(path, rows)
     return path
 
 

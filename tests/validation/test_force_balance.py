@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from iits_mj.mass_state import static_axle_loads
 from iits_mj.parameters import TruckParameters
-from iits_mj.validation import published_run
-from iits_mj.validation.force_balance import ForceBalance
-from iits_mj.validation.slopes import hills, sloping
+from iits_mj.parameters.mass_state import static_axle_loads
+from iits_mj.validation.longitudinal import speed_accuracy
+from iits_mj.validation.longitudinal.force_balance import ForceBalance
+from iits_mj.validation.longitudinal.runs import hills, sloping
 
 PARAMETERS = TruckParameters.load()
 LADEN = ForceBalance(PARAMETERS, 36_000.0)
@@ -87,7 +87,7 @@ def test_a_gear_too_high_has_no_steady_speed_and_the_best_gear_is_not_slower_tha
 
 
 def test_published_run_comes_out_of_the_published_tables():
-    run = published_run.compute(published_run.balance(), 0.4, 40.0)
+    run = speed_accuracy.compute(speed_accuracy.balance(), 0.4, 40.0)
     assert run.speed[-1] * 3.6 == pytest.approx(46.9, rel=0.02)
     assert run.time[run.gear >= 10.0][0] == pytest.approx(31.0, abs=1.5)
     assert run.gear[0] == 2.0

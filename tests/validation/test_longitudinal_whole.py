@@ -2,17 +2,16 @@
 
 import pytest
 
-from iits_mj.units import KMH
-from iits_mj.validation import (
+from iits_mj.core.units import KMH
+from iits_mj.validation.longitudinal import (
     descent,
     energy_audit,
     full_stop,
     hill_climb,
-    longitudinal_steps,
-    steady_climb,
-    steady_fuel,
+    longitudinal,
+    steady_points,
 )
-from iits_mj.validation.slopes import HILLS_LENGTH
+from iits_mj.validation.longitudinal.runs import HILLS_LENGTH
 
 STEP = 0.002
 LADEN = 36_000.0
@@ -38,11 +37,11 @@ def test_startability_and_gradeability_are_the_computed_ones():
 
 
 def test_steady_speeds_balance_the_forces():
-    assert short(steady_climb.compare(STEP, quick=False)[0]) == []
+    assert short(steady_points.compare_climb(STEP, quick=False)[0]) == []
 
 
 def test_fuel_at_all_steady_points_is_the_map():
-    assert short(steady_fuel.compare(STEP, quick=False)[0]) == []
+    assert short(steady_points.compare_fuel(STEP, quick=False)[0]) == []
 
 
 @pytest.mark.parametrize("regulation", full_stop.REGULATIONS, ids=lambda r: r.name)
@@ -52,4 +51,4 @@ def test_full_stops_are_within_the_regulations(payload, regulation):
 
 
 def test_longitudinal_figures_do_not_depend_on_the_step():
-    assert short(longitudinal_steps.compare()[0]) == []
+    assert short(longitudinal.compare()[0]) == []

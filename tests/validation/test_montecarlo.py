@@ -4,25 +4,23 @@ import numpy as np
 import pytest
 
 from iits_mj import cli
-from iits_mj.errors import InputError
-from iits_mj.scale.shards import Shards, in_shards
-from iits_mj.spread import Spread
-from iits_mj.validation.montecarlo import (
+from iits_mj.core.errors import InputError
+from iits_mj.evaluation.montecarlo import (
     FIGURES,
-    MonteCarloConfig,
-    summarize,
-    tasks_of,
-    write_samples,
-)
-from iits_mj.validation.montecarlo_samples import (
     NOMINAL,
+    MonteCarloConfig,
     Sample,
     SampleTask,
     drawn_truck,
     measure,
     sample_code,
+    summarize,
+    tasks_of,
+    write_samples,
 )
-from iits_mj.validation.rollover import tilt_table
+from iits_mj.parameters.randomization import Spread
+from iits_mj.scale.shards import Shards, in_shards
+from iits_mj.validation.handling.rollover import tilt_table
 
 CONFIG = MonteCarloConfig(samples=60)
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from iits_mj.units import KMH
-from iits_mj.validation import path_cases as cases
-from iits_mj.validation.config import ValidateConfig
-from iits_mj.validation.path_run import count_reversals
-from iits_mj.validation.path_tracking import run_path_tracking, side_load
-from iits_mj.validation.side_wind import SideWind, spectrum
+from iits_mj.core.units import KMH
+from iits_mj.validation.handling.side_wind import SideWind, spectrum
+from iits_mj.validation.harness.config import ValidateConfig
+from iits_mj.validation.planning import path_cases as cases
+from iits_mj.validation.planning.path_run import count_reversals
+from iits_mj.validation.planning.path_tracking import run_path_tracking, side_load
 
 
 def test_turbulence_has_the_variance_of_its_spectrum_and_one_seed_one_wind():

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from controllers.speed_reference import read_profile
-from iits_mj.errors import InputError
-from iits_mj.validation.pcc import PccCommandConfig, load_profile, run
+from controllers.planning.speed_reference import read_profile
+from iits_mj.core.errors import InputError
+from iits_mj.validation.planning.pcc_command import PccCommandConfig, load_profile, run
 
 
 @pytest.fixture

@@ -11,21 +11,23 @@ from controllers.pcc.planner import evaluate, make_vehicle
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.schedule import make_schedule
 from controllers.pcc.vehicle import cruise
-from iits_mj.errors import InputError
-from iits_mj.validation import replay_drives
-from iits_mj.validation.closed_loop import COLUMNS, Record
-from iits_mj.validation.config import ValidateConfig
-from iits_mj.validation.pcc_replay import run_replay
-from iits_mj.validation.replay_cases import (
+from iits_mj.core.errors import InputError
+from iits_mj.validation.harness.config import ValidateConfig
+from iits_mj.validation.planning import replay_drives
+from iits_mj.validation.planning.closed_loop import COLUMNS, Record
+from iits_mj.validation.planning.pcc_replay import run_replay
+from iits_mj.validation.planning.replay_cases import (
     full_cases,
     highway_case,
     paper_case,
     valley_case,
 )
-from iits_mj.validation.replay_drives import Replay, Trip, reference_profile
-from iits_mj.validation.replay_match import (
+from iits_mj.validation.planning.replay_drives import (
+    Replay,
+    Trip,
     climbing_power,
     cruise_time,
+    reference_profile,
     set_speed,
     with_all_power,
     with_power_of,

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from controllers.pcc import PccConfig, RoadProfile
-from iits_mj.errors import PlanningError
+from iits_mj.core.errors import PlanningError
 from iits_mj.parameters import TruckParameters
-from iits_mj.validation import pcc_savings
-from iits_mj.validation.config import ValidateConfig
-from iits_mj.validation.pcc_accuracy import (
+from iits_mj.validation.harness.config import ValidateConfig
+from iits_mj.validation.planning import pcc_savings
+from iits_mj.validation.planning.pcc_accuracy import (
     bound_checks,
     convergence_checks,
     cost_checks,
@@ -18,7 +18,7 @@ from iits_mj.validation.pcc_accuracy import (
     finite_elements,
     long_road,
 )
-from iits_mj.validation.pcc_case import (
+from iits_mj.validation.planning.pcc_case import (
     balance,
     bound,
     scaled_heights,

@@ -10,21 +10,21 @@ from pathlib import Path
 
 import pytest
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
+from iits_mj.core.results import Results
 from iits_mj.parameters import TruckParameters
-from iits_mj.results import Results
-from iits_mj.validation import traffic_runner, traffic_trips
-from iits_mj.validation.config import ValidateConfig
-from iits_mj.validation.planning_traffic import (
+from iits_mj.validation.harness.config import ValidateConfig
+from iits_mj.validation.planning import planning_traffic, traffic_trips
+from iits_mj.validation.planning.planning_traffic import (
     FIRST_SEED,
     SEEDS,
+    main,
     pairs_of,
     run_traffic,
     saving_percent,
     summarize,
 )
-from iits_mj.validation.traffic_runner import main
-from iits_mj.validation.traffic_trips import (
+from iits_mj.validation.planning.traffic_trips import (
     DENSITIES,
     LENGTH,
     PLANNERS,
@@ -140,7 +140,7 @@ def test_runner_drives_nothing_that_is_there(
     def forbidden(*_: object) -> None:
         raise AssertionError("a trip was driven that is in the table")
 
-    monkeypatch.setattr(traffic_runner, "drive_pair", forbidden)
+    monkeypatch.setattr(planning_traffic, "drive_pair", forbidden)
     assert main(["--seeds", "4", "--out", str(path)]) == 0
     assert "in traffic, sparse" in capsys.readouterr().out
 
@@ -192,7 +192,7 @@ def test_rows_of_other_code_are_never_shown(
             found.set_result([replace(r, density=density, seed=seed) for r in (CRUISE, PCC)])
             return found
 
-    monkeypatch.setattr(traffic_runner, "ProcessPoolExecutor", Pool)
+    monkeypatch.setattr(planning_traffic, "ProcessPoolExecutor", Pool)
     assert main(["--seeds", "3", "--out", str(path)]) == 0
     assert "24 trips of the table are of other code" in capsys.readouterr().out
     assert len(asked) == 9

@@ -2,9 +2,9 @@
 
 import pytest
 
-from iits_mj.results import Results
-from iits_mj.validation.config import ValidateConfig
-from iits_mj.validation.situations import run_situations
+from iits_mj.core.results import Results
+from iits_mj.validation.harness.config import ValidateConfig
+from iits_mj.validation.planning.situations import run_situations
 
 
 @pytest.fixture(scope="module")

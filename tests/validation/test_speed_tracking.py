@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from iits_mj.road import Route
-from iits_mj.validation.closed_loop import Task, drive
-from iits_mj.validation.config import ValidateConfig
-from iits_mj.validation.speed_tracking import run_speed_tracking
+from iits_mj.validation.harness.config import ValidateConfig
+from iits_mj.validation.planning.closed_loop import Task, drive
+from iits_mj.validation.planning.speed_tracking import run_speed_tracking
 
 
 def test_the_empty_truck_keeps_its_speed_on_a_hill():

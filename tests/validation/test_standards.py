@@ -4,9 +4,15 @@ import numpy as np
 import pytest
 
 from iits_mj.parameters import TruckParameters
-from iits_mj.validation import path_change, rollover, single_lane_change, swept_path, yaw_damping
-from iits_mj.validation.roll_plane import RollPlane
-from iits_mj.validation.yaw_damping import damping_ratio
+from iits_mj.validation.handling import (
+    path_change,
+    rollover,
+    single_lane_change,
+    swept_path,
+    yaw_damping,
+)
+from iits_mj.validation.handling.roll_plane import RollPlane
+from iits_mj.validation.handling.yaw_damping import damping_ratio
 
 STEP = 0.005
 LADEN = 36_000.0

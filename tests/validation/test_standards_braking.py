@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from iits_mj.core.results import Check
 from iits_mj.parameters import TruckParameters
-from iits_mj.results import Check
-from iits_mj.validation import split_friction, steady_circle, step_size, wheel_lock
-from iits_mj.validation.steady_turn import SteadyTurn
+from iits_mj.validation.handling import circle, split_friction, step_size, wheel_lock
+from iits_mj.validation.handling.steady_turn import SteadyTurn
 
 STEP = 0.005
 LADEN = 36_000.0
@@ -65,7 +65,7 @@ def test_steady_turn_steepens_towards_the_limit_and_ends_there():
 
 @pytest.mark.slow
 def test_empty_truck_follows_the_statics_round_the_circle_and_saturates():
-    checks, _, _ = steady_circle.compare(0.0, STEP)
+    checks, _, _ = circle.compare(0.0, STEP)
     assert [check.name for check in checks if not check.ok] == []
 
 

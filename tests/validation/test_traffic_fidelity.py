@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from iits_mj.cli import main
-from iits_mj.errors import InputError
-from iits_mj.validation import traffic_conditions as conditions_of
-from iits_mj.validation.traffic_drive import drive
-from iits_mj.validation.traffic_flow import (
+from iits_mj.core.errors import InputError
+from iits_mj.validation.traffic import conditions as conditions_of
+from iits_mj.validation.traffic.compare import drive
+from iits_mj.validation.traffic.flow import (
     FlowLog,
     FlowSamples,
     kolmogorov_smirnov,
@@ -18,7 +18,7 @@ from iits_mj.validation.traffic_flow import (
     matched,
     wasserstein,
 )
-from iits_mj.validation.traffic_replay import own_recording
+from iits_mj.validation.traffic.replay import own_recording
 from traffic_bridge import VehicleFrame
 from traffic_bridge.datasets import Trajectories
 from traffic_bridge.frame import COLUMNS

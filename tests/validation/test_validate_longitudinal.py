@@ -3,21 +3,20 @@
 import numpy as np
 import pytest
 
+from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.truck import Truck
-from iits_mj.units import KMH
-from iits_mj.validation import (
-    brake_response,
+from iits_mj.validation.longitudinal import (
     braking,
     full_stop,
     hill_climb,
-    longitudinal_steps,
-    steady_fuel,
+    longitudinal,
+    steady_points,
 )
-from iits_mj.validation.acceleration import part_throttle, part_throttle_run
-from iits_mj.validation.longitudinal_run import run
-from iits_mj.validation.speed_keeper import SpeedKeeper
+from iits_mj.validation.longitudinal import braking as brake_response
+from iits_mj.validation.longitudinal.acceleration import part_throttle, part_throttle_run
+from iits_mj.validation.longitudinal.runs import SpeedKeeper, run
 
 STEP = 0.002
 LADEN = 36_000.0
@@ -70,15 +69,17 @@ def test_bisection_finds_the_edge():
 
 
 def test_fuel_at_a_steady_point_is_map_times_power():
-    point = steady_fuel.measure(60.0 * KMH, 0.4, STEP)
-    specific = steady_fuel.consumption(TruckParameters.load(), point)
+    point = steady_points.measure(60.0 * KMH, 0.4, STEP)
+    specific = steady_points.consumption(TruckParameters.load(), point)
     assert point.spread < 0.005
     assert point.rate == pytest.approx(specific * point.torque * point.speed, rel=0.01)
 
 
 def test_consumption_outside_the_map_is_not_a_number():
-    point = steady_fuel.Point(speed=120.0, torque=9000.0, rate=1.0, spread=0.0, used=0.0, time=1.0)
-    assert np.isnan(steady_fuel.consumption(TruckParameters.load(), point))
+    point = steady_points.Point(
+        speed=120.0, torque=9000.0, rate=1.0, spread=0.0, used=0.0, time=1.0
+    )
+    assert np.isnan(steady_points.consumption(TruckParameters.load(), point))
 
 
 def test_keeper_uses_the_pedal_uphill_and_the_engine_brake_downhill():
@@ -106,7 +107,7 @@ def test_a_sensor_that_the_model_lacks_reads_not_a_number():
 
 def test_change_by_the_step_is_over_the_figure_at_the_finest(monkeypatch):
     values = {0.001: 20.0, 0.002: 20.05, 0.005: 19.8}
-    monkeypatch.setattr(longitudinal_steps, "figures", lambda step: {"way": (values[step], "m")})
-    checks, _ = longitudinal_steps.compare()
+    monkeypatch.setattr(longitudinal, "figures", lambda step: {"way": (values[step], "m")})
+    checks, _ = longitudinal.compare()
     assert [check.value for check in checks] == pytest.approx([0.25, 1.0])
     assert [check.ok for check in checks] == [True, False]

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from iits_mj.validation import COMMANDS, ValidateConfig, circle, frequency, low_speed
-from iits_mj.validation import step_steer as steer
+from iits_mj.validation import COMMANDS, ValidateConfig
+from iits_mj.validation.handling import circle, low_speed, step_steer
+from iits_mj.validation.handling import step_steer as steer
 
 STEP = 0.002
 LADEN = 36_000.0
@@ -35,7 +36,7 @@ def test_time_step_hardly_changes_the_step_steer():
 
 
 def test_frequency_response_of_the_empty_truck_is_the_models():
-    values = _values(frequency.compare(0.0, STEP)[0])
+    values = _values(step_steer.compare_frequency(0.0, STEP)[0])
     assert values["yaw rate, gain error"] < 6.0
     assert values["yaw rate, phase error"] < 6.0
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.validation import COMMANDS, ValidateConfig
-from iits_mj.validation.metrics import fit, harmonic, peak_ratio
+from iits_mj.validation.harness.recorder import fit, harmonic, peak_ratio
 
 TIME = np.linspace(0.0, 20.0, 2001)
 

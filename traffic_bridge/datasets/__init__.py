@@ -7,11 +7,10 @@ recording = lay(trajectories, route, Lay(start_station=2900.0))
 recording.save("laid.npz")
 """
 
-from traffic_bridge.datasets.fcd_export import write_fcd
-from traffic_bridge.datasets.filters import without_noise
-from traffic_bridge.datasets.laying import Lay, lay
-from traffic_bridge.datasets.own import of_recording
+from traffic_bridge.datasets.kinematics import without_noise
+from traffic_bridge.datasets.own import of_recording, write_fcd
 from traffic_bridge.datasets.pairs import Pair, pairs
+from traffic_bridge.datasets.placement import Lay, lay
 from traffic_bridge.datasets.read import read_trajectories
 from traffic_bridge.datasets.trajectories import Trajectories
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import InputError
-from traffic_bridge.datasets.speeds import check_speeds
+from iits_mj.core.errors import InputError
+from traffic_bridge.datasets.kinematics import check_speeds
 from traffic_bridge.datasets.trajectories import INSTANT, Trajectories
 
 IntArray = NDArray[np.int64]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from traffic_bridge.datasets.assemble import Rows, assemble
 from traffic_bridge.datasets.ngsim import ARTICULATED_LENGTH
 from traffic_bridge.datasets.table import Table, read_csv

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from traffic_bridge.datasets.trajectories import Trajectories
 
 

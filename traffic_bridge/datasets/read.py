@@ -9,8 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from iits_mj.errors import InputError
-from traffic_bridge.datasets import fcd, highd, ngsim, ngsim_pairs
+from iits_mj.core.errors import InputError
+from traffic_bridge.datasets import fcd, highd, ngsim
+from traffic_bridge.datasets import ngsim as ngsim_pairs
 from traffic_bridge.datasets.table import Table, plain, read_csv, read_parquet, read_text
 from traffic_bridge.datasets.trajectories import Trajectories
 
@@ -74,7 +75,7 @@ def _known(names: list[str]) -> Callable[..., Trajectories] | None:
     def has(marks: tuple[str, ...]) -> bool:
         return all(plain(mark) in names for mark in marks)
 
-    if has(ngsim_pairs.MARKS):
+    if has(ngsim_pairs.PAIR_MARKS):
         return ngsim_pairs.read_ngsim_pairs
     if has(fcd.MARKS):
         return fcd.read_fcd

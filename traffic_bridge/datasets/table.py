@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -11,8 +12,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import InputError
-from traffic_bridge.datasets import arrow
+from iits_mj.core.errors import InputError
+
+# --- pyarrow, imported where a file needs it ---
+
+
+def load(module: str, path: object) -> Any:
+    """A module of pyarrow, for reading a file.
+
+    Raises:
+      InputError: pyarrow is not installed.
+    """
+    try:
+        return importlib.import_module(f"pyarrow.{module}" if module else "pyarrow")
+    except ImportError as error:
+        raise InputError(
+            f"data set {path}: reading it needs pyarrow, to be had by: pip install 'iits-mj[data]'"
+        ) from error
+
+
+# --- A data file as columns, with errors that name the file, the line and the column ---
 
 _THOUSANDS = r"^\s*-?\d{1,3}(,\d{3})+(\.\d+)?\s*$"
 
@@ -129,7 +148,7 @@ class Table:
                 return np.where(values == "", "nan", values).astype(np.float64)
             except ValueError:
                 self._refuse_text(name, values.tolist())
-        pyarrow, compute = arrow.load("", self.path), arrow.load("compute", self.path)
+        pyarrow, compute = load("", self.path), load("compute", self.path)
         types = pyarrow.types
         if types.is_dictionary(values.type):
             values = values.cast(values.type.value_type)
@@ -178,7 +197,7 @@ def read_parquet(path: Path) -> Table:
     Raises:
       InputError: pyarrow is not installed, or the file cannot be read.
     """
-    pyarrow, parquet = arrow.load("", path), arrow.load("parquet", path)
+    pyarrow, parquet = load("", path), load("parquet", path)
     try:
         content = parquet.read_table(path)
     except (OSError, pyarrow.ArrowException) as error:
@@ -193,7 +212,7 @@ def read_csv(path: Path, delimiter: str) -> Table:
     Raises:
       InputError: pyarrow is not installed, or the file is not a table.
     """
-    pyarrow, csv = arrow.load("", path), arrow.load("csv", path)
+    pyarrow, csv = load("", path), load("csv", path)
     try:
         with pyarrow.input_stream(path, compression="detect") as stream:
             reader = csv.open_csv(

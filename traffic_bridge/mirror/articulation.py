@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 
 # Of a 16.5 m combination within 96/53/EC, from either end of it [m].
 KINGPIN_FROM_FRONT = 4.5

@@ -7,11 +7,14 @@ contact detection.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import mujoco
+import numpy as np
 
-from iits_mj.model.shapes import VISUAL_GROUP, add_mesh
+from iits_mj.model.visuals.shapes import VISUAL_GROUP, add_mesh
 from traffic_bridge.mirror.look_parts import Unit
 from traffic_bridge.vehicles.registry import VehicleType
 
@@ -111,3 +114,119 @@ def _mesh_name(kind: VehicleType, unit: Unit, part: str) -> str:
     return (
         f"{PREFIX}_{kind.name}_{unit.name}_{part}" if unit.name else f"{PREFIX}_{kind.name}_{part}"
     )
+
+
+# --- Contact between the truck and mirrored vehicles: which pairs touch, and whether any soon may
+
+# Greatest relative acceleration of two vehicles, both braking or steering as hard as tires allow.
+ACCELERATION = 20.0  # [m/s2]
+SLACK = 0.1  # [m]: what heights, tilt and the newest frame's correction may make
+
+
+class ContactFinder:
+    """Reads contacts between the truck's and the vehicles' hulls out of MuJoCo's list.
+
+    Args:
+      model: compiled with the bodies of the pool.
+      vehicle_bodies: number by body name, for all bodies of the pool.
+    """
+
+    def __init__(self, model: mujoco.MjModel, vehicle_bodies: Mapping[str, int]) -> None:
+        self._model = model
+        self._body_name = [model.body(body).name for body in model.geom_bodyid]
+        self._number = np.array(
+            [vehicle_bodies.get(name, -1) for name in self._body_name], dtype=np.intp
+        )
+        moving = model.body_weldid[model.geom_bodyid] != 0
+        meets = (model.geom_contype & CONTACT_AFFINITY) | (model.geom_conaffinity & CONTACT_TYPE)
+        self._truck = (self._number < 0) & moving & (meets != 0)
+        self.hull: list[int] = np.flatnonzero(self._truck).tolist()
+
+    def pairs(self, data: mujoco.MjData) -> list[tuple[int, str]]:
+        """(number of the vehicle's body, name of the truck's body) of every pair in contact."""
+        count = data.ncon
+        if count == 0:
+            return []
+        pairs = data.contact.geom[:count]
+        first, second = pairs[:, 0], pairs[:, 1]
+        hits = (self._number[first] >= 0) & self._truck[second]
+        hits |= (self._number[second] >= 0) & self._truck[first]
+        found = set()
+        for k in np.flatnonzero(hits & (data.contact.dist[:count] <= 0.0)).tolist():
+            a, b = int(first[k]), int(second[k])
+            vehicle, truck = (a, b) if self._number[a] >= 0 else (b, a)
+            found.add((int(self._number[vehicle]), self._body_name[truck]))
+        return sorted(found)
+
+    def truck_outlines(self, data: mujoco.MjData) -> list[Outline]:
+        """The truck's hull from above, and its motion, at the state last computed."""
+        model, found = self._model, []
+        velocity = np.empty(6)
+        for geom in self.hull:
+            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, velocity, 0)
+            vx, vy = velocity[3:5].tolist()
+            xx, _, xz, yx, _, yz = data.geom_xmat[geom, :6].tolist()
+            (x, y, _), (length, width, height) = (
+                data.geom_xpos[geom].tolist(),
+                model.geom_size[geom].tolist(),
+            )
+            # A hull that leans covers more ground.
+            lean = height * math.hypot(xz, yz)
+            spin = abs(float(velocity[2])) * math.hypot(length, width)
+            yaw = math.atan2(yx, xx)
+            found.append(
+                Outline(
+                    x, y, math.cos(yaw), math.sin(yaw), length + lean, width + lean, vx, vy, spin
+                )
+            )
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class Outline:
+    """A rectangle that moves in the plane.
+
+    Attributes:
+      x, y: of its center [m].
+      ahead_x, ahead_y: forward direction.
+      half_length, half_width: [m].
+      velocity_x, velocity_y: of its center [m/s].
+      spin: greatest speed of a corner by rotation [m/s].
+    """
+
+    x: float
+    y: float
+    ahead_x: float
+    ahead_y: float
+    half_length: float
+    half_width: float
+    velocity_x: float = 0.0
+    velocity_y: float = 0.0
+    spin: float = 0.0
+
+
+def separation(a: Outline, b: Outline) -> float:
+    """Least distance of two rectangles, by separating axes [m].
+
+    At most the true one, which differs where two corners face each other; <= 0 on overlap.
+    """
+    dx, dy = b.x - a.x, b.y - a.y
+    cosine = abs(a.ahead_x * b.ahead_x + a.ahead_y * b.ahead_y)
+    sine = abs(a.ahead_x * b.ahead_y - a.ahead_y * b.ahead_x)
+    return max(
+        abs(dx * a.ahead_x + dy * a.ahead_y)
+        - (a.half_length + b.half_length * cosine + b.half_width * sine),
+        abs(dy * a.ahead_x - dx * a.ahead_y)
+        - (a.half_width + b.half_length * sine + b.half_width * cosine),
+        abs(dx * b.ahead_x + dy * b.ahead_y)
+        - (b.half_length + a.half_length * cosine + a.half_width * sine),
+        abs(dy * b.ahead_x - dx * b.ahead_y)
+        - (b.half_width + a.half_length * sine + a.half_width * cosine),
+    )
+
+
+def may_touch(a: Outline, b: Outline, within: float) -> bool:
+    """Whether two rectangles may meet within a time [s], whichever way they turn meanwhile."""
+    closing = math.hypot(a.velocity_x - b.velocity_x, a.velocity_y - b.velocity_y)
+    closing += a.spin + b.spin
+    return separation(a, b) <= closing * within + 0.5 * ACCELERATION * within**2 + SLACK

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from iits_mj.core.arrays import FloatArray
 from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.mirror.articulation import Articulation, Pose, TrailerMemory, units
-from traffic_bridge.mirror.contact import Outline
+from traffic_bridge.mirror.bodies import Outline
 from traffic_bridge.mirror.look_parts import Unit
 from traffic_bridge.mirror.motion import CRAWL, NOWHERE, STATE, moved, quaternions, state_of, trend
 from traffic_bridge.mirror.slots import Slot

@@ -1,4 +1,4 @@
-"""What the shapes of the mirrored vehicles are put together from."""
+"""Parts that the shapes of mirrored vehicles are put together from."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from iits_mj.model.shapes import Shape, boxes, lathe, merge, prism, surface
+from iits_mj.model.visuals.shapes import Shape, boxes, lathe, merge, prism, surface
 
 Meshes = dict[str, Shape]
 Section = tuple[float, Sequence[tuple[float, float]]]

@@ -9,10 +9,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from iits_mj.model.shapes import boxes, merge, prism, surface
+from iits_mj.model.visuals.shapes import boxes, merge, prism, surface
 from traffic_bridge.mirror.look_parts import Section, Unit, block, lamps, loft, plates, wheels
 from traffic_bridge.mirror.truck_looks import articulated, rigid_truck
 from traffic_bridge.vehicles.registry import VehicleType
+
+# --- Shapes of the mirrored cars and vans: x forward, y left, z up from the ground ---
 
 
 def _car(kind: VehicleType) -> tuple[Unit, ...]:

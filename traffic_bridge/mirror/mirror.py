@@ -13,11 +13,17 @@ from collections.abc import Iterable, Mapping, Sequence
 import mujoco
 import numpy as np
 
-from iits_mj.errors import InputError
-from iits_mj.messages import TrackedVehicle
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import TrackedVehicle
 from traffic_bridge.frame import VehicleFrame
-from traffic_bridge.mirror.bodies import PREFIX, add_assets, add_unit, unit_name
-from traffic_bridge.mirror.contact import ContactFinder, may_touch
+from traffic_bridge.mirror.bodies import (
+    PREFIX,
+    ContactFinder,
+    add_assets,
+    add_unit,
+    may_touch,
+    unit_name,
+)
 from traffic_bridge.mirror.fleet import Fleet
 from traffic_bridge.mirror.looks import LOOKS
 from traffic_bridge.mirror.slots import Slot, Slots

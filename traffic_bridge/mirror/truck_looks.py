@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from iits_mj.model.shapes import Shape, boxes, merge, prism, surface
+from iits_mj.model.visuals.shapes import Shape, boxes, merge, prism, surface
 from traffic_bridge.mirror.articulation import Articulation
 from traffic_bridge.mirror.look_parts import Box, Meshes, Unit, block, lamps, plates, wheels
 from traffic_bridge.vehicles.registry import VehicleType

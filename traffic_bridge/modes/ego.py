@@ -6,12 +6,11 @@ import math
 
 import numpy as np
 
-from iits_mj.errors import InputError
-from iits_mj.messages import EgoFootprint, EgoState
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoFootprint, EgoState
 from iits_mj.road import Route
-from traffic_bridge.modes.beside import Beside
-from traffic_bridge.modes.placed import EGO_TYPE, END, PlacedVehicle
 from traffic_bridge.modes.smoothing import Box
+from traffic_bridge.modes.teleported_vehicle import EGO_TYPE, END, Beside, PlacedVehicle
 from traffic_bridge.network.lanes import LaneTable, RouteLanes
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles.ego_room import EgoRoom

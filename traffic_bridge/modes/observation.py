@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.messages import EgoState
+from iits_mj.core.messages import EgoState
 from iits_mj.road import Route
 from traffic_bridge.frame import COLUMNS, VehicleFrame
 from traffic_bridge.modes.smoothing import Box, LateralSmoother, Shift

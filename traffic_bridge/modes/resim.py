@@ -7,16 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from iits_mj.errors import InputError, TrafficError
-from iits_mj.messages import EgoState
+from iits_mj.core.errors import InputError, TrafficError
+from iits_mj.core.messages import EgoState
 from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.modes.sumo_modes import InterSim, Mode, PureSim
 from traffic_bridge.network.nets import build_network
-from traffic_bridge.recording.digest import PoseDigest
 from traffic_bridge.recording.provenance import demand_same, net_hash, versions
-from traffic_bridge.recording.recording import COLUMNS, Recording
+from traffic_bridge.recording.recording import COLUMNS, PoseDigest, Recording
 
 MODES: dict[str, type[PureSim]] = {"PureSim": PureSim, "InterSim": InterSim}
 

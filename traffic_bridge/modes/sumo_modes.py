@@ -9,11 +9,11 @@ from __future__ import annotations
 from types import NoneType
 from typing import Protocol, runtime_checkable
 
-from iits_mj.closing import Closing
-from iits_mj.errors import InputError, TrafficError
-from iits_mj.messages import EgoState
+from iits_mj.core.checks import is_whole, shown, whole
+from iits_mj.core.context import Closing
+from iits_mj.core.errors import InputError, TrafficError
+from iits_mj.core.messages import EgoState
 from iits_mj.road import RoadMap, Route
-from traffic_bridge.checks import is_whole, shown, whole
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.modes.ego import check_ego

@@ -18,7 +18,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
 from typing import TYPE_CHECKING, Any
 
-from iits_mj.errors import Error, InputError, TrafficError
+from iits_mj.core.errors import Error, InputError, TrafficError
 
 if TYPE_CHECKING:
     from traffic_bridge.modes.sumo_modes import PureSim

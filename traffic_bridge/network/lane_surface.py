@@ -17,12 +17,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import InputError, TrafficError
-from traffic_bridge.network.lane_joints import joint, moved
-from traffic_bridge.network.lane_seams import LaneSeams, blended, half_step
-from traffic_bridge.network.lane_stretch import Inside, Stretch
+from iits_mj.core.errors import InputError, TrafficError
+from iits_mj.road.road_frames import RoadFrame, RoadFrames, SurfacePoint
+from traffic_bridge.network.lane_joints import (
+    Inside,
+    LaneSeams,
+    Stretch,
+    blended,
+    half_step,
+    joint,
+    moved,
+)
 from traffic_bridge.network.net_file import NetEdge, NetFile, NetLane
-from traffic_bridge.network.road_frames import RoadFrame, RoadFrames, SurfacePoint
 
 STEP = 2.0  # [m] between the places at which the length of a lane's centre is summed
 

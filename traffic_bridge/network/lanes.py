@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any, overload
 
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import TrafficError
+from iits_mj.core.errors import TrafficError
 from iits_mj.road import Route
 from iits_mj.road.elements import DRIVING_TYPES
-from traffic_bridge.network.lane_graph import LaneGraph
-from traffic_bridge.network.lane_poses import LanePoses
+from traffic_bridge.network.lane_graph import LaneGraph, RouteEdges, links_of
 from traffic_bridge.network.lane_table import (
     JUNCTION_SPACING,
     SAMPLE_SPACING,
+    LanePoses,
     LaneTable,
     locate_along,
     locate_each,
@@ -28,7 +28,6 @@ from traffic_bridge.network.lane_table import (
 )
 from traffic_bridge.network.map_network import MapNetwork
 from traffic_bridge.network.nets import Network, lane_kinds
-from traffic_bridge.network.route_edges import RouteEdges, links_of
 from traffic_bridge.session import Session
 
 GAP = 10.0  # [m] between edges, at most: netconvert's internal lanes at a change of lanes
@@ -275,3 +274,33 @@ def _even(route: Route, tables: list[LaneTable]) -> list[LaneTable]:
         pose = route_pose(route, station, offset, table.direction)
         even.append(replace(table, station=station, offset=offset, pose=pose))
     return even
+
+
+# --- Which lanes of the route lead onto others ---
+
+
+def upstream(lanes: RouteLanes, tables: Sequence[LaneTable], distance: float) -> list[LaneTable]:
+    """The route's lanes from which one comes onto given ones by driving straight on.
+
+    Args:
+      lanes: of the route.
+      tables: the lanes to arrive on.
+      distance: how far back of their beginnings to look [m].
+
+    Returns:
+      Lanes other than the given ones, the nearest first, junction-internal ones included.
+    """
+    reached = {table.id for table in tables}
+    found: list[LaneTable] = []
+    ends = [(table.id, distance) for table in tables]
+    while ends:
+        here, left = ends.pop(0)
+        for name in lanes.before(here):
+            table = lanes.tables.get(name)
+            on_route = table is not None and table.lane >= 0 and table.direction > 0
+            if left <= 0.0 or name in reached or table is None or not on_route:
+                continue
+            reached.add(name)
+            found.append(table)
+            ends.append((name, left - table.length))
+    return found

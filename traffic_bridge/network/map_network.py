@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from iits_mj.road import RoadMap
+from iits_mj.road.road_frames import RoadFrames
 from traffic_bridge.network.lane_surface import LaneSurface, LaneSurfaces
 from traffic_bridge.network.map_lookup import MapLookup, MapPoint, Place
 from traffic_bridge.network.map_paths import MapPath, MapPaths
 from traffic_bridge.network.net_file import NetConnection, NetFile, NetJunction, NetLight
 from traffic_bridge.network.nets import Network, build_network
-from traffic_bridge.network.road_frames import RoadFrames
 
 
 @dataclass(frozen=True)

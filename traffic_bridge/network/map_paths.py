@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from traffic_bridge.network.net_file import NetEdge, NetFile
 
 LEAST_SPEED = 0.1  # [m/s]: a limit of nearly nothing is a long time, not a division by zero

@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import TrafficError
+from iits_mj.core.errors import TrafficError
 from iits_mj.road.elements import DRIVING_TYPES
 
 ORIGIN = "origId"  # netconvert's name for "ROAD_LANE" of OpenDRIVE (--output.original-names)

@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from traffic_bridge.recording.recording import SCHEMA
+
+# --- On what a traffic depends beside its settings: versions and the content of its SUMO net ---
 
 # netconvert writes the date and its command line into comments.
 _COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)

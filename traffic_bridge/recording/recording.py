@@ -31,6 +31,8 @@ for replay (see `traffic_bridge.modes.repsim`); they cannot be re-run.
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import struct
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -40,17 +42,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.messages import EgoState, TrackedVehicle, VehicleCommand
+from iits_mj.core.messages import EgoState, TrackedVehicle, VehicleCommand
 from traffic_bridge import frame as frames
 from traffic_bridge.frame import VehicleFrame
-from traffic_bridge.recording.digest import PoseDigest
-from traffic_bridge.recording.rows import (
-    COMMAND_COLUMNS,
-    EGO_COLUMNS,
-    command_of,
-    ego_of,
-    ego_row,
-)
+from traffic_bridge.recording.rows import COMMAND_COLUMNS, EGO_COLUMNS, command_of, ego_of, ego_row
 
 SCHEMA = 2
 SIZE_COLUMNS = ("length", "width", "height")
@@ -212,8 +207,8 @@ class Recording:
         return digest.hexdigest()
 
     def check(self, name: str) -> None:
-        """Holds the arrays against each other; see `traffic_bridge.recording.check`."""
-        from traffic_bridge.recording.check import check_arrays
+        """Holds the arrays against each other; see `traffic_bridge.recording.file`."""
+        from traffic_bridge.recording.file import check_arrays
 
         check_arrays(self, name)
 
@@ -282,3 +277,33 @@ def ranks(ids: Sequence[str]) -> NDArray[np.int64]:
     """Place of each name in the sorted list of names, shape (m,); one name has one rank."""
     places = {name: place for place, name in enumerate(sorted(set(ids)))}
     return np.array([places[name] for name in ids], dtype=np.int64)
+
+
+# --- The hash of a traffic's course: two runs with one hash had every vehicle at the same places
+
+
+class PoseDigest:
+    """SHA-256 over every vehicle's name, kind, lane and figures, frame after frame.
+
+    Bits count, not values: a difference in the last place of one number gives another hash.
+
+    Attributes:
+      count: frames added.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._hash = hashlib.sha256()
+
+    def add(self, vehicles: Iterable[TrackedVehicle]) -> None:
+        """Adds a frame."""
+        frame = VehicleFrame.of(vehicles)
+        self._hash.update(struct.pack("<I", len(frame)))
+        self._hash.update("\0".join((*frame.ids, *frame.kinds)).encode())
+        self._hash.update(np.ascontiguousarray(frame.lanes, dtype="<i4").tobytes())
+        self._hash.update(np.ascontiguousarray(frame.values, dtype="<f8").tobytes())
+        self.count += 1
+
+    def hexdigest(self) -> str:
+        """The digest so far."""
+        return self._hash.hexdigest()

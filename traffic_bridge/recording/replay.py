@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from traffic_bridge.frame import COLUMNS, VehicleFrame
 from traffic_bridge.recording.recording import Recording, ranks
 

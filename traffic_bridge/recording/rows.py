@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import InputError
-from iits_mj.messages import EgoState, TransmissionMode, VehicleCommand, XbrEbiMode, XbrMode
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoState, TransmissionMode, VehicleCommand, XbrEbiMode, XbrMode
 
 PRESSURES = tuple(
     f"brake_pressure_{place}"

@@ -6,15 +6,14 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.network.lanes import RouteLanes
-from traffic_bridge.orders import Undo
+from traffic_bridge.overrides import Undo
 from traffic_bridge.session import Session
 from traffic_bridge.signals.event_runner import EventRunner
 from traffic_bridge.signals.events import LONGEST
-from traffic_bridge.signals.light_ahead import LightAhead
-from traffic_bridge.signals.lights import LightPhase, TrafficLights
+from traffic_bridge.signals.lights import LightAhead, LightPhase, TrafficLights
 from traffic_bridge.signals.limits import SpeedLimits
 from traffic_bridge.signals.merging import MergeGuide
 from traffic_bridge.signals.obstructions import (

@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from iits_mj.errors import InputError
-from traffic_bridge.orders import Undo
+from iits_mj.core.errors import InputError
+from traffic_bridge.overrides import Undo
 from traffic_bridge.signals.events import (
     Event,
     LaneClosure,

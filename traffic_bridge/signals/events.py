@@ -9,12 +9,14 @@ what they do is in `traffic_bridge.signals.event_runner`.
 from __future__ import annotations
 
 import dataclasses
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
-from iits_mj.errors import InputError
-from traffic_bridge.checks import in_range, is_whole, make_plain, plain
+from iits_mj.core.checks import in_range, is_whole, make_plain, plain
+from iits_mj.core.errors import InputError
 from traffic_bridge.vehicles.changes import check_changes
 
 LONGEST = 1e6  # [m], [s]
@@ -300,3 +302,50 @@ def _check_stretch(event: SpeedLimit | LaneClosure) -> None:
         raise InputError(
             f"{event.name}: start = {event.start:g} m must be before end = {event.end:g} m"
         )
+
+
+# --- Events of a TOML file ---
+# [[events]]
+#     event = "lane_closure"
+#     lane = 0
+#     start = 900.0
+#     end = 1100.0
+#     at_time = 20.0
+#     until = 120.0
+#
+# The fields are those of the classes in `traffic_bridge.signals.events`.
+
+
+def read_events(path: str | Path) -> tuple[Event, ...]:
+    """The events of a file, in its order; the fields are those of the events' classes.
+
+    Args:
+      path: of a TOML file with one table `[[events]]` an event, each with its name as `event`.
+
+    Raises:
+      InputError: the file cannot be read or is not TOML, or an event is not usable; the message
+        has the file, the event's number and what is allowed.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            content = tomllib.load(file)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: cannot be read: it is not UTF-8 text") from error
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not TOML: {error}") from error
+    unknown = [name for name in content if name != "events"]
+    if unknown:
+        raise InputError(f"{path}: {unknown[0]!r} is unknown; the file has tables [[events]]")
+    entries = content.get("events", [])
+    if not isinstance(entries, list) or any(not isinstance(entry, dict) for entry in entries):
+        raise InputError(f"{path}: 'events' must be tables [[events]]")
+    events = []
+    for number, entry in enumerate(entries, start=1):
+        try:
+            events.append(event_of(entry))
+        except InputError as error:
+            raise InputError(f"{path}: event {number}: {error}") from error
+    return tuple(events)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.network.lanes import RouteLanes
 from traffic_bridge.signals.events import LaneClosure, SlowConvoy, StoppedVehicle

@@ -16,13 +16,16 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from traffic_bridge.datasets.pairs import Pair
 from traffic_bridge.vehicles.idm import PARAMETERS, IdmParameters, acceleration
+from traffic_bridge.vehicles.types import VehicleType, read_types
 
 MEASURES = ("mixed", "relative", "absolute")
 # What is searched: v0 [m/s], T [s], s0 [m], a and b [m/s2]. A driver in congestion does not show
@@ -329,3 +332,16 @@ def _checked(measure: str) -> str:
     if measure not in MEASURES:
         raise InputError(f"measure {measure!r}: allowed are {', '.join(MEASURES)}")
     return measure
+
+
+# --- The package's vehicle types with the car as fitted to recorded drivers ---
+
+
+@cache
+def calibrated_types() -> tuple[VehicleType, ...]:
+    """The default types with the car of `calibrated_types.toml`, which says where it comes from.
+
+    Fitted in congestion: for dense traffic, `TrafficConfig(types=calibrated_types())`. Cars then
+    stop within 1 m, nearer than the default ones.
+    """
+    return read_types(Path(__file__).with_name("calibrated_types.toml"))

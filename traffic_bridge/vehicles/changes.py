@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from iits_mj.errors import InputError
-from traffic_bridge.checks import in_range, shown
+from iits_mj.core.checks import in_range, shown
+from iits_mj.core.errors import InputError
 from traffic_bridge.vehicles.types import (
     LC2013_ATTRIBUTES,
     VehicleType,

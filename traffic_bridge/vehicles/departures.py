@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from iits_mj.errors import InputError
-from traffic_bridge.checks import in_range, is_whole, make_plain
+from iits_mj.core.checks import in_range, is_whole, make_plain
+from iits_mj.core.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.messages import EgoFootprint
+from iits_mj.core.messages import EgoFootprint
 from traffic_bridge.network.lanes import LaneTable
 
 # Free road kept around the ego in its own lane at the beginning: a minimum and a time [m], [s].

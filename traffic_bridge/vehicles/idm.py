@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 
 if TYPE_CHECKING:
     from traffic_bridge.vehicles.registry import VehicleType

@@ -4,16 +4,188 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Collection
+from bisect import bisect_left, insort
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
 from functools import lru_cache
 
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.network.lane_graph import Lane, LaneGraph, Onward
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles.demand import MOBIL_MODE
-from traffic_bridge.vehicles.mobil import Driver
-from traffic_bridge.vehicles.occupancy import Occupancy, Place, decide
+from traffic_bridge.vehicles.mobil import MARGIN, Driver, Surroundings, gain
 from traffic_bridge.vehicles.registry import Vehicles, VehicleType
+
+# --- Who is before and behind whom: the vehicles on the lanes of a net ---
+# A vehicle's neighbors are those along the lanes it would drive, over the ends of edges and through
+# junctions, so that gaps are the ones SUMO's car-following sees. Nothing here needs SUMO to run.
+
+REACH = 300.0  # [m]: a vehicle farther away does not matter
+
+
+@dataclass(slots=True)
+class Place:
+    """A vehicle on a lane: who, which lane, front bumper's position [m], and its way onward."""
+
+    driver: Driver
+    lane: Lane
+    position: float
+    onward: Onward
+
+
+class Occupancy:
+    """The vehicles of one instant on their lanes.
+
+    Args:
+      graph: of the net.
+      places: of the vehicles.
+      duration: in which a lane change is carried out sideways [s].
+
+    Attributes:
+      places: by vehicle name.
+    """
+
+    def __init__(self, graph: LaneGraph, places: Iterable[Place], duration: float = 3.5) -> None:
+        self._graph = graph
+        self._duration = duration
+        self.places = {place.driver.name: place for place in places}
+        self._leaving: list[tuple[str, Place, float]] = []
+        self._rows: dict[str, list[tuple[float, str]]] = {}
+        for name, place in self.places.items():
+            self._rows.setdefault(place.lane.id, []).append((place.position, name))
+        for row in self._rows.values():
+            row.sort()
+
+    def note_leaving(self, name: str, lane: str, time: float) -> None:
+        """Notes that a vehicle still has a part of its body in a lane that it has left, for a time.
+
+        Args:
+          name: of the vehicle.
+          lane: id of the lane that it leaves.
+          time: until it is out of it [s].
+        """
+        self._leaving.append((lane, self.places[name], time))
+
+    def is_clear(self, place: Place, lane: Lane) -> bool:
+        """Whether a vehicle on a lane beside its own would not meet who is still leaving that."""
+        for left, other, time in self._leaving:
+            if left != lane.id or other is place:
+                continue
+            ahead = other.position - other.driver.type.length - place.position
+            behind = place.position - place.driver.type.length - other.position
+            used = time * (place.driver.speed - other.driver.speed)
+            if max(ahead - max(used, 0.0), behind + min(used, 0.0)) < MARGIN:
+                return False
+        return True
+
+    def move(self, name: str, lane: Lane) -> None:
+        """Puts a vehicle onto another lane of its edge, which it leaves in the time of a change."""
+        place = self.places[name]
+        self.note_leaving(name, place.lane.id, self._duration)
+        self._rows[place.lane.id].remove((place.position, name))
+        insort(self._rows.setdefault(lane.id, []), (place.position, name))
+        place.lane = lane
+
+    def surroundings(self, place: Place, lane: Lane) -> Surroundings:
+        """Who is before and behind a vehicle on a lane of its edge.
+
+        A vehicle whose front bumper is level with it or before it is ahead.
+        """
+        row = self._rows.get(lane.id, [])
+        k = bisect_left(row, (place.position, place.driver.name if lane is place.lane else ""))
+        mine = k < len(row) and row[k][1] == place.driver.name
+        gap_ahead, speed_ahead = self._ahead(place, lane, row, k + mine)
+        gap_behind, follower = self._behind(place, lane, row, k - 1)
+        return Surroundings(gap_ahead, speed_ahead, gap_behind, follower)
+
+    def _ahead(
+        self, place: Place, lane: Lane, row: list[tuple[float, str]], k: int
+    ) -> tuple[float, float]:
+        way = -place.position  # from the front bumper to the beginning of `lane`
+        while k >= len(row):
+            way += lane.length
+            if way > REACH:
+                return math.inf, 0.0
+            after = self._graph.after(lane, place.onward)
+            if after is None:
+                # A lane that ends is left by the vehicle, unless its way ends there too.
+                ends = not lane.internal and place.onward(lane.edge) is None
+                return (math.inf if ends else way), 0.0
+            lane, k = after, 0
+            row = self._rows.get(lane.id, [])
+        position, name = row[k]
+        leader = self.places[name].driver
+        if leader is place.driver:  # all around a roundabout
+            return math.inf, 0.0
+        return way + position - leader.type.length, leader.speed
+
+    def _behind(
+        self, place: Place, lane: Lane, row: list[tuple[float, str]], k: int
+    ) -> tuple[float, Driver | None]:
+        rear = place.position - place.driver.type.length
+        if k >= 0:
+            position, name = row[k]
+            return rear - position, self.places[name].driver
+        # Where lanes join, the nearest on any of them counts.
+        best: tuple[float, Driver | None] = (math.inf, None)
+        todo, known = [(rear, lane)], {lane.id}
+        while todo:
+            way, lane = todo.pop()
+            for before in self._graph.before(lane):
+                if before.id in known:
+                    continue
+                known.add(before.id)
+                row = self._rows.get(before.id, [])
+                if row:
+                    position, name = row[-1]
+                    gap = way + before.length - position
+                    if gap < min(best[0], REACH) and name != place.driver.name:
+                        best = gap, self.places[name].driver
+                elif way + before.length < REACH:
+                    todo.append((way + before.length, before))
+        return best
+
+
+def decide(
+    graph: LaneGraph, occupancy: Occupancy, may_change: Callable[[Place, Lane], bool]
+) -> dict[str, Lane]:
+    """Lane changes of one round: name -> the lane to go to.
+
+    The vehicles are asked in the order of their names, and each sees the changes decided before
+    it, so the result does not hang on SUMO's order and two never take the same gap. Nobody goes to
+    a place that another one is about to leave. Of two lanes that gain the same the right one is
+    taken.
+
+    Args:
+      graph: of the net.
+      occupancy: the vehicles; it has the new lanes afterwards.
+      may_change: whether a vehicle may go to a lane that lies beside its own.
+    """
+    changes: dict[str, Lane] = {}
+    for name in sorted(occupancy.places):
+        place = occupancy.places[name]
+        if not place.driver.movable or place.lane.internal:
+            continue
+        here: Surroundings | None = None
+        best, most = None, 0.0
+        for side in (-1, 1):
+            target = graph.lanes.get(place.lane.beside(side))
+            if target is None or not may_change(place, target):
+                continue
+            if not occupancy.is_clear(place, target):
+                continue
+            here = here or occupancy.surroundings(place, place.lane)
+            there = occupancy.surroundings(place, target)
+            value = gain(place.driver, here, there, to_right=side < 0)
+            if value is not None and value > most:
+                best, most = target, value
+        if best is not None:
+            occupancy.move(name, best)
+            changes[name] = best
+    return changes
+
+
+# --- Rounds of MOBIL decisions over a running simulation; the model itself is in `mobil` ---
 
 PERIOD = 1.0  # [s] between rounds of decisions
 LOOK_AHEAD = 400.0  # [m]: nobody goes to a lane that ends within this distance

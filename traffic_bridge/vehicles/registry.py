@@ -7,8 +7,8 @@ import math
 from collections.abc import Callable, Iterable, KeysView
 from typing import TYPE_CHECKING, Any
 
-from iits_mj.errors import InputError
-from traffic_bridge.orders import Orders, Undo
+from iits_mj.core.errors import InputError
+from traffic_bridge.overrides import Orders, Undo
 from traffic_bridge.vehicles.changes import MOBIL_FIELDS, SUMO_NAMES, changed, check_changes
 from traffic_bridge.vehicles.types import (
     HEAVY,

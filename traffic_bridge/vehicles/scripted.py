@@ -10,7 +10,7 @@ import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from iits_mj.errors import InputError
+from iits_mj.core.errors import InputError
 from traffic_bridge.network.lanes import LaneTable, RouteLanes
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles.registry import Vehicles

@@ -15,8 +15,8 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from iits_mj.errors import InputError
-from traffic_bridge.checks import in_range, is_number, make_plain, shown
+from iits_mj.core.checks import in_range, is_number, make_plain, shown
+from iits_mj.core.errors import InputError
 
 KINDS = ("car", "van", "truck", "articulated")
 HEAVY = ("truck", "articulated")

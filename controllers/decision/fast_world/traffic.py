@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from controllers.decision.fast_world.changes import Queue, Vehicles, gains
 from controllers.decision.fast_world.config import (
     KINDS,
+    LANE_WIDTH,
+    LANES,
     SHARES,
     TRUCK_KIND,
     Drivers,
@@ -24,9 +26,8 @@ from controllers.decision.fast_world.config import (
     Obstacle,
     idm_acceleration,
 )
-from controllers.decision.fast_world.road import LANE_WIDTH, LANES
 from iits_mj.core.arrays import FloatArray
-from iits_mj.messages import TrackedVehicle
+from iits_mj.core.messages import TrackedVehicle
 
 IntArray = NDArray[np.int64]
 

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from controllers.decision.learning.train_config import CHANGEABLE
-from iits_mj.errors import InputError
+from controllers.decision.learning.config import CHANGEABLE
+from iits_mj.core.errors import InputError
 
 CHECKPOINT, PREVIOUS = "checkpoint.pt", "checkpoint.previous.pt"
 FORMAT = "iits_mj.training.1"

@@ -23,12 +23,12 @@ from typing import Any
 import numpy as np
 
 from controllers.decision.learning.replay import Batch, Returns, Transition
-from controllers.decision.mobil import Mobil
-from controllers.decision.network import ACTIONS, QNetwork
+from controllers.decision.policy import ACTIONS, QNetwork
+from controllers.decision.rules import Mobil
 from controllers.decision.trip import TripConfig, TripSummary, World
-from iits_mj.closing import Closing
-from iits_mj.errors import Error
-from iits_mj.one_thread import one_thread_each
+from iits_mj.core.context import Closing
+from iits_mj.core.errors import Error
+from iits_mj.core.process_pool import one_thread_each
 
 WorldFactory = Callable[[], World]
 

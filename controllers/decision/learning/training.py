@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from controllers.decision.learning.collection import MakeDrivers, WorldFactory
-from controllers.decision.learning.train_config import TrainConfig
-from controllers.decision.learning.train_log import LOG
-from iits_mj.errors import InputError
+from controllers.decision.learning.config import TrainConfig
+from controllers.decision.learning.log import LOG
+from iits_mj.core.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -34,17 +34,20 @@ from controllers.decision.learning.collection import (
     Workers,
     WorldFactory,
 )
+from controllers.decision.learning.config import TrainConfig, settings
 from controllers.decision.learning.ddqn import DoubleDqn
-from controllers.decision.learning.interruption import Interrupted, Interruption
-from controllers.decision.learning.mirror import mirror_half
-from controllers.decision.learning.replay import Replay
-from controllers.decision.learning.train_config import TrainConfig, settings
-from controllers.decision.learning.train_log import Means, TrainLog, trip_figures
-from controllers.decision.learning.training_trips import sample_trip, training_generator
-from controllers.decision.learning.validation import validate
-from controllers.decision.network import OBSERVATION_SIZE, QNetwork
-from controllers.decision.seeds import TRAINING_SEEDS
-from iits_mj.errors import InputError
+from controllers.decision.learning.log import (
+    Interrupted,
+    Interruption,
+    Means,
+    TrainLog,
+    trip_figures,
+)
+from controllers.decision.learning.replay import Replay, mirror_half
+from controllers.decision.learning.trips import sample_trip, training_generator, validate
+from controllers.decision.policy import OBSERVATION_SIZE, QNetwork
+from controllers.decision.trip import TRAINING_SEEDS
+from iits_mj.core.errors import InputError
 
 BEST, POLICIES = "ddqn.npz", "policies"
 FAST, FULL = 0, 1

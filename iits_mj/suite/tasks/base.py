@@ -13,11 +13,10 @@ from dm_control.suite import base
 from dm_control.utils import rewards
 from dm_env import specs
 
-from iits_mj.actions import read_action
 from iits_mj.core.arrays import FloatArray
-from iits_mj.messages import TransmissionMode, VehicleCommand, XbrMode
-from iits_mj.suite.observed import BENDING, INSTRUMENTS, WITHOUT_GEAR, Observed
-from iits_mj.suite.physics import Physics
+from iits_mj.core.checks import read_action
+from iits_mj.core.messages import TransmissionMode, VehicleCommand, XbrMode
+from iits_mj.suite.physics import BENDING, INSTRUMENTS, WITHOUT_GEAR, Observed, Physics
 
 Observations = collections.OrderedDict[str, FloatArray]
 

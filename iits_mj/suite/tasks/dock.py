@@ -10,10 +10,9 @@ import mujoco
 import numpy as np
 from dm_control.utils import rewards
 
-from iits_mj.messages import TransmissionMode
-from iits_mj.suite import paint
-from iits_mj.suite.observed import BENDING, WITHOUT_GEAR, Observed, wide
-from iits_mj.suite.physics import Physics
+from iits_mj.core.messages import TransmissionMode
+from iits_mj.suite import scene
+from iits_mj.suite.physics import BENDING, WITHOUT_GEAR, Observed, Physics, wide
 from iits_mj.suite.tasks.base import DrivingTask, Observations
 
 # The dock's face: the trailer's rear is to stop there, on the yard's reference line [m].
@@ -54,13 +53,13 @@ class Dock(DrivingTask):
     def edit_spec(cls, spec: mujoco.MjSpec) -> None:
         """Dock wall, bumpers and the bay's lines."""
         half = 0.5 * _BAY_WIDTH
-        paint.mark(spec, "dock_wall", (BAY_STATION - 0.8, 0.0, 0.6), (0.5, 6.0, 0.6))
+        scene.mark(spec, "dock_wall", (BAY_STATION - 0.8, 0.0, 0.6), (0.5, 6.0, 0.6))
         middle = BAY_STATION + 0.5 * _BAY_LENGTH
         for side, sign in (("left", 1.0), ("right", -1.0)):
             bumper = (BAY_STATION - 0.15, 0.9 * sign, 1.0)
-            paint.mark(spec, f"dock_bumper_{side}", bumper, (0.15, 0.2, 0.25))
+            scene.mark(spec, f"dock_bumper_{side}", bumper, (0.15, 0.2, 0.25))
             line = (0.5 * _BAY_LENGTH, 0.08, 0.01)
-            paint.mark(spec, f"dock_line_{side}", (middle, half * sign, 0.01), line)
+            scene.mark(spec, f"dock_line_{side}", (middle, half * sign, 0.01), line)
 
     def initialize_episode(self, physics: Physics) -> None:
         """Rear 15 to 25 m before the dock, up to 1 m aside, a little askew, at rest."""

@@ -8,11 +8,10 @@ import mujoco
 import numpy as np
 from dm_control.utils import rewards
 
-from controllers.quintic import Quintic
-from iits_mj.suite import paint
-from iits_mj.suite.observed import Observed
-from iits_mj.suite.physics import Physics
-from iits_mj.suite.roads import LANE_WIDTH
+from controllers.planning.trajectory import Quintic
+from iits_mj.suite import scene
+from iits_mj.suite.physics import Observed, Physics
+from iits_mj.suite.scene import LANE_WIDTH
 from iits_mj.suite.tasks.base import Observations, PathTask
 
 PREVIEW = (10.0, 20.0, 35.0, 50.0, 75.0)
@@ -57,7 +56,7 @@ class LaneChange(PathTask):
             for station in np.arange(start, end + 1.0, 15.0):
                 for side in (-1.0, 1.0):
                     name = f"cone{number}_{station:g}_{'left' if side > 0 else 'right'}"
-                    paint.cone(spec, name, station, middle + side * _CONES)
+                    scene.cone(spec, name, station, middle + side * _CONES)
 
     def wanted(self, physics: Physics, station: float) -> float:
         """The track's middle, quintic between its lanes."""

@@ -6,8 +6,7 @@ from typing import ClassVar
 
 from dm_control.utils import rewards
 
-from iits_mj.suite.observed import Observed
-from iits_mj.suite.physics import Physics
+from iits_mj.suite.physics import Observed, Physics
 from iits_mj.suite.tasks.base import Observations, PathTask
 
 PREVIEW = (0.0, 25.0, 50.0, 100.0)

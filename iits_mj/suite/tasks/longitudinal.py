@@ -9,9 +9,8 @@ import mujoco
 import numpy as np
 from dm_control.utils import rewards
 
-from iits_mj.suite import paint
-from iits_mj.suite.observed import INSTRUMENTS, WITHOUT_GEAR, Observed
-from iits_mj.suite.physics import Physics
+from iits_mj.suite import scene
+from iits_mj.suite.physics import INSTRUMENTS, WITHOUT_GEAR, Observed, Physics
 from iits_mj.suite.tasks.base import DrivingTask, Observations, comfort
 
 _COMFORT = "within 1.3 m/s2 along; 0.1 at 1.5 m/s2 more"
@@ -73,7 +72,7 @@ class Stop(DrivingTask):
     @classmethod
     def edit_spec(cls, spec: mujoco.MjSpec) -> None:
         """The line, on a mocap body that each episode moves."""
-        paint.movable(spec, cls._line, size=(0.25, 4.0, 0.01))
+        scene.movable(spec, cls._line, size=(0.25, 4.0, 0.01))
 
     def initialize_episode(self, physics: Physics) -> None:
         """At 12 to 20 m/s, with the line at 1.3 to 2 times the distance a gentle stop takes."""
@@ -81,7 +80,7 @@ class Stop(DrivingTask):
         physics.place(50.0, 0.0, speed)
         front = 50.0 + physics.truck.footprint.front_overhang
         self.line = front + self.random.uniform(1.3, 2.0) * speed**2 / (2.0 * 1.2)
-        paint.move(physics, self._line, self.line, 2.0)
+        scene.move(physics, self._line, self.line, 2.0)
         super().initialize_episode(physics)
 
     def distance(self, physics: Physics) -> float:

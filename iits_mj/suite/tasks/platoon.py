@@ -7,8 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 from dm_control.utils import rewards
 
-from iits_mj.suite.observed import Observed
-from iits_mj.suite.physics import Physics
+from iits_mj.suite.physics import Observed, Physics
 from iits_mj.suite.tasks.base import Observations
 from iits_mj.suite.tasks.lane_keep import LaneKeep
 

@@ -8,9 +8,8 @@ from typing import ClassVar
 import numpy as np
 from dm_control.utils import rewards
 
-from iits_mj.suite.observed import BENDING, WITHOUT_GEAR, Observed, wide
-from iits_mj.suite.physics import Physics
-from iits_mj.suite.roads import TURN_ENTRY
+from iits_mj.suite.physics import BENDING, WITHOUT_GEAR, Observed, Physics, wide
+from iits_mj.suite.scene import TURN_ENTRY
 from iits_mj.suite.tasks.base import DrivingTask, Observations
 
 

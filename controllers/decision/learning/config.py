@@ -1,0 +1,186 @@
+"""Settings of training: each a field with its help and bounds, each a flag of `iits-mj train`.
+
+No torch here: the command line and the driving processes read these settings too.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+from controllers.decision.trip import RewardConfig
+from iits_mj.core import options as option_fields
+from iits_mj.core.errors import InputError
+from iits_mj.core.options import option
+
+# What a resumed training may be asked for differently.
+CHANGEABLE = frozenset(
+    {"decisions", "jobs", "evaluate_interval", "checkpoint_interval", "checkpoint_seconds"}
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearnerConfig:
+    """Settings of the learner; learning rate and batch size are the paper's.
+
+    Raises:
+      InputError: a value is out of bounds; the message names it.
+    """
+
+    learning_rate: float = option(5e-4, help="of Adam", low=1e-8, high=1.0, metavar="RATE")
+    batch_size: int = option(64, help="transitions an update", low=1, high=65536)
+    target_interval: int = option(
+        250, help="updates between two copies to the target network", low=1, high=10**7
+    )
+    target_rate: float = option(
+        0.0,
+        help="share by which the target network follows at every update, instead of the copies; "
+        "0 for copies",
+        low=0.0,
+        high=1.0,
+    )
+    average_rate: float = option(
+        1e-4,
+        help="share by which the policy that is kept follows the online network at every update: a "
+        "running average over 1 / RATE updates; 0 for the online network itself",
+        low=0.0,
+        high=1.0,
+        metavar="RATE",
+    )
+    gradient_norm: float = option(
+        10.0, help="longer gradients are shortened to this length", low=1e-6, high=1e9
+    )
+    reward_scale: float = option(
+        0.05, help="rewards are multiplied by it; changes no policy", low=1e-6, high=1e6
+    )
+    margin: float = option(
+        0.0,
+        help="by how much the value of a change must exceed that of keeping the lane, in units of "
+        "the reward, for the policy to decide on it",
+        low=0.0,
+        high=1e4,
+    )
+    standardized: bool = option(
+        True, help="inputs in units of their usual spread (LeCun et al. 1998)"
+    )
+    gap: float = option(
+        0.8,
+        help="share of an action's shortfall from the best one that is charged again: values of "
+        "the others lie 1 / (1 - gap) as far below (advantage learning, Bellemare et al. 2016)",
+        low=0.0,
+        high=0.99,
+    )
+    dueling: bool = option(True, help="heads for value and advantage (Wang et al. 2016)")
+    quantiles: int = option(
+        0, help="quantiles of the return (Dabney et al. 2018), 0 for its mean", low=0, high=256
+    )
+
+    def __post_init__(self) -> None:
+        """Refuses numbers that cannot work."""
+        option_fields.check(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig(LearnerConfig):
+    """What `train` is asked for. Intervals are counted in decisions of the truck.
+
+    Raises:
+      InputError: a value is out of bounds, or two do not fit; the message names it.
+    """
+
+    decisions: int = option(
+        1_200_000, help="decisions of the truck, one a second", low=1, high=10**9
+    )
+    fast_decisions: int = option(
+        150_000, help="of these in the fast world, before another one", low=0, high=10**9
+    )
+    seed: int = option(0, help="the one seed of everything", low=0, high=2**31 - 1)
+    jobs: int = option(
+        2, help="processes that drive; the outcome does not depend on it", low=1, high=256
+    )
+    trips_per_round: int = option(
+        2, help="trips driven on one state of the network", low=1, high=1024
+    )
+    trip_duration: float = option(
+        1_000.0,
+        help="length of a trip: platoons take time to form",
+        unit="s",
+        low=10.0,
+        high=1e5,
+        metavar="S",
+    )
+    discount: float = option(0.995, help="of a reward one second later", low=0.0, high=0.9999)
+    change_charge: float = option(
+        150.0,
+        help="of a decision to change lanes, in m/s seconds of distance from the reference speed",
+        low=0.0,
+        high=1e4,
+    )
+    random_share: float = option(
+        0.4, help="share of trips with randomized traffic and load", low=0.0, high=1.0
+    )
+    updates_per_decision: float = option(0.25, help="gradient steps a decision", low=0.0, high=64.0)
+    steps: int = option(1, help="n of the n-step returns, 1 for none", low=1, high=64)
+    learning_rate_end: float = option(
+        2e-5, help="of Adam in the end", low=1e-8, high=1.0, metavar="RATE"
+    )
+    learning_rate_decisions: int = option(
+        1_200_000, help="the rate changes over these", low=1, high=10**9
+    )
+    replay_capacity: int = option(300_000, help="transitions kept", low=1, high=10**8)
+    warm_up: int = option(4_000, help="transitions before the first update", low=1, high=10**8)
+    mirror: bool = option(
+        True,
+        help="learn from mirror images of transitions too, where traffic does not keep right",
+    )
+    prioritized: bool = option(False, help="prioritized replay (Schaul et al. 2016)")
+    priority_exponent: float = option(
+        0.6, help="alpha: 0 draws uniformly, 1 in proportion to the error", low=0.0, high=1.0
+    )
+    importance_exponent: float = option(
+        0.4, help="beta at the start; it rises to 1", low=0.0, high=1.0
+    )
+    importance_decisions: int = option(1_200_000, help="beta rises over these", low=1, high=10**9)
+    epsilon_start: float = option(1.0, help="share of random decisions", low=0.0, high=1.0)
+    epsilon_stage: float = option(0.2, help="the same after the fast world", low=0.0, high=1.0)
+    epsilon_end: float = option(0.05, help="the same in the end", low=0.0, high=1.0)
+    epsilon_decisions: int = option(120_000, help="it falls over these", low=1, high=10**9)
+    guided_share: float = option(
+        0.5, help="share of the random decisions that the rule MOBIL makes", low=0.0, high=1.0
+    )
+    evaluate_interval: int = option(100_000, help="between two validations", low=1, high=10**9)
+    validation_trips: int = option(
+        5, help="in each of the six cells, in the fast world", low=1, high=1000
+    )
+    truck_validation_trips: int = option(
+        2, help="the same in the other world, which takes longer", low=1, high=1000
+    )
+    validation_duration: float = option(
+        1_000.0, help="length of a validation trip", unit="s", low=10.0, high=1e5, metavar="S"
+    )
+    checkpoint_interval: int = option(10_000, help="between two checkpoints", low=1, high=10**9)
+    checkpoint_seconds: float = option(
+        120.0, help="also after this time", unit="s", low=0.0, high=1e6, metavar="S"
+    )
+    resume: bool = option(False, help="continue from the checkpoint in --out")
+
+    def __post_init__(self) -> None:
+        """Refuses numbers that cannot work."""
+        super().__post_init__()
+        if self.warm_up > self.replay_capacity:
+            raise InputError(
+                f"warm-up {self.warm_up} is not allowed; use {self.replay_capacity} "
+                "(replay-capacity) or less"
+            )
+
+
+def reward(config: TrainConfig) -> RewardConfig:
+    """Of all trips of a training, those of validations too."""
+    return RewardConfig(change=config.change_charge, discount=config.discount)
+
+
+def settings(config: TrainConfig) -> dict[str, Any]:
+    """What makes a training what it is: all fields but `resume`."""
+    names = [field.name for field in dataclasses.fields(TrainConfig) if field.name != "resume"]
+    return {name: getattr(config, name) for name in names}

@@ -1,0 +1,93 @@
+"""Score of a policy on the validation trips, driven by the workers of a training."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from controllers.decision.learning.collection import Drive, TripDrivers
+from controllers.decision.learning.config import TrainConfig, reward
+from controllers.decision.learning.log import Interruption, trip_figures
+from controllers.decision.policy import QNetwork
+from controllers.decision.trip import CELLS, TRAINING_SEEDS, VALIDATION_SEEDS, TripConfig, cell_trip
+
+# --- The trips of training and validation: their generators, traffic, load and place on the road
+
+ROAD_LENGTH = 15_000.0
+# Road beyond what the reference speed covers: a trip is over by its duration, not by the road.
+_MARGIN = 200.0
+# Reference speeds of the randomized trips, 50 to 80 km/h: those of predictive cruise control vary.
+_REFERENCES = (50.0 / 3.6, 80.0 / 3.6)
+# Share of the randomized trips in traffic that keeps right.
+_KEEPS_RIGHT = 0.3
+
+
+def sample_trip(config: TrainConfig, generator: np.random.Generator) -> TripConfig:
+    """A trip of the training mixture: one of the six cells, or a randomized traffic and load."""
+    density, speed = CELLS[int(generator.integers(len(CELLS)))]
+    base = TripConfig(duration=config.trip_duration, reward=reward(config))
+    trip = cell_trip(density, speed, base)
+    if generator.random() < config.random_share:
+        trip = replace(
+            trip,
+            spawn_probability=math.exp(generator.uniform(math.log(0.005), math.log(0.12))),
+            traffic_speed=float(generator.uniform(11.0, 16.0)),
+            payload=float(generator.uniform(0.0, 36_000.0)),
+            reference_speed=float(generator.uniform(*_REFERENCES)),
+            keeps_right=bool(generator.random() < _KEEPS_RIGHT),
+        )
+    return start_anywhere(trip, generator)
+
+
+def start_anywhere(trip: TripConfig, generator: np.random.Generator) -> TripConfig:
+    """The trip with a random start from which its duration fits the 15 km road."""
+    start, room = trip.start_station, ROAD_LENGTH - trip.start_station
+    length = min(room, trip.reference_speed * trip.duration + _MARGIN)
+    shift = float(generator.uniform(0.0, room - length))
+    return replace(trip, start_station=start + shift, length=length)
+
+
+def training_generator(config: TrainConfig, round_index: int, trip: int) -> np.random.Generator:
+    """Of one trip of one round, whoever drives it."""
+    return np.random.default_rng([config.seed, TRAINING_SEEDS, round_index, trip])
+
+
+def validation_trips(
+    config: TrainConfig, count: int
+) -> Iterator[tuple[str, TripConfig, np.random.Generator]]:
+    """Name, trip and generator of `count` trips in each cell: the same in each validation."""
+    for cell, (density, speed) in enumerate(CELLS):
+        for trip in range(count):
+            generator = np.random.default_rng(VALIDATION_SEEDS + 1000 * cell + trip)
+            base = TripConfig(duration=config.validation_duration, reward=reward(config))
+            name = f"validation trip {trip} in {density} traffic at {speed:g} m/s"
+            yield name, start_anywhere(cell_trip(density, speed, base), generator), generator
+
+
+# --- Score of a policy on the validation trips, driven by the workers of a training ---
+
+
+def validate(
+    network: QNetwork,
+    config: TrainConfig,
+    workers: TripDrivers,
+    world: int,
+    interruption: Interruption,
+) -> dict[str, float]:
+    """Drives the greedy policy over the six cells; means over all trips, see `trip_figures`.
+
+    Args:
+      network: of the policy.
+      config: says how many trips, and how long.
+      workers: who drive.
+      world: which of theirs; the first is the fast one.
+      interruption: of the wait for them.
+    """
+    count = config.truck_validation_trips if world else config.validation_trips
+    trips = validation_trips(config, count)
+    drives = [Drive(name, world, trip, seed) for name, trip, seed in trips]
+    outcomes = workers.submit(drives, network)
+    return trip_figures([interruption.wait(outcome).summary for outcome in outcomes])

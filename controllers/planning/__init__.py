@@ -1,0 +1,1 @@
+"""Trajectory planning: leaders, limits, stops, lane changes and a speed plan."""

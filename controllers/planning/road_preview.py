@@ -1,0 +1,284 @@
+"""The road as the planner wants it: tables over station, made once for a route.
+
+Lanes are followed physically: where a lane appears or ends on the right, the indices of all lanes
+shift, but the truck's lane goes on. `RoadPreview.follow` walks along the lane it is in.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.core.arrays import FloatArray
+from iits_mj.core.units import GRAVITY
+
+# --- The road's curvature without what no truck drives: spikes at the seams of real maps ---
+# Between two rows the curvature is the turn of the heading by the way, so that short bends keep
+# their radius. Where one or two rows stand out of their neighbors by a turn too small to be a bend,
+# the turn is spread over 25 m.
+
+if TYPE_CHECKING:
+    from iits_mj.road import Route
+
+# A seam turns the heading by less than this, about 1 degree a row [rad].
+SEAM_TURN = 0.02
+_ROWS = 5
+
+
+def road_curvature(route: Route, station: FloatArray) -> FloatArray:
+    """Curvature of the reference line about each station, shape as station [1/m].
+
+    Args:
+      route: the road.
+      station: uniform, shape (n,) [m].
+    """
+    step = float(station[1] - station[0])
+    ends = np.append(station - 0.5 * step, station[-1] + 0.5 * step)
+    heading = np.asarray(route.evaluate(ends, 0.0).heading, dtype=float)
+    turn = np.diff(heading)
+    turn = np.remainder(turn + np.pi, 2.0 * np.pi) - np.pi
+    half = _ROWS // 2
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(turn, half, mode="edge"), _ROWS)
+    # The median of five keeps bends and their beginnings as they are.
+    excess = turn - np.median(around, axis=1)
+    spike = np.where(np.abs(excess) < SEAM_TURN, excess, 0.0)
+    spread = np.convolve(np.pad(spike, half), np.full(_ROWS, 1.0 / _ROWS), mode="valid")
+    return np.asarray((turn - spike + spread) / step)
+
+
+def sharpest(curvature: FloatArray, offset: FloatArray | float) -> FloatArray:
+    """Magnitude of the curvature at an offset, the greatest of a row and its neighbors [1/m].
+
+    For bounds on the speed, which has to be down where the bend begins.
+
+    Args:
+      curvature: of the reference line, shape (n,) [1/m].
+      offset: of the path from it, shape (n,) or one [m].
+    """
+    offset = np.asarray(offset, dtype=float)
+    if not np.isfinite(offset).all():
+        offset = np.nan_to_num(offset)
+    own = np.abs(curvature / np.maximum(1.0 - curvature * offset, 0.2))
+    beside = np.concatenate((own[:1], own, own[-1:]))
+    return np.maximum(np.maximum(beside[:-2], beside[1:-1]), beside[2:])
+
+
+def gradient(values: FloatArray, step: float) -> FloatArray:
+    """Slope of values `step` apart, shape (n,); `np.gradient` without what it decides anew."""
+    slope = np.empty(len(values))
+    slope[1:-1] = (values[2:] - values[:-2]) / (2.0 * step)
+    slope[0], slope[-1] = (values[1] - values[0]) / step, (values[-1] - values[-2]) / step
+    return slope
+
+
+# --- The road as the planner wants it: tables over station, made once for a route ---
+
+if TYPE_CHECKING:
+    from iits_mj.road import Route
+
+STEP = 5.0
+WIDTH_MIN = 2.75
+SAME_LANE = 0.6
+
+
+@dataclass(frozen=True)
+class LanePath:
+    """The middle of one lane, followed forward and backward from where it was asked for.
+
+    Attributes:
+      station: of shape (n,), uniform [m].
+      offset: of the lane's middle, shape (n,) [m]; held constant beyond the lane's end.
+      speed_limit: of the lane, shape (n,) [m/s].
+      half_width: of the lane at the start [m].
+      end: station at which the lane or the road ends, or infinity when not within sight.
+      lane: index at the start.
+      rows: index of the lane at each station, shape (n,); none given: `lane` everywhere.
+      shift: from the middle to where the steer axle is to be, shape (n,) [m]; none given: zero.
+    """
+
+    station: FloatArray
+    offset: FloatArray
+    speed_limit: FloatArray
+    half_width: float
+    end: float
+    lane: int
+    rows: NDArray[np.int64] | None = None
+    shift: FloatArray | None = None
+
+    def offset_at(self, station: FloatArray | float) -> FloatArray:
+        """Offset of the lane's middle [m], same shape as station."""
+        return np.asarray(np.interp(station, self.station, self.offset))
+
+    @functools.cached_property
+    def driven(self) -> FloatArray:
+        """Offset at which the steer axle is to be, shape (n,) [m]."""
+        return self.offset if self.shift is None else self.offset + self.shift
+
+    def driven_at(self, station: FloatArray | float) -> FloatArray:
+        """Offset at which the steer axle is to be [m], same shape as station."""
+        return np.asarray(np.interp(station, self.station, self.driven))
+
+
+class _PathTables(NamedTuple):
+    """Over a path's stations: `RoadPreview.sharpest` and `RoadPreview.course`."""
+
+    path: LanePath
+    sharpest: FloatArray
+    slope: FloatArray
+    bend: FloatArray
+
+
+class RoadPreview:
+    """Lane offsets, speed limits, curvature and grade of a route, every 5 m (coarser beyond 50 km).
+
+    Args:
+      route: the truck's road.
+
+    Attributes:
+      station: of the rows' columns, shape (n,), `step` apart [m].
+      offset, half_width, speed_limit: of the lanes, shape (lanes, n); offset is NaN for no lane.
+      curvature, grade, height, superelevation: of the reference line, shape (n,).
+      shift: wanted offset of the steer axle from the lane's middle, shape (lanes, n) [m].
+    """
+
+    def __init__(self, route: Route) -> None:
+        self.route = route
+        count = max(2, math.floor(route.length / max(STEP, route.length / 10_000.0)) + 1)
+        self.station = np.linspace(0.0, route.length, count)
+        self.step = float(self.station[1])
+        self.lane_counts = np.array([route.lane_count(float(s)) for s in self.station], dtype=int)
+        lanes = max(1, int(self.lane_counts.max()))
+        exists = np.arange(lanes)[:, None] < self.lane_counts[None, :]
+        width = np.array([route.lane_width(lane, self.station) for lane in range(lanes)])
+        width[~exists] = 0.0
+        # Too narrow for the truck is no lane, unless nothing wider is there.
+        usable = exists & (width >= np.minimum(WIDTH_MIN, width.max(axis=0)))
+        offset = np.array([route.lane_offset(lane, self.station) for lane in range(lanes)])
+        self.offset = np.where(usable, offset, np.nan)
+        self.half_width = 0.5 * width
+        self.shift = np.zeros_like(self.offset)
+        self.speed_limit = np.array(
+            [[route.speed_limit(float(s), lane) for s in self.station] for lane in range(lanes)]
+        )
+        point = route.evaluate(self.station, 0.0)
+        self.curvature = road_curvature(route, self.station)
+        self.height = np.asarray(point.z, dtype=float)
+        self.superelevation = np.asarray(point.superelevation, dtype=float)
+        self.grade = np.asarray(route.smoothed_grade(self.station), dtype=float)
+        self._tables: _PathTables | None = None
+
+    def index(self, station: float) -> int:
+        """Nearest row of the tables."""
+        return min(max(round(station / self.step), 0), len(self.station) - 1)
+
+    def nearest_lane(self, station: float, offset: float) -> int:
+        """Index of the lane whose middle is nearest to an offset; -1 where there is none."""
+        column = np.abs(self.offset[:, self.index(station)] - offset)
+        missing = np.isnan(column)
+        return -1 if missing.all() else int(np.where(missing, np.inf, column).argmin())
+
+    def lane_exists(self, lane: int, station: float) -> bool:
+        """True when the route has this lane here, wide enough for the truck."""
+        inside = 0 <= lane < self.offset.shape[0]
+        return inside and bool(np.isfinite(self.offset[lane, self.index(station)]))
+
+    def follow(self, lane: int, station: float, ahead: float, behind: float = 100.0) -> LanePath:
+        """The lane's path from `behind` metres back to `ahead` metres on."""
+        here = self.index(station)
+        first = max(0, here - round(behind / self.step))
+        last = min(len(self.station) - 1, here + math.ceil(ahead / self.step))
+        stretch = slice(first, last + 1)
+        offsets = self.offset[max(lane, 0), stretch]
+        if (np.abs(np.diff(offsets)) < 2.0 * SAME_LANE).all():
+            limits, end_forward = self.speed_limit[max(lane, 0), stretch], len(self.station)
+            rows = np.full(len(offsets), max(lane, 0), dtype=np.int64)
+        else:
+            offsets, limits = np.empty(len(offsets)), np.empty(len(offsets))
+            rows = np.empty(len(offsets), dtype=np.int64)
+            parts = (first, offsets, limits, rows)
+            end_forward = self._walk(lane, here, range(here, last + 1), *parts)
+            self._walk(lane, here, range(here, first - 1, -1), *parts)
+        end = math.inf
+        if end_forward <= last:
+            end = float(self.station[end_forward])
+        elif last == len(self.station) - 1:
+            end = float(self.station[-1])
+        return LanePath(
+            station=self.station[first : last + 1],
+            offset=offsets,
+            speed_limit=limits,
+            half_width=float(self.half_width[max(lane, 0), here]),
+            end=end,
+            lane=lane,
+            rows=rows,
+            shift=self.shift[rows, np.arange(first, last + 1)],
+        )
+
+    def felt(self, station: FloatArray, speed: float) -> FloatArray:
+        """Lateral acceleration that the road alone gives at a speed [m/s2], shape as station.
+
+        `v^2 kappa + g tan(superelevation)`: positive where the truck is pressed to the right.
+        """
+        curvature = np.interp(station, self.station, self.curvature)
+        bank = np.interp(station, self.station, self.superelevation)
+        return np.asarray(speed**2 * curvature + GRAVITY * np.tan(bank))
+
+    def sharpest(self, path: LanePath) -> FloatArray:
+        """Curvature of a path for bounds on its speed, a magnitude, shape of path.station [1/m]."""
+        return self._tables_of(path).sharpest
+
+    def course(self, path: LanePath) -> tuple[FloatArray, FloatArray]:
+        """Slope and second derivative [1/m] of `path.driven` over station, shape (n,) each."""
+        tables = self._tables_of(path)
+        return tables.slope, tables.bend
+
+    def _tables_of(self, path: LanePath) -> _PathTables:
+        """What is known of a path; a planner's stays the same one over some cycles."""
+        if self._tables is None or self._tables.path is not path:
+            curvature = np.interp(path.station, self.station, self.curvature)
+            slope = gradient(path.driven, self.step)
+            bend = gradient(slope, self.step)
+            self._tables = _PathTables(path, sharpest(curvature, path.offset), slope, bend)
+        return self._tables
+
+    def height_at(self, station: FloatArray, offset: FloatArray) -> FloatArray:
+        """Height of the surface [m] within some centimetres, shape as station and offset."""
+        bank = np.interp(station, self.station, self.superelevation)
+        level = np.interp(station, self.station, self.height)
+        return np.asarray(level + offset * np.tan(bank))
+
+    def _walk(
+        self,
+        lane: int,
+        here: int,
+        columns: range,
+        first: int,
+        offsets: FloatArray,
+        limits: FloatArray,
+        rows: NDArray[np.int64],
+    ) -> int:
+        """Fills offsets, limits and rows; returns the first column without the lane."""
+        row, value = lane, float(self.offset[lane, here])
+        limit = float(self.speed_limit[lane, here])
+        ended = len(self.station)
+        for column in columns:
+            if ended == len(self.station):
+                candidate = float(self.offset[row, column])
+                if not abs(candidate - value) < SAME_LANE * 2.0:
+                    distance = np.abs(self.offset[:, column] - value)
+                    near = int(np.nanargmin(distance)) if not np.all(np.isnan(distance)) else -1
+                    if near >= 0 and distance[near] < SAME_LANE * 2.0:
+                        row, candidate = near, float(self.offset[near, column])
+                    else:
+                        ended = column
+                if ended != column:
+                    value, limit = candidate, float(self.speed_limit[row, column])
+            offsets[column - first] = value
+            limits[column - first] = limit
+            rows[column - first] = max(row, 0)
+        return ended

@@ -1,0 +1,187 @@
+"""How much lateral acceleration the truck may be given: from its roll-over margin.
+
+The threshold comes from the truck's parameters, its mass and the payload's height; the trailer
+swings by the rearward amplification more than the tractor; the road takes its part by curvature
+and cross-slope. What is left is the lane change's.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from controllers.tracking.lateral_model import LateralModel
+from iits_mj.core.arrays import FloatArray
+from iits_mj.core.units import GRAVITY
+from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import laden_trailer, static_axle_loads
+from iits_mj.parameters.tire_law import cornering_stiffness
+
+# --- How near the truck is to tipping over: static threshold and rearward amplification ---
+# Statics in the roll plane: one body rolls by `phi` on the springs of all axles, each of which
+# rolls by `phi_u` on its tires until its inner wheels lift (Winkler, Rollover of heavy commercial
+# vehicles, UMTRI 1999). With the side force `a` as share of g, sprung load n, roll centre h_rc,
+# unsprung weight m_u at h_u, load W, track T and the carcass that bends aside by `y = W a sigma /
+# C`,
+#
+#     axle:    min(K_t phi_u, W T / 2) = K_s (phi - phi_u) + (n h_rc + m_u h_u) (a + phi_u) + W y
+#     body:    sum K_s (phi - phi_u) = sum n (h - h_rc) (a + phi).
+#
+# The threshold is the greatest `a` with an equilibrium in which not all axles behind the steer axle
+# have lifted. The fifth wheel counts as rigid in roll: where its plate opens the truth is lower.
+
+_ROLLS = np.linspace(0.002, 0.30, 150)
+
+
+def roll_threshold(parameters: TruckParameters, payload: float) -> float:
+    """Steady lateral acceleration at which the truck tips over on a level road [m/s2].
+
+    Args:
+      parameters: of the truck; the payload's height is theirs.
+      payload: [kg].
+
+    Raises:
+      InputError: the payload is not allowed.
+    """
+    trailer, tractor = laden_trailer(parameters, payload), parameters.tractor
+    load = static_axle_loads(parameters, payload)
+    axles = parameters.axles
+    tires = [parameters.tires[axle.tire] for axle in axles]
+    common = parameters.tire_common
+    vertical = np.array([tire.count * tire.vertical_stiffness for tire in tires])
+    track = np.array([axle.track for axle in axles])
+    unsprung = np.array([axle.unsprung_mass for axle in axles]) * GRAVITY
+    height = np.array([tire.free_radius for tire in tires]) - 0.5 * load / vertical
+    center = height + np.array([axle.roll_center_height for axle in axles])
+    spring = np.array(
+        [0.5 * a.spring_rate * a.spring_spacing**2 + a.auxiliary_roll_stiffness for a in axles]
+    )
+    carcass = np.empty(len(axles))
+    for i, tire in enumerate(tires):
+        each = load[i] / (2 * tire.count)
+        lag = common.relaxation_lateral
+        lag *= (each / common.nominal_load) ** common.relaxation_load_exponent
+        stiffness = 2 * tire.count * float(cornering_stiffness(each, tire, common))
+        carcass[i] = load[i] ** 2 * lag / stiffness
+    sprung = load - unsprung
+    moment = GRAVITY * (tractor.mass * tractor.cg_height + trailer.mass * trailer.cg_height)
+    body_height = (moment - float(unsprung @ height)) / float(sprung.sum())
+    lever = float(sprung @ (body_height - center))
+    arm = sprung * center + unsprung * height
+    limit = 0.5 * load * track
+    stiff = 0.5 * vertical * track**2
+    return GRAVITY * _greatest(spring, stiff, arm, carcass, limit, lever)
+
+
+def _greatest(
+    spring: FloatArray,
+    tire: FloatArray,
+    arm: FloatArray,
+    carcass: FloatArray,
+    limit: FloatArray,
+    lever: float,
+) -> float:
+    """Greatest side force in equilibrium, as share of g; arrays of shape (axles,)."""
+    best = 0.0
+    lifted = np.zeros(len(spring), dtype=bool)
+    for roll in _ROLLS:
+        side = 0.0
+        for _ in range(len(spring) + 1):
+            # phi_u = (K_s phi + (arm + carcass) a - M) / D, lifted: M = W T / 2, else M in D.
+            give = np.where(lifted, spring - arm, spring + tire - arm)
+            fixed = (spring * roll - np.where(lifted, limit, 0.0)) / give
+            per_side = (arm + carcass) / give
+            held = float((spring * (roll - fixed)).sum()) - lever * roll
+            side = held / (lever + float((spring * per_side).sum()))
+            more = ~lifted & (tire * (fixed + per_side * side) > limit)
+            if not more.any():
+                break
+            lifted |= more
+        if lifted[1:].all():
+            break
+        best = max(best, side)
+    return best
+
+
+def rearward_amplification(model: LateralModel, speed: float, frequency: float) -> float:
+    """Lateral acceleration of the trailer's CG over that of the steer axle, in a sine.
+
+    Args:
+      model: of the loaded truck.
+      speed: [m/s], positive.
+      frequency: of the manoeuvre [Hz]; a lane change of duration T is one sine of 1 / T.
+    """
+    a, _, _ = model.matrices(speed)
+    s = 2j * math.pi * frequency
+    w, r, r_t, _ = np.linalg.solve(s * np.eye(4) - a[:4, :4], a[:4, 6])
+    own = s * w + speed * r
+    trailer = own - model.kingpin * s * r - model.trailer_cg * s * r_t
+    return float(abs(trailer / own))
+
+
+# --- How much lateral acceleration the truck may be given: from its roll-over margin ---
+
+_SPEEDS = np.array([3.0, 8.0, 12.0, 16.0, 20.0, 25.0, 30.0])
+_LAG = 0.1
+# Masses are told apart by so much [kg]: an estimate may waver.
+_MASS_STEP = 500.0
+
+
+@dataclass(frozen=True)
+class RollMargin:
+    """What a truck of one mass can bear.
+
+    Attributes:
+      threshold: steady lateral acceleration at which it tips over [m/s2].
+      amplification: of the trailer over the steer axle at `_SPEEDS`, shape (7,), 1 at least.
+    """
+
+    threshold: float
+    amplification: FloatArray
+
+    @classmethod
+    def of(cls, parameters: TruckParameters, mass: float, frequency: float) -> RollMargin:
+        """The margin at a gross mass [kg], for manoeuvres of a frequency [Hz]."""
+        empty = parameters.gross_mass(0.0)
+        payload = min(max(mass - empty, 0.0), parameters.payload.mass_max)
+        model = LateralModel.of(parameters, empty + payload, _LAG)
+        amplification = [rearward_amplification(model, float(v), frequency) for v in _SPEEDS]
+        return cls(roll_threshold(parameters, payload), np.maximum(amplification, 1.0))
+
+    def amplified(self, speed: float) -> float:
+        """Rearward amplification at a speed [m/s], 1 at least."""
+        return float(np.interp(speed, _SPEEDS, self.amplification))
+
+
+class RollMargins:
+    """Margins by mass, computed when first asked for.
+
+    Args:
+      parameters: of the truck, with the payload's height.
+      frequency: of the quickest lane change [Hz].
+    """
+
+    def __init__(self, parameters: TruckParameters, frequency: float) -> None:
+        self._parameters = parameters
+        self._frequency = frequency
+        self._known: dict[float, RollMargin] = {}
+
+    def at(self, mass: float) -> RollMargin:
+        """The margin at a gross mass [kg], to half a tonne."""
+        step = _MASS_STEP * round(mass / _MASS_STEP)
+        if step not in self._known:
+            self._known[step] = RollMargin.of(self._parameters, step, self._frequency)
+        return self._known[step]
+
+
+def curve_speed_by_roll(
+    curvature: FloatArray, superelevation: FloatArray, acceleration: float
+) -> FloatArray:
+    """Greatest speed at which a bend with its cross-slope gives so much, shape as curvature [m/s].
+
+    `|v^2 kappa + g tan(superelevation)| <= a` on the side to which the bend presses.
+    """
+    room = acceleration - np.sign(curvature) * GRAVITY * np.tan(superelevation)
+    return np.asarray(np.sqrt(np.maximum(room, 0.1) / np.maximum(np.abs(curvature), 1e-6)))

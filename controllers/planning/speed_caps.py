@@ -1,0 +1,166 @@
+"""How fast the truck may go along a path, and how fast it can be by the end of a lane change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from controllers.planning.following import braking_profile
+from controllers.planning.road_preview import LanePath, RoadPreview, sharpest
+from controllers.planning.rollover_limits import RollMargin, curve_speed_by_roll
+from controllers.planning.speed_plan import power_acceleration, speed_cap
+from iits_mj.core.arrays import FloatArray
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoState, SpeedProfile, SpeedZone
+
+# --- Limits of changing signs, laid over a lane's own ---
+
+
+def with_zones(path: LanePath, zones: Sequence[SpeedZone]) -> LanePath:
+    """The path with the limits of the zones; where two overlap the later one holds.
+
+    Between the path's stations limits are interpolated: a lower one reaches to the next station on
+    both sides, so that the truck is down to it at the sign and keeps it to the end.
+
+    Raises:
+      InputError: a zone's limit is no positive number, or its ends are none.
+    """
+    if not zones:
+        return path
+    limit = path.speed_limit.copy()
+    lanes = np.full(len(limit), path.lane) if path.rows is None else path.rows
+    step = float(path.station[1] - path.station[0])
+    for zone in zones:
+        if not zone.limit > 0.0 or np.isnan([zone.start, zone.end]).any():
+            raise InputError(
+                f"speed zone of {zone.limit} m/s from {zone.start} to {zone.end} m: "
+                "the limit must be positive and the ends numbers"
+            )
+        here = np.full(len(lanes), True) if zone.lane is None else lanes == zone.lane
+        inside = here & (path.station >= zone.start) & (path.station < zone.end)
+        near = here & (path.station > zone.start - step) & (path.station < zone.end + step)
+        limit[inside] = zone.limit
+        limit[near] = np.minimum(limit[near], zone.limit)
+    return replace(path, speed_limit=limit)
+
+
+# --- How fast the truck may go along a path, and how fast it can be by the end of a lane change ---
+
+if TYPE_CHECKING:
+    from controllers.planning.config import PlannerConfig
+
+
+# Below this speed the truck launches as it can, up to what the reference has ahead [m/s]. The rise
+# is more than any truck's, so that its power and comfort decide as they do without a reference.
+LAUNCH_SPEED = 8.0
+LAUNCH_ACCELERATION = 1.5
+_LAUNCH_AHEAD = 200.0
+
+
+def _reference(station: FloatArray, profile: SpeedProfile, ego: EgoState) -> SpeedProfile:
+    """The reference at evenly spaced stations, between its nodes at constant acceleration.
+
+    A profile that begins at the truck's own low speed would let it start only as fast as it says:
+    a speed over station has no standing start. There the launch is the planner's.
+    """
+    square = np.interp(station, profile.station, profile.speed**2)
+    if ego.speed < LAUNCH_SPEED:
+        ahead, step = station - ego.station, float(station[1] - station[0])
+        near = (ahead >= 0.0) & (ahead < _LAUNCH_AHEAD)
+        most = float(square[near].max()) if near.any() else 0.0
+        launch = ego.speed**2 + 2.0 * LAUNCH_ACCELERATION * np.maximum(ahead, step)
+        square = np.maximum(square, np.minimum(launch, most))
+    return SpeedProfile(station, np.asarray(np.sqrt(square)))
+
+
+class SpeedCaps:
+    """Limits, reference, comfort and roll-over margin as one bound over station.
+
+    Args:
+      preview: of the road.
+      config: of the planner.
+    """
+
+    def __init__(self, preview: RoadPreview, config: PlannerConfig) -> None:
+        self.preview = preview
+        self.config = config
+        self._acceleration = math.nan
+        self._bearable: FloatArray = np.empty(0)
+
+    def cap(
+        self, path: LanePath, profile: SpeedProfile | None, margin: RollMargin, ego: EgoState
+    ) -> FloatArray:
+        """Highest speed along a path, shape of path.station [m/s].
+
+        Args:
+          path: of the lane, with the limits in force.
+          profile: reference speed over station; None: the cruise speed.
+          margin: of the truck with its load.
+          ego: the truck.
+
+        Raises:
+          InputError: the reference speed is not a number.
+        """
+        if profile is not None:
+            profile = _reference(path.station, profile, ego)
+        cap = speed_cap(path, self.preview, self.config.speed, profile)
+        if np.isnan(cap).any():
+            raise InputError("the reference speed ahead is not a number")
+        first = self.preview.index(float(path.station[0]))
+        return np.minimum(cap, self._by_roll(margin)[first : first + len(cap)])
+
+    def top(self, ego: EgoState, profile: SpeedProfile | None) -> float:
+        """Greatest speed that may be reached during a change [m/s].
+
+        A faster truck goes farther in a change, where reference and grade may let it be faster
+        still: the least speed that its own way allows, found from below.
+
+        Args:
+          ego: the truck.
+          profile: reference speed over station; None: the cruise speed.
+        """
+        preview, config = self.preview, self.config
+        longest, most = config.change.duration_max, config.speed.following.acceleration_max
+        here = preview.index(ego.station)
+        reach = max((ego.speed + most * longest) * longest, config.change.length_min)
+        ahead = slice(here, preview.index(ego.station + reach) + 2)
+        station = preview.station[ahead]
+        wanted = np.full(len(station), config.speed.cruise_speed)
+        if profile is not None and len(station) > 1:
+            wanted = _reference(station, profile, ego).speed
+        wanted = np.maximum.accumulate(wanted)
+        easiest = np.minimum.accumulate(preview.grade[ahead])
+        top = ego.speed
+        while True:
+            way = max(top * longest, config.change.length_min)
+            last = min(int(np.searchsorted(station, ego.station + way)), len(station) - 1)
+            power = power_acceleration(ego.speed, ego.mass, float(easiest[last]), config.speed)
+            gained = ego.speed + min(power, most) * longest
+            found = max(ego.speed, min(gained, float(wanted[last])))
+            if found <= top + 1e-3:
+                return found
+            top = found
+
+    def power_left(self, ego: EgoState) -> float:
+        """Acceleration that the engine has left now [m/s2]."""
+        grade = float(np.interp(ego.station, self.preview.station, self.preview.grade))
+        return power_acceleration(ego.speed, ego.mass, grade, self.config.speed)
+
+    def bearable(self, station: float, margin: RollMargin) -> float:
+        """Greatest speed from which every bend ahead is met without tipping over [m/s]."""
+        return float(np.interp(station, self.preview.station, self._by_roll(margin)))
+
+    def _by_roll(self, margin: RollMargin) -> FloatArray:
+        """Speed that the bends and their cross-slope allow, over the whole road [m/s]."""
+        acceleration = self.config.curve_share * margin.threshold
+        if self._acceleration != acceleration:
+            preview, braking = self.preview, self.config.speed.following.preview_deceleration
+            tight = sharpest(preview.curvature, 0.0) * np.sign(preview.curvature)
+            bends = curve_speed_by_roll(tight, preview.superelevation, acceleration)
+            self._bearable = braking_profile(preview.station, bends, braking)
+            self._acceleration = acceleration
+        return self._bearable

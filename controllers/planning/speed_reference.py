@@ -1,0 +1,142 @@
+"""Who says how fast the truck would like to go: a constant, a profile from a file, or PCC.
+
+The stack asks once a planning cycle. What it gets is a wish: the trajectory planner keeps limits,
+curves and distances by itself, whatever is asked for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from controllers.planning.surroundings import Neighbor
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import Scene, SpeedProfile
+from iits_mj.core.tables import read_columns
+
+_SPEED_MIN, _SPEED_MAX = 0.5, 60.0  # [m/s] of a profile: at 0 the truck would stand forever
+_COLUMNS = (("station_m", "s_m", "s", "station"), ("speed_mps", "v_mps", "v", "speed"))
+
+
+class SpeedReference(Protocol):
+    """What the stack asks for its reference speed."""
+
+    def reset(self) -> None:
+        """Ready for a new drive."""
+
+    def update(self, scene: Scene, find_leader: Callable[[], Neighbor | None]) -> SpeedProfile:
+        """The profile to follow from now on.
+
+        Args:
+          scene: the truck and the traffic.
+          find_leader: gives the vehicle ahead in the lane that is being kept or changed to.
+
+        Raises:
+          InputError: the truck's station, speed or time is not finite.
+        """
+
+    def at(self, station: float) -> float:
+        """Speed asked for at a station now [m/s]."""
+
+    def free(self, station: float) -> float:
+        """Speed that would be asked for if there were no traffic [m/s]: what a change can gain."""
+
+
+class CruiseReference:
+    """One speed everywhere.
+
+    Args:
+      speed: [m/s].
+      reason: why nothing better is planned, in words, where that was wanted.
+    """
+
+    def __init__(self, speed: float, reason: str = "") -> None:
+        self._speed, self.reason = speed, reason
+        self._profile = SpeedProfile(np.zeros(1), np.full(1, speed))
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+    def update(self, scene: Scene, find_leader: Callable[[], Neighbor | None]) -> SpeedProfile:
+        """The same profile always."""
+        del scene, find_leader
+        return self._profile
+
+    def at(self, station: float) -> float:
+        """The cruise speed [m/s]."""
+        del station
+        return self._speed
+
+    free = at
+
+
+class ProfileReference:
+    """A profile that was planned before.
+
+    Raises:
+      InputError: it is not one: see `check_profile`.
+    """
+
+    def __init__(self, profile: SpeedProfile) -> None:
+        check_profile(profile, "speed profile")
+        self._profile = profile
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+    def update(self, scene: Scene, find_leader: Callable[[], Neighbor | None]) -> SpeedProfile:
+        """The same profile always."""
+        del scene, find_leader
+        return self._profile
+
+    def at(self, station: float) -> float:
+        """The profile's speed [m/s]."""
+        return self._profile.at(station)
+
+    free = at
+
+
+def check_profile(profile: SpeedProfile, name: str) -> None:
+    """Raises InputError where stations do not rise or a speed is not one to drive at."""
+    station, speed = profile.station, profile.speed
+    if station.ndim != 1 or station.shape != speed.shape or station.size < 2:
+        raise InputError(f"{name}: two rows or more with a station and a speed are wanted")
+    if not (np.isfinite(station).all() and np.isfinite(speed).all()):
+        raise InputError(f"{name} holds numbers that are not finite")
+    if (np.diff(station) <= 0.0).any():
+        where = float(station[int(np.argmax(np.diff(station) <= 0.0))])
+        raise InputError(f"{name}: stations must rise, after {where:g} m they do not")
+    bad = (speed < _SPEED_MIN) | (speed > _SPEED_MAX)
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise InputError(
+            f"{name}: {speed[row]:g} m/s at station {station[row]:g} m is not allowed; use "
+            f"{_SPEED_MIN:g} to {_SPEED_MAX:g}"
+        )
+
+
+def read_profile(path: Path) -> SpeedProfile:
+    """A profile from a CSV file with the columns station_m and speed_mps, as `iits-mj pcc` writes.
+
+    Raises:
+      InputError: the file cannot be read, lacks a column, holds what is no number (the message
+        names the row), or `check_profile` refuses it.
+    """
+    station, speed = read_columns(path, "speed profile", _COLUMNS)
+    profile = SpeedProfile(station, speed)
+    check_profile(profile, f"speed profile {str(path)!r}")
+    return profile
+
+
+def check_covers(profile: SpeedProfile, station: float, length: float, name: str) -> None:
+    """Raises InputError where a profile says nothing about a drive from a station on a road [m]."""
+    first, last = float(profile.station[0]), float(profile.station[-1])
+    if not math.isfinite(station) or last <= station or first >= length:
+        raise InputError(
+            f"{name} is of stations {first:g} to {last:g} m: nothing of it lies ahead of station "
+            f"{station:g} m on a road of {length:g} m"
+        )

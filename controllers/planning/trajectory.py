@@ -1,0 +1,238 @@
+"""From the planner's pieces to a trajectory, and from neighbors to leads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from controllers.planning.following import Lead
+from controllers.planning.road_preview import LanePath, RoadPreview
+from controllers.planning.surroundings import Neighbor
+from iits_mj.core.arrays import FloatArray
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import Scene, Trajectory
+
+# --- Quintic polynomials across the road: lane changes, aborts and recoveries ---
+# The polynomial is a function of station, so that the path on the road does not depend on how the
+# speed goes on (Piazzi, Lo Bianco, Bertozzi, Fascioli and Broggi 2002). It starts from any offset,
+# slope and second derivative and ends flat on the target lane's middle.
+
+_SAMPLES = np.linspace(0.0, 1.0, 41)
+
+
+@dataclass(frozen=True)
+class Quintic:
+    """`q(s)` on [start, start + length]; before it the start's value, after it zero.
+
+    Attributes:
+      start: station [m]; length: [m].
+      coefficients: of powers 0 to 5 of (s - start) / length, shape (6,) [m].
+    """
+
+    start: float
+    length: float
+    coefficients: tuple[float, ...]
+
+    @classmethod
+    def to_zero(
+        cls, start: float, length: float, value: float, slope: float = 0.0, bend: float = 0.0
+    ) -> Quintic:
+        """From value [m], slope [1] and second derivative [1/m] to zero in all three.
+
+        Raises:
+          InputError: length not positive, or a value that is not finite.
+        """
+        if not (length > 0.0 and np.isfinite([start, length, value, slope, bend]).all()):
+            raise InputError(
+                f"quintic from {value} m, slope {slope}, bend {bend} over {length} m: "
+                "all must be finite and the length positive"
+            )
+        a0, a1, a2 = value, slope * length, 0.5 * bend * length**2
+        # Three end conditions q = q' = q'' = 0 at 1 give the upper three coefficients.
+        a3 = -10.0 * a0 - 6.0 * a1 - 3.0 * a2
+        a4 = 15.0 * a0 + 8.0 * a1 + 3.0 * a2
+        a5 = -6.0 * a0 - 3.0 * a1 - a2
+        return cls(start, length, (a0, a1, a2, a3, a4, a5))
+
+    @property
+    def end(self) -> float:
+        """Station of the end [m]."""
+        return self.start + self.length
+
+    def evaluate(self, station: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Value [m] and first three derivatives over station, each of station's shape."""
+        t = (np.asarray(station, dtype=float) - self.start) / self.length
+        t = np.minimum(np.maximum(t, 0.0), 1.0)
+        a0, a1, a2, a3, a4, a5 = self.coefficients
+        inside = (t > 0.0) & (t < 1.0)
+        value = a0 + t * (a1 + t * (a2 + t * (a3 + t * (a4 + t * a5))))
+        first = a1 + t * (2 * a2 + t * (3 * a3 + t * (4 * a4 + t * 5 * a5)))
+        second = 2 * a2 + t * (6 * a3 + t * (12 * a4 + t * 20 * a5))
+        third = 6 * a3 + t * (24 * a4 + t * 60 * a5)
+        flat = np.where(t >= 1.0, 0.0, 1.0)
+        return (
+            value * flat,
+            first / self.length * flat,
+            second / self.length**2 * flat,
+            np.where(inside, third / self.length**3, 0.0),
+        )
+
+    def peak_lateral(self, speed: float) -> tuple[float, float]:
+        """Greatest lateral acceleration [m/s2] and jerk [m/s3] when driven at a speed [m/s]."""
+        _, _, second, _ = self.evaluate(self.start + _SAMPLES * self.length)
+        t = _SAMPLES
+        _, _, _, a3, a4, a5 = self.coefficients
+        third = (6 * a3 + t * (24 * a4 + t * 60 * a5)) / self.length**3
+        return float(np.abs(second).max()) * speed**2, float(np.abs(third).max()) * speed**3
+
+
+def shortest_to_zero(
+    start: float,
+    value: float,
+    slope: float,
+    bend: float,
+    speed: float,
+    acceleration_max: float,
+    jerk_max: float,
+    duration_min: float,
+    duration_max: float,
+    length_min: float,
+) -> Quintic | None:
+    """The shortest quintic to zero within lateral limits, or None when none is short enough.
+
+    Args:
+      start: station [m].
+      value: initial value [m], see `Quintic.to_zero`.
+      slope: initial slope [1].
+      bend: initial second derivative [1/m].
+      speed: greatest speed during the manoeuvre [m/s].
+      acceleration_max: lateral [m/s2].
+      jerk_max: lateral [m/s3].
+      duration_min: [s].
+      duration_max: [s].
+      length_min: [m], for slow driving.
+    """
+    # A bend that exists already cannot be avoided: it counts only from 5 % above it.
+    acceleration_max = max(acceleration_max, 1.05 * abs(bend) * speed**2)
+    duration = duration_min
+    while duration <= duration_max + 1e-9:
+        quintic = Quintic.to_zero(start, max(speed * duration, length_min), value, slope, bend)
+        acceleration, jerk = quintic.peak_lateral(speed)
+        if acceleration <= acceleration_max and jerk <= jerk_max:
+            return quintic
+        duration += 0.1
+    return None
+
+
+# --- From the planner's pieces to a trajectory, and from neighbors to leads ---
+
+# Shorter pieces of the plan have no direction of their own [m].
+_MOVES = 0.02
+
+
+def on_road(
+    preview: RoadPreview,
+    path: LanePath,
+    residual: Quintic | None,
+    time: float,
+    station: FloatArray,
+    speed: FloatArray,
+    acceleration: FloatArray,
+    step: float,
+    urgency: float,
+) -> Trajectory:
+    """Lane path plus quintic over station, with speed over time, in the map frame.
+
+    Args:
+      preview: tables of the road.
+      path: of the target lane.
+      residual: offset from the path, None for none.
+      time: of the first point [s].
+      station: of shape (n,) [m].
+      speed: of shape (n,) [m/s].
+      acceleration: of shape (n,) [m/s2].
+      step: between points [s].
+      urgency: greatest deceleration that a leader requires, for logs [m/s2].
+    """
+    slopes, bends = preview.course(path)
+    slope = np.interp(station, path.station, slopes)
+    bend = np.interp(station, path.station, bends)
+    offset = np.interp(station, path.station, path.driven)
+    if residual is not None:
+        q, first, second, _ = residual.evaluate(station)
+        offset, slope, bend = offset + q, slope + first, bend + second
+    curvature = np.interp(station, preview.station, preview.curvature)
+    stretch = 1.0 - curvature * offset
+    point = preview.route.evaluate(station, offset)
+    x, y = np.asarray(point.x), np.asarray(point.y)
+    yaw = np.asarray(point.heading) + np.arctan2(slope, stretch)
+    # Of an offset curve, for small angles to the road; where the truck moves, of its points.
+    bent = _turn_by_way(x, y, yaw, curvature / stretch + bend / stretch**2)
+    return Trajectory(
+        time=np.asarray(time + step * np.arange(len(station)), dtype=np.float64),
+        station=station,
+        offset=offset,
+        x=x,
+        y=y,
+        z=np.asarray(point.z),
+        yaw=yaw,
+        curvature=bent,
+        speed=speed,
+        acceleration=acceleration,
+        extra={"urgency": urgency},
+    )
+
+
+def _turn_by_way(x: FloatArray, y: FloatArray, yaw: FloatArray, still: FloatArray) -> FloatArray:
+    """Curvature of a path of points with headings [1/m]; `still` where it does not move on."""
+    ways = np.hypot(x[1:] - x[:-1], y[1:] - y[:-1])
+    turns = yaw[1:] - yaw[:-1]
+    turns = np.remainder(turns + np.pi, 2.0 * np.pi) - np.pi
+    moves = ways > _MOVES
+    each = np.where(moves, turns / np.maximum(ways, _MOVES), 0.0)
+    # At a point: of the pieces before and behind that have a length.
+    pieces = np.zeros((2, len(yaw) + 1))
+    pieces[0, 1:-1], pieces[1, 1:-1] = each, moves
+    total, count = pieces[:, 1:] + pieces[:, :-1]
+    return np.asarray(np.where(count > 0.0, total / np.maximum(count, 1.0), still))
+
+
+def lead_of(neighbor: Neighbor) -> Lead:
+    """The neighbor as somebody to follow."""
+    vehicle = neighbor.vehicle
+    return Lead(neighbor.gap, max(vehicle.speed, 0.0), vehicle.acceleration)
+
+
+def lead_while_passing(
+    scene: Scene,
+    path: LanePath,
+    residual: Quintic,
+    old: Neighbor,
+    side_gap: float,
+    margin: float,
+) -> Lead | None:
+    """The leader of the lane being left, as long as it can still be touched; else None.
+
+    Args:
+      scene: the truck.
+      path: of the target lane.
+      residual: of the change under way.
+      old: the leader of the old lane.
+      side_gap: wanted beside it [m].
+      margin: wanted behind it until the truck is beside [m].
+    """
+    ego = scene.ego
+    clear = 0.5 * (old.vehicle.width + scene.footprint.width) + side_gap
+    stations = np.linspace(ego.station, max(residual.end, ego.station + 1.0), 40)
+    offsets = path.driven_at(stations) + residual.evaluate(stations)[0]
+    aside = np.abs(offsets - old.vehicle.offset) > clear
+    free_at = float(stations[int(np.argmax(aside))]) if aside.any() else float(stations[-1])
+    until = (free_at - ego.station) / max(ego.speed, 1.0)
+    closing = ego.speed - old.vehicle.speed
+    spare = old.gap - max(closing, 0.0) * until - margin
+    if until <= 0.0 or spare > 0.0:
+        return None
+    lead = lead_of(old)
+    return Lead(lead.gap, lead.speed, lead.acceleration, until)

@@ -1,0 +1,1 @@
+"""The safe stop: what drives the truck when its commands stay away."""

@@ -1,0 +1,166 @@
+"""Who drives: the commands that arrive, or, while they stay away, the stop in lane.
+
+A stop never keeps anybody from braking harder: an XBR demand that is in force (of an emergency
+brake assistant, say, which has not fallen silent) and the driver's brake pedal count beside it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import math
+from dataclasses import dataclass
+
+from controllers.safe_stop.stop import SafeStop, StopPhase
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoState, VehicleCommand, XbrMode
+
+# Instants are compared with this much slack [s].
+_SLACK = 1e-6
+
+
+class Driver(enum.Enum):
+    """Who drives now."""
+
+    COMMANDS = "commands"
+    STOP = "stop"
+    RETURNING = "returning"
+
+
+@dataclass(frozen=True, slots=True)
+class FallbackConfig:
+    """How the truck is handed back.
+
+    Attributes:
+      return_time: that commands must have been back without a gap before they are obeyed [s].
+      blend_time: over which they take over [s].
+      acknowledge: a truck that stands is handed back only after the accelerator was let go in a
+        command received since, so that it never starts under a pedal left down.
+    """
+
+    return_time: float = 0.5
+    blend_time: float = 1.0
+    acknowledge: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("return_time", "blend_time"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise InputError(f"{name} = {value!r} s: a finite number, zero or more, is wanted")
+
+
+class Fallback:
+    """Passes commands on; begins a stop when they are lost, and hands back when they return.
+
+    Args:
+      stop: what to do meanwhile.
+      config: how to hand back.
+
+    Attributes:
+      driver: who drives now; stops: how many stops were begun.
+    """
+
+    def __init__(self, stop: SafeStop, config: FallbackConfig | None = None) -> None:
+        self.stop = stop
+        self.config = config or FallbackConfig()
+        self.reset()
+
+    def reset(self) -> None:
+        """Commands drive; no stop is under way."""
+        self.stop.reset()
+        self.driver = Driver.COMMANDS
+        self.stops = 0
+        self._obeyed = VehicleCommand()
+        self._back_since = math.inf
+        self._acknowledged = False
+        self._returned_at = 0.0
+        self._left = VehicleCommand()
+        self._gap = 0.0
+
+    def command(self, ego: EgoState, received: VehicleCommand, lost: bool) -> VehicleCommand:
+        """The command for the truck now; call it at least every 20 ms.
+
+        Args:
+          ego: the truck.
+          received: what the bus commands, with the safe values of what is silent.
+          lost: whether the driving commands are missing.
+
+        Raises:
+          InputError: a stop is under way and the truck's state is not finite.
+        """
+        if lost:
+            self._begin()
+        if self.driver is Driver.STOP:
+            stopping = self.stop.command(ego, self._obeyed)
+            parked = self.stop.phase is StopPhase.PARKED
+            self._obeyed = stopping if parked else _no_weaker(stopping, received)
+            if self._may_return(ego, received, lost):
+                self.driver = Driver.RETURNING
+                self._returned_at, self._left = ego.time, self._obeyed
+                self._gap = self._obeyed.steering_wheel_angle - received.steering_wheel_angle
+            return self._obeyed
+        if self.driver is Driver.RETURNING:
+            share = self._share(ego.time)
+            self._obeyed = self._blend(received, share)
+            if share >= 1.0:
+                self.driver = Driver.COMMANDS
+        else:
+            self._obeyed = received
+        return self._obeyed
+
+    def _begin(self) -> None:
+        if self.driver is Driver.STOP:
+            return
+        self.stop.reset()
+        self.driver = Driver.STOP
+        self.stops += 1
+        self._back_since, self._acknowledged = math.inf, False
+
+    def _may_return(self, ego: EgoState, received: VehicleCommand, lost: bool) -> bool:
+        config = self.config
+        if lost:
+            self._back_since, self._acknowledged = math.inf, False
+            return False
+        self._back_since = min(self._back_since, ego.time)
+        self._acknowledged |= received.accelerator_pedal <= 0.0
+        stands = self.stop.phase is not StopPhase.BRAKING
+        if config.acknowledge and stands and not self._acknowledged:
+            return False
+        return ego.time - self._back_since >= config.return_time - _SLACK
+
+    def _share(self, time: float) -> float:
+        """How far the commands have taken over, 0 to 1."""
+        blend = self.config.blend_time
+        return min((time - self._returned_at) / blend, 1.0) if blend > 0.0 else 1.0
+
+    def _blend(self, received: VehicleCommand, share: float) -> VehicleCommand:
+        """The commands, with what is left of the stop's braking and of the step in the wheel."""
+        left = 1.0 - share
+        braking = -self._left.xbr_demand if self._left.xbr_mode is not XbrMode.OFF else 0.0
+        fading = -braking * left
+        blended = dataclasses.replace(
+            received,
+            accelerator_pedal=received.accelerator_pedal * share,
+            steering_wheel_angle=received.steering_wheel_angle + self._gap * left,
+        )
+        own = received.xbr_demand if received.xbr_mode is not XbrMode.OFF else 0.0
+        if fading >= own or share >= 1.0:
+            return blended
+        return dataclasses.replace(
+            blended,
+            xbr_demand=fading,
+            xbr_mode=XbrMode.MAXIMUM,
+            xbr_ebi_mode=self._left.xbr_ebi_mode,
+        )
+
+
+def _no_weaker(stopping: VehicleCommand, received: VehicleCommand) -> VehicleCommand:
+    """The stop's command with what others brake more."""
+    pedal = max(stopping.brake_pedal, received.brake_pedal)
+    if pedal > stopping.brake_pedal:
+        stopping = dataclasses.replace(stopping, brake_pedal=pedal)
+    if received.xbr_mode is XbrMode.OFF or received.xbr_demand >= stopping.xbr_demand:
+        return stopping
+    return dataclasses.replace(
+        stopping, xbr_demand=received.xbr_demand, xbr_ebi_mode=received.xbr_ebi_mode
+    )

@@ -1,0 +1,337 @@
+"""A smooth stop in lane: what the truck does by itself when its commands stay away.
+
+From its state and its road alone: it keeps the lane with the tracking controller's path law, brakes
+all axles by XBR at a moderate, jerk-limited deceleration, eases it at standstill and then sets the
+parking brake. It sees no traffic, and asks for more only where the lane or the road ends sooner.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from controllers.planning.lane_change import LaneChangeConfig, quintic_back
+from controllers.planning.road_preview import LanePath, RoadPreview
+from controllers.planning.trajectory import Quintic, on_road
+from controllers.safe_stop.profile import StopLimits, StopStart, roll_to_stop, stop_distance
+from controllers.tracking.lateral import USED, LateralConfig, LateralController, check_finite
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import (
+    EgoState,
+    PlanMode,
+    Trajectory,
+    TransmissionMode,
+    VehicleCommand,
+    XbrEbiMode,
+    XbrMode,
+)
+from iits_mj.parameters import TruckParameters
+
+# --- Settings of the stop in lane, and its phases ---
+
+
+class StopPhase(enum.Enum):
+    """Where a stop stands."""
+
+    BRAKING = "braking"
+    STANDING = "standing"
+    PARKED = "parked"
+
+
+@dataclass(frozen=True)
+class SafeStopConfig:
+    """Settings of the stop.
+
+    Attributes:
+      limits: deceleration and jerk, see `StopLimits`.
+      deceleration_max: where lane or road end too soon for that [m/s2].
+      look_ahead: how long a sideways motion is followed to choose the lane [s].
+      off_center: distance from the lane's middle that a curve of its own leads back from [m].
+      stop_gap: left before the end of lane or road, from the front bumper [m].
+      resync_speed: the plan's speed stays within this of the truck's [m/s].
+      speed_gain: deceleration added for a speed above the plan's [1/s].
+      lead_time: the planned deceleration is asked for this much earlier, for the brakes' lag [s].
+      hold_demand: XBR demand at standstill [m/s2].
+      neutral_speed: below it the driveline is opened, so that no gear change jolts the stop [m/s].
+      standing_speed: below it the truck stands [m/s].
+      standing_time: standing before the parking brake is set [s].
+      parking_time: service brakes held beside the parking brake while its springs act [s].
+      horizon: of the plan [s]; step: of its points [s]; plan_period: between plans [s].
+      control_period: between commands [s], the step of `lateral`.
+      preview: how far ahead lane and road are looked at [m].
+      change: lateral limits of finding the lane's middle.
+      lateral: settings of the path law.
+    """
+
+    limits: StopLimits = field(default_factory=StopLimits)
+    deceleration_max: float = 4.0
+    look_ahead: float = 1.0
+    off_center: float = 0.2
+    stop_gap: float = 3.0
+    resync_speed: float = 0.5
+    speed_gain: float = 0.5
+    lead_time: float = 0.3
+    hold_demand: float = 1.5
+    neutral_speed: float = 6.0
+    standing_speed: float = 0.05
+    standing_time: float = 1.0
+    parking_time: float = 2.0
+    horizon: float = 4.0
+    step: float = 0.1
+    plan_period: float = 0.1
+    control_period: float = 0.02
+    preview: float = 500.0
+    change: LaneChangeConfig = field(default_factory=LaneChangeConfig)
+    lateral: LateralConfig = field(default_factory=LateralConfig)
+
+    def __post_init__(self) -> None:
+        if not self.limits.deceleration <= self.deceleration_max <= 10.0:
+            raise InputError(
+                f"deceleration_max = {self.deceleration_max!r} m/s2: allowed is the deceleration "
+                f"{self.limits.deceleration:g} to 10"
+            )
+        for name in ("standing_time", "parking_time", "stop_gap", "off_center", "look_ahead"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise InputError(f"{name} = {value!r}: a finite number, zero or more, is wanted")
+
+
+# --- A smooth stop in lane: what the truck does by itself when its commands stay away ---
+
+if TYPE_CHECKING:
+    from iits_mj.road import Route
+
+# Instants are compared with this much slack [s].
+_SLACK = 1e-6
+_USED = (*USED, "acceleration", "offset")
+
+
+class SafeStop:
+    """Brings the truck to a stop in its lane and parks it; begins at the first `command`.
+
+    Args:
+      route: the truck's road.
+      parameters: of the truck; default: the shipped one.
+      config: settings.
+
+    Attributes:
+      phase: where the stop stands; lane: index of the lane that is kept, -1 before it begins;
+      trajectory: what is tracked, None before it begins.
+    """
+
+    def __init__(
+        self,
+        route: Route,
+        parameters: TruckParameters | None = None,
+        config: SafeStopConfig | None = None,
+    ) -> None:
+        self.config = config or SafeStopConfig()
+        self.preview = RoadPreview(route)
+        parameters = parameters or TruckParameters.load()
+        self.lateral = LateralController(parameters, self.config.lateral)
+        self._overhang = parameters.tractor.front_overhang
+        self.reset()
+
+    def reset(self) -> None:
+        """Ready for the next stop."""
+        self.lateral.reset()
+        self.phase = StopPhase.BRAKING
+        self.lane = -1
+        self.trajectory: Trajectory | None = None
+        self._last = VehicleCommand()
+        self._residual: Quintic | None = None
+        self._middle = self._kept = 0.0
+        self._limits = self.config.limits
+        self._command = VehicleCommand()
+        self._demand = 0.0
+        self._planned_at = self._commanded_at = -math.inf
+        self._still_since = math.inf
+
+    def prepare(self, ego: EgoState) -> None:
+        """Computes the controller's gains for the truck's mass, so that a stop begins at once.
+
+        Raises:
+          InputError: the state is not finite.
+        """
+        self.reset()
+        self.command(ego)
+        self.reset()
+
+    def command(self, ego: EgoState, last: VehicleCommand | None = None) -> VehicleCommand:
+        """The command now; call it at least every 20 ms.
+
+        Args:
+          ego: the truck.
+          last: what was obeyed before the stop, looked at when it begins: its selector, driver's
+            brake pedal and parking brake stay, and the stop is not weaker than its XBR demand, up
+            to `deceleration_max`.
+
+        Raises:
+          InputError: a value of the state that the stop uses is not finite.
+        """
+        check_finite(ego, _USED)
+        if self.trajectory is None:
+            self._begin(ego, last)
+        elif ego.time - self._commanded_at < self.config.control_period - _SLACK:
+            return self._command
+        if ego.time - self._planned_at >= self.config.plan_period - _SLACK:
+            self._plan(ego)
+        assert self.trajectory is not None
+        self._stand(ego)
+        self._brake(ego, self.trajectory)
+        self._commanded_at = ego.time
+        self._command = self._assemble(ego, self.lateral.steer(ego, self.trajectory))
+        return self._command
+
+    def _begin(self, ego: EgoState, last: VehicleCommand | None) -> None:
+        """Chooses the lane and how hard to brake."""
+        self._last = last or VehicleCommand()
+        if self._last.xbr_mode is not XbrMode.OFF:
+            self._limits = self._at_least(-self._last.xbr_demand)
+        self._kept = ego.offset
+        sideways = self._slope(ego) * max(ego.speed, 0.0)
+        aimed_at = ego.offset + self.config.look_ahead * sideways
+        self.lane = self.preview.nearest_lane(ego.station, aimed_at)
+        path = self._follow(ego, self.lane)
+        error = ego.offset - float(path.offset_at(ego.station))
+        if abs(error) > self.config.off_center:
+            self._residual = quintic_back(
+                ego.station,
+                error,
+                self._slope(ego),
+                self._bend(ego),
+                max(ego.speed, 1.0),
+                self.config.change,
+            )
+
+    def _slope(self, ego: EgoState) -> float:
+        """Direction of motion of the steer axle against the road, as a slope of its offset."""
+        if ego.speed < 1.0:
+            return 0.0
+        heading = float(self.preview.route.evaluate(ego.station, ego.offset).heading)
+        course = ego.yaw + math.atan2(ego.lateral_speed, ego.speed) - heading
+        return math.tan(min(max(math.remainder(course, math.tau), -0.3), 0.3))
+
+    def _bend(self, ego: EgoState) -> float:
+        """Curvature of the motion against the road's [1/m]."""
+        if ego.speed < 5.0:
+            return 0.0
+        road = float(np.interp(ego.station, self.preview.station, self.preview.curvature))
+        return min(max(ego.yaw_rate / ego.speed - road, -0.003), 0.003)
+
+    def _follow(self, ego: EgoState, lane: int) -> LanePath:
+        path = self.preview.follow(max(lane, 0), ego.station, self.config.preview, 150.0)
+        if not np.isfinite(path.offset).all():
+            # A road without a lane: straight on beside its reference line.
+            path = dataclasses.replace(path, offset=np.full_like(path.offset, self._kept))
+        self._middle = float(path.offset_at(ego.station))
+        return path
+
+    def _plan(self, ego: EgoState) -> None:
+        """A trajectory along the lane, from the last plan's speed or the truck's."""
+        config = self.config
+        # Lanes that come and go on the right shift the indices: the middle tells the lane.
+        self.lane = self.preview.nearest_lane(ego.station, self._middle)
+        path = self._follow(ego, self.lane)
+        start = self._start(ego)
+        room = path.end - config.stop_gap - self._overhang - ego.station
+        limits = self._sooner(start, room)
+        steps = round(config.horizon / config.step)
+        station, speed, acceleration = roll_to_stop(start, limits, steps, config.step)
+        planned = on_road(
+            self.preview,
+            path,
+            self._residual,
+            ego.time,
+            station,
+            speed,
+            acceleration,
+            config.step,
+            0.0,
+        )
+        self.trajectory = dataclasses.replace(
+            planned, mode=PlanMode.EMERGENCY, reason="stop in lane", target_lane=self.lane
+        )
+        self._planned_at = ego.time
+
+    def _start(self, ego: EgoState) -> StopStart:
+        """The last plan goes on, held near the truck."""
+        last, reach = self.trajectory, self.config.resync_speed
+        if last is None or not last.time[0] <= ego.time <= last.time[-1]:
+            begin = min(max(ego.acceleration, -self._limits.deceleration), 0.5)
+            return StopStart(ego.station, ego.speed, begin)
+        speed = float(np.interp(ego.time, last.time, last.speed))
+        acceleration = float(np.interp(ego.time, last.time, last.acceleration))
+        speed = min(max(speed, ego.speed - reach), ego.speed + reach)
+        return StopStart(ego.station, max(speed, 0.0), acceleration)
+
+    def _sooner(self, start: StopStart, room: float) -> StopLimits:
+        """Limits that stop the truck within the room there is, as far as allowed."""
+        if stop_distance(start.speed, start.acceleration, self._limits) <= room:
+            return self._limits
+        # A truck that ramps up its brakes first needs more than v^2 / 2 s.
+        return self._at_least(1.15 * start.speed**2 / (2.0 * max(room, 0.1)))
+
+    def _at_least(self, deceleration: float) -> StopLimits:
+        most = self.config.deceleration_max
+        wanted = min(max(deceleration, self._limits.deceleration), most)
+        jerk = self._limits.jerk * wanted / self._limits.deceleration
+        return dataclasses.replace(self._limits, deceleration=wanted, jerk=min(jerk, 10.0))
+
+    def _stand(self, ego: EgoState) -> None:
+        """Moves on from braking to standing to parked; a truck that slides brakes again."""
+        config = self.config
+        if abs(ego.speed) >= config.standing_speed:
+            self._still_since = math.inf
+            if self.phase is StopPhase.STANDING:
+                self.phase = StopPhase.BRAKING
+            return
+        self._still_since = min(self._still_since, ego.time)
+        if self.phase is StopPhase.BRAKING:
+            self.phase = StopPhase.STANDING
+        still = ego.time - self._still_since
+        if self.phase is StopPhase.STANDING and still >= config.standing_time - _SLACK:
+            self.phase = StopPhase.PARKED
+
+    def _brake(self, ego: EgoState, trajectory: Trajectory) -> None:
+        """The deceleration to demand: the plan's, early, and what the truck is too fast."""
+        config = self.config
+        if self.phase is StopPhase.BRAKING:
+            soon = ego.time + config.lead_time
+            planned = float(np.interp(soon, trajectory.time, trajectory.acceleration))
+            speed = float(np.interp(ego.time, trajectory.time, trajectory.speed))
+            wanted = -planned + config.speed_gain * (abs(ego.speed) - speed)
+            # Near standstill something must be left for brake control to hold.
+            if ego.speed < 1.0:
+                wanted = max(wanted, self._limits.deceleration_end)
+        else:
+            wanted = config.hold_demand
+        reach = 2.0 * self._limits.jerk * config.control_period
+        wanted = min(max(wanted, self._demand - reach), self._demand + reach)
+        self._demand = min(max(wanted, 0.0), config.deceleration_max)
+
+    def _assemble(self, ego: EgoState, wheel: float) -> VehicleCommand:
+        """The whole command, with selector, driver's pedal and parking brake."""
+        config, last = self.config, self._last
+        slow = abs(ego.speed) < config.neutral_speed
+        braking = VehicleCommand(
+            xbr_demand=-self._demand,
+            xbr_mode=XbrMode.MAXIMUM,
+            steering_wheel_angle=wheel,
+            parking_brake=last.parking_brake,
+            transmission_mode=TransmissionMode.NEUTRAL if slow else last.transmission_mode,
+            brake_pedal=last.brake_pedal,
+            # All axles share: engine brake and retarder would take the drive axles' grip in a bend.
+            xbr_ebi_mode=XbrEbiMode.FRICTION_ONLY,
+        )
+        if self.phase is not StopPhase.PARKED:
+            return braking
+        parked = dataclasses.replace(braking, parking_brake=1.0, brake_pedal=0.0)
+        if ego.time - self._still_since < config.standing_time + config.parking_time:
+            return parked
+        return dataclasses.replace(parked, xbr_demand=0.0, xbr_mode=XbrMode.OFF)

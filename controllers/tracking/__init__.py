@@ -1,0 +1,1 @@
+"""Tracking: steering, pedal and brakes that make the truck follow its trajectory."""

@@ -1,0 +1,83 @@
+"""The tracking controller: a trajectory and the truck's state make a J1939 command."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from controllers.tracking.lateral import USED, LateralConfig, LateralController, check_finite
+from controllers.tracking.longitudinal import LongitudinalConfig, LongitudinalController
+from iits_mj.core.messages import EgoState, Trajectory, VehicleCommand
+from iits_mj.parameters import TruckParameters
+
+if TYPE_CHECKING:
+    from iits_mj.road import Route
+
+
+@dataclass(frozen=True)
+class TrackingConfig:
+    """Settings of both controllers.
+
+    Attributes:
+      lateral: see `LateralConfig`; longitudinal: see `LongitudinalConfig`.
+    """
+
+    lateral: LateralConfig = field(default_factory=LateralConfig)
+    longitudinal: LongitudinalConfig = field(default_factory=LongitudinalConfig)
+
+
+class Tracker:
+    """Follows trajectories at 50 Hz.
+
+    Args:
+      route: gives the grade under the combination.
+      parameters: of the truck; default: the shipped one.
+      config: gains.
+    """
+
+    def __init__(
+        self,
+        route: Route,
+        parameters: TruckParameters | None = None,
+        config: TrackingConfig | None = None,
+    ) -> None:
+        self.route = route
+        self.parameters = parameters or TruckParameters.load()
+        self.config = config or TrackingConfig()
+        self.lateral = LateralController(self.parameters, self.config.lateral)
+        self.longitudinal = LongitudinalController(self.parameters, self.config.longitudinal)
+
+    def reset(self) -> None:
+        """Forgets everything but the gains."""
+        self.lateral.reset()
+        self.longitudinal.reset()
+
+    def command(self, ego: EgoState, trajectory: Trajectory) -> VehicleCommand:
+        """The command for the coming 20 ms.
+
+        Raises:
+          InputError: a value of the state that the controllers use is not finite.
+        """
+        check_finite(ego, _USED)
+        speed = self.longitudinal.command(ego, trajectory, self.grade(ego))
+        return VehicleCommand(
+            accelerator_pedal=speed.pedal,
+            xbr_demand=speed.xbr_demand,
+            xbr_mode=speed.xbr_mode,
+            steering_wheel_angle=self.lateral.steer(ego, trajectory),
+            engine_brake=speed.engine_brake,
+            retarder=speed.retarder,
+            xbr_ebi_mode=speed.xbr_ebi_mode,
+        )
+
+    def grade(self, ego: EgoState) -> float:
+        """Grade under the combination, tractor and trailer weighted by mass."""
+        tractor, trailer = self.parameters.tractor, self.parameters.semitrailer
+        behind = self.parameters.fifth_wheel.position + trailer.cg_position
+        share = tractor.mass / max(ego.mass, tractor.mass)
+        front = float(self.route.smoothed_grade(ego.station - tractor.cg_position))
+        rear = float(self.route.smoothed_grade(ego.station - behind))
+        return share * front + (1.0 - share) * rear
+
+
+_USED = (*USED, "engine_speed", "engine_torque")

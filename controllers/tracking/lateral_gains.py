@@ -1,0 +1,283 @@
+"""Linear-quadratic preview gains of the steering, over speed, and their settings.
+
+Linear-quadratic preview control (Tomizuka 1976; Sharp and Valtetsidou 2001): full state feedback,
+articulation in it, plus what is known to come: the path's curvature over the coming seconds, and
+the disturbance that was seen, taken to last. All three come out of one Riccati equation a speed.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect
+from dataclasses import dataclass, field, fields
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import solve_discrete_are
+
+from controllers.tracking.lateral_model import STATES, LateralModel
+from iits_mj.core.arrays import FloatArray
+from iits_mj.core.errors import InputError
+from iits_mj.parameters import Steering
+
+# --- The play of the steering gear: how the wheel is turned so that the road wheels do as demanded
+# The gear's output follows the steering wheel only while one of the two flanks of its play touches;
+# when the direction turns, the wheel has to cross the play first and the road wheels rest
+# meanwhile. Crossing at every small reversal makes the wheel jump to and fro in a long bend. So the
+# wheel stays on its flank until what is missing on the other side is worth it, and then crosses at
+# a steady rate. The inverse of play is that of Tao and Kokotovic (1996), with hysteresis and a
+# bounded rate.
+
+
+@dataclass(frozen=True)
+class PlayConfig:
+    """When and how the play is crossed.
+
+    Attributes:
+      missing_acceleration: lateral acceleration that may be missing before a crossing [m/s2].
+      missing_angle: the same as road wheel angle, at low speed [rad].
+      crossing_rate: of the steering wheel [rad/s].
+    """
+
+    missing_acceleration: float = 0.03
+    missing_angle: float = 1e-3
+    crossing_rate: float = 0.35
+
+
+class SteeringPlay:
+    """Knows on which flank the gear stands; one call every control step.
+
+    Args:
+      steering: ratio and width of the play.
+      config: see `PlayConfig`.
+    """
+
+    def __init__(self, steering: Steering, config: PlayConfig) -> None:
+        self.steering = steering
+        self.config = config
+        self.reset()
+
+    def reset(self) -> None:
+        """Knows nothing of the gear."""
+        self._output: float | None = None
+        self._flank = 1.0
+        self._wheel = 0.0
+
+    def follow(self, wheel: float, road_wheel: float) -> float:
+        """The gear's output, seen from the wheel's side [rad].
+
+        Dragged along by the measured wheel within the play; at the first call it is read from the
+        road wheels, later their compliance would disturb it.
+
+        Args:
+          wheel: angle of the steering wheel as measured [rad].
+          road_wheel: mean angle of the road wheels as measured [rad].
+        """
+        half = 0.5 * self.steering.dead_band
+        if self._output is None:
+            self._output = road_wheel * self.steering.ratio
+            self._flank = math.copysign(1.0, wheel - self._output)
+            self._wheel = wheel
+        self._output = min(max(self._output, wheel - half), wheel + half)
+        return self._output
+
+    def turn(self, demand: float, gain: float, step: float) -> float:
+        """Wheel angle [rad] that brings the gear's output to the demand.
+
+        Args:
+          demand: of the road wheels' angle [rad].
+          gain: lateral acceleration by road wheel angle, steady [m/s2 per rad].
+          step: since the last call [s].
+        """
+        config, ratio = self.config, self.steering.ratio
+        half = 0.5 * self.steering.dead_band
+        output = demand * ratio if self._output is None else self._output
+        missing = demand * ratio - output
+        bearable = min(config.missing_angle, config.missing_acceleration / max(gain, 1e-6))
+        if missing * self._flank < -bearable * ratio:
+            self._flank = -self._flank
+        # Off its flank the wheel would only lose what it has.
+        target = output + self._flank * (max(missing * self._flank, 0.0) + half)
+        contact = output + self._flank * half
+        reach = config.crossing_rate * step
+        crossed = (contact - self._wheel) * self._flank
+        if crossed > reach:
+            self._wheel += self._flank * reach
+        else:
+            self._wheel = target
+        most = self.steering.angle_max
+        self._wheel = min(max(self._wheel, -most), most)
+        return self._wheel
+
+
+# --- Linear-quadratic preview gains of the steering, over speed, and their settings ---
+
+
+@dataclass(frozen=True)
+class LateralConfig:
+    """Weights and limits of the steering controller.
+
+    Attributes:
+      offset_weight: on the steer axle's offset [1/m2].
+      course_weight: on the speed across the path [s2/m2].
+      articulation_weight: on the articulation rate [s2/rad2].
+      integral_weight: on the integral of the offset [1/(m2 s2)].
+      rate_weight: on the rate of the road wheel angle [s2/rad2].
+      rate_speed: below it that weight falls with the fourth power of speed, as the path answers
+        with the square [m/s]; rate_weight_min: not below this [s2/rad2].
+      preview_time: of curvature [s]; step: of the controller [s].
+      lag: steering and tire relaxation [s].
+      speed_grid: [m/s], rising.
+      disturbance_time: over which a disturbance is believed [s].
+      steady_time: over which a disturbance is taken to be lasting [s].
+      disturbance_speed: from the first of these speeds on it counts, fully from the second [m/s].
+      idle_acceleration: lateral acceleration of a correction that is not worth while [m/s2].
+      idle_angle: the same as road wheel angle, at low speed [rad].
+      error_max: offset that the feedback sees at most [m].
+      integral_error_max: beyond this offset the integral rests [m].
+      integral_max: [m s].
+      speed_min: below it the wheel is held [m/s].
+      play: see `PlayConfig`.
+
+    Raises:
+      InputError: a number is not positive and finite, or the speeds do not rise.
+    """
+
+    offset_weight: float = 1.0
+    course_weight: float = 0.2
+    articulation_weight: float = 5.0
+    integral_weight: float = 0.003
+    rate_weight: float = 50.0
+    rate_speed: float = 12.0
+    rate_weight_min: float = 0.1
+    preview_time: float = 2.0
+    step: float = 0.02
+    lag: float = 0.12
+    speed_grid: tuple[float, ...] = (1.0, 2.0, 4.0, 7.0, 10.0, 13.0, 16.0, 19.0, 22.0, 25.0, 28.0)
+    disturbance_time: float = 0.18
+    steady_time: float = 1.0
+    disturbance_speed: tuple[float, float] = (3.0, 6.0)
+    idle_acceleration: float = 0.06
+    idle_angle: float = 2e-3
+    error_max: float = 1.0
+    integral_error_max: float = 0.6
+    integral_max: float = 3.0
+    speed_min: float = 0.3
+    play: PlayConfig = field(default_factory=PlayConfig)
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if isinstance(value, float) and not (math.isfinite(value) and value > 0.0):
+                raise InputError(f"steering: {entry.name} = {value}: must be positive and finite")
+        grid = np.array(self.speed_grid)
+        if not (len(grid) > 1 and grid[0] > 0.0 and np.all(np.diff(grid) > 0.0)):
+            raise InputError(
+                f"steering: speed_grid = {self.speed_grid}: must hold two speeds or more, positive "
+                "and rising"
+            )
+
+
+class Gains(NamedTuple):
+    """What holds at one speed.
+
+    Attributes:
+      feedback: of the state, (9,).
+      preview: of the curvatures ahead, (n,).
+      disturbance: of the three disturbing accelerations, (3,).
+      motion: row by row what (w, r, r_t) are a step later, of (w, r, r_t, articulation, delta),
+        (3, 5).
+      blame: disturbing accelerations by what (w, r, r_t) are off after a step, (3, 3).
+      balance: road wheel angle that holds a disturbance on a straight path, (3,).
+      response: steady lateral acceleration by road wheel angle [m/s2 per rad].
+    """
+
+    feedback: FloatArray
+    preview: FloatArray
+    disturbance: FloatArray
+    motion: FloatArray
+    blame: FloatArray
+    balance: FloatArray
+    response: float
+
+
+@dataclass(frozen=True)
+class LateralGains:
+    """Gains over the speed grid, one row a speed; `at` takes them apart."""
+
+    speed: tuple[float, ...]
+    rows: FloatArray
+
+    @classmethod
+    def design(cls, model: LateralModel, config: LateralConfig) -> LateralGains:
+        """Solves the Riccati equation at every speed of the grid."""
+        rows = [_pack(_design(model, speed, config)) for speed in config.speed_grid]
+        return cls(config.speed_grid, np.array(rows))
+
+    def at(self, speed: float) -> Gains:
+        """The gains at a speed [m/s], interpolated; beyond the grid those of its ends."""
+        grid = self.speed
+        row = min(max(bisect(grid, speed) - 1, 0), len(grid) - 2)
+        share = min(max((speed - grid[row]) / (grid[row + 1] - grid[row]), 0.0), 1.0)
+        return _unpack((1.0 - share) * self.rows[row] + share * self.rows[row + 1])
+
+
+def _design(model: LateralModel, speed: float, config: LateralConfig) -> Gains:
+    a, b, e, disturb = model.discrete(speed, config.step)
+    share = min(1.0, speed / config.rate_speed) ** 4
+    rate = np.array([[max(config.rate_weight * share, config.rate_weight_min)]])
+    riccati = solve_discrete_are(a, b, state_weight(speed, config), rate)
+    inverse = np.linalg.inv(rate + b.T @ riccati @ b)
+    gain = inverse @ b.T @ riccati @ a
+    closed = (a - b @ gain).T
+    # Known ahead: u = -K x - sum_k inv B' (Acl')^k P E kappa_k.
+    row, term = [], riccati @ e
+    for _ in range(round(config.preview_time / config.step)):
+        row.append((inverse @ b.T @ term).item())
+        term = closed @ term
+    # Beyond the preview the last curvature is taken to last, and the disturbance from now on.
+    forever = np.eye(len(STATES)) - closed
+    row[-1] += (inverse @ b.T @ np.linalg.solve(forever, term)).item()
+    lasting = inverse @ b.T @ np.linalg.solve(forever, riccati @ disturb)
+    return Gains(
+        feedback=gain[0],
+        preview=np.array(row),
+        disturbance=lasting[0],
+        # Over a step the measured angle stands: as if it were demanded, too.
+        motion=np.column_stack([a[:3, :4], a[:3, 6] + a[:3, 7]]),
+        blame=np.asarray(np.linalg.inv(disturb[:3]), dtype=float),
+        balance=model.balance(speed),
+        response=model.steady_acceleration(speed),
+    )
+
+
+def state_weight(speed: float, config: LateralConfig) -> FloatArray:
+    """Quadratic weight of the state, shape (9, 9); all of it vanishes in a steady curve."""
+    n = len(STATES)
+    weight = np.zeros((n, n))
+    weight[4, 4] = config.offset_weight
+    course = np.zeros(n)
+    course[0], course[5] = 1.0, speed
+    swing = np.zeros(n)
+    swing[1], swing[2] = 1.0, -1.0
+    weight += config.course_weight * np.outer(course, course)
+    weight += config.articulation_weight * np.outer(swing, swing)
+    weight[8, 8] = config.integral_weight
+    return weight
+
+
+def _pack(gains: Gains) -> FloatArray:
+    parts = (gains.feedback, gains.disturbance, gains.motion.ravel(), gains.blame.ravel())
+    return np.concatenate([*parts, gains.balance, [gains.response], gains.preview])
+
+
+def _unpack(row: FloatArray) -> Gains:
+    return Gains(
+        feedback=row[:9],
+        disturbance=row[9:12],
+        motion=row[12:27].reshape(3, 5),
+        blame=row[27:36].reshape(3, 3),
+        balance=row[36:39],
+        response=float(row[39]),
+        preview=row[40:],
+    )

@@ -1,0 +1,124 @@
+"""Lay recorded trajectories of any known format on the road of any map, to be driven in.
+
+The file serves 'iits-mj replay FILE'. Formats, found by the content: NGSIM tables, reconstructed
+NGSIM pairs, highD-like tracks, SUMO's floating-car data, and our own recordings.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from iits_mj.commands.output import prepare_file
+from iits_mj.core.errors import InputError
+from iits_mj.core.options import option
+from iits_mj.simulation.parts import load_map
+from traffic_bridge.datasets import Lay, lay, read_trajectories, without_noise, write_fcd
+from traffic_bridge.recording.file import target
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Flags of `iits-mj lay`."""
+
+    data: Path = option(help="data set to lay", metavar="FILE", positional=True)
+    file: Path = option(help="recording to write", metavar="OUT.npz")
+    map: Path | None = option(
+        None, help="OpenDRIVE map; without it the built-in 15 km highway", metavar="FILE.xodr"
+    )
+    start_station: float = option(
+        0.0,
+        help="where the data set's station zero comes to lie on the map's route",
+        unit="m",
+        low=-1e6,
+        high=1e6,
+        metavar="M",
+    )
+    lanes: str | None = option(
+        None,
+        help="lane of the map for each lane of the set, both counted from the right one, 0, as in "
+        "0:1,1:2; lanes that are not named are left out; without it every lane keeps its index",
+        metavar="MAP",
+    )
+    begin: float | None = option(
+        None, help="leave out what is before this time of the set", unit="s", metavar="S"
+    )
+    end: float | None = option(
+        None, help="leave out what is from this time of the set on", unit="s", metavar="S"
+    )
+    filter_noise: bool = option(
+        False, help="average raw positions against noise, for NGSIM tables as published"
+    )
+    units: str | None = option(
+        None, help="units of an NGSIM table; without it ft, as published", choices=("ft", "m")
+    )
+    main_lanes: int | None = option(
+        None, help="lanes of an NGSIM site without ramps; others are left out", low=1, high=30
+    )
+    location: str | None = option(
+        None, help="site, for an NGSIM table of several, as in us-101", metavar="NAME"
+    )
+    direction: int | None = option(
+        None,
+        help="driving direction of a highD-like recording, 1 or 2; without it the one with more "
+        "vehicles",
+        low=1,
+        high=2,
+    )
+    fcd: Path | None = option(
+        None, help="write it as SUMO's floating-car data too", metavar="FILE.xml[.gz]"
+    )
+
+
+def run(options: Options) -> int:
+    """Reads, lays, writes, and says what was done."""
+    prepare_file(target(options.file), "--file")
+    if options.fcd is not None:
+        prepare_file(options.fcd, "--fcd")
+    trajectories = read_trajectories(
+        options.data,
+        units=options.units,
+        main_lanes=options.main_lanes,
+        location=options.location,
+        direction=options.direction,
+    )
+    if options.begin is not None or options.end is not None:
+        begin = -math.inf if options.begin is None else options.begin
+        end = math.inf if options.end is None else options.end
+        whole = (float(trajectories.time.min()), float(trajectories.time.max()))
+        trajectories = trajectories.between(begin, end)
+        if not len(trajectories):
+            raise InputError(
+                f"--begin {begin:g}, --end {end:g}: nothing is left; the set has times from "
+                f"{whole[0]:g} to {whole[1]:g} s"
+            )
+    if options.filter_noise:
+        trajectories = without_noise(trajectories)
+    how = Lay(start_station=options.start_station, lane_map=lane_map(options.lanes))
+    recording = lay(trajectories, load_map(options.map).route(), how)
+    path = recording.save(options.file)
+    for note in recording.meta["notes"]:
+        print(f"note: {note}")
+    print(
+        f"{path}: {len(recording.ids)} vehicles in {recording.time[-1]:.1f} s, "
+        f"{len(recording.vehicle)} positions"
+    )
+    if options.fcd is not None:
+        print(f"floating-car data: {write_fcd(recording, options.fcd)}")
+    return 0
+
+
+def lane_map(text: str | None) -> dict[int, int] | None:
+    """Lanes from words such as `0:1,1:2`.
+
+    Raises:
+      InputError: it reads otherwise.
+    """
+    if text is None:
+        return None
+    pairs = [part.strip().split(":") for part in text.split(",")]
+    good = all(len(pair) == 2 and all(word.strip().isdecimal() for word in pair) for pair in pairs)
+    if not good or len({pair[0].strip() for pair in pairs}) != len(pairs):
+        raise InputError(f"--lanes {text!r}: must read as in 0:1,1:2, each lane of the set once")
+    return {int(lane): int(target) for lane, target in pairs}

@@ -1,0 +1,27 @@
+"""Where the files that come with the package lie."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from iits_mj.core.errors import InputError
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+
+
+def mjcf_dir() -> Path:
+    """Folder of the model: `mjcf/` beside the sources, or inside the installed package."""
+    for candidate in (_PACKAGE.parent / "mjcf", _PACKAGE / "mjcf"):
+        if (candidate / "truck.toml").is_file():
+            return candidate
+    raise InputError(f"the model folder mjcf/ is missing beside {_PACKAGE}; reinstall iits-mj")
+
+
+def mjcf_path(name: str) -> Path:
+    """Path of a model file, for `mujoco.MjModel.from_xml_path(str(mjcf_path("truck.xml")))`."""
+    folder = mjcf_dir()
+    path = folder / name
+    if not path.is_file():
+        present = ", ".join(sorted(p.name for p in folder.iterdir()))
+        raise InputError(f"no model file {name!r}; there are: {present}")
+    return path

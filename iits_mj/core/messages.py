@@ -1,0 +1,391 @@
+"""What the modules say to each other: plain frozen dataclasses, SI units, ISO 8855 axes.
+
+Positions are in the map frame (x east, y north, z up). `station` and `offset` are route
+coordinates: metres along the `iits_mj.road.Route` and metres to the left of its reference line.
+Lanes are counted from the right, 0 being the rightmost driving lane of the route's direction.
+"""
+
+from __future__ import annotations
+
+import enum
+import numbers
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from iits_mj.core.arrays import FloatArray
+from iits_mj.core.errors import InputError
+
+
+class Decision(enum.IntEnum):
+    """High-level decision, with the paper's numbers."""
+
+    LEFT = -1
+    KEEP = 0
+    RIGHT = 1
+
+
+class XbrMode(enum.IntEnum):
+    """XBR control mode of SAE J1939-71 (SPN 2916): how the demand meets the driver's."""
+
+    OFF = 0
+    ADDITION = 1
+    MAXIMUM = 2
+
+
+class XbrEbiMode(enum.IntEnum):
+    """XBR endurance brake integration of SAE J1939-71 (SPN 2914): who may answer the demand."""
+
+    FRICTION_ONLY = 0
+    ENDURANCE_ONLY = 1
+    INTEGRATION = 2
+
+
+class TransmissionMode(enum.IntEnum):
+    """Gear selector. Drive is zero, so that an all-zero control vector is a truck ready to go."""
+
+    DRIVE = 0
+    NEUTRAL = 1
+    REVERSE = 2
+
+
+class PlanMode(enum.Enum):
+    """What the trajectory planner is doing."""
+
+    LANE_KEEPING = "lane_keeping"
+    LANE_CHANGE = "lane_change"
+    ABORT = "abort"
+    EMERGENCY = "emergency"
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleCommand:
+    """What the truck receives; field order is the order of the model's `ctrl`.
+
+    Attributes:
+      accelerator_pedal: EEC2 accelerator pedal position, 0 to 1.
+      xbr_demand: XBR external acceleration demand [m/s2], zero or negative.
+      xbr_mode: XBR control mode, see `XbrMode`.
+      steering_wheel_angle: at the steering wheel [rad], positive to the left.
+      parking_brake: 1 applies the spring brakes, 0 releases them.
+      engine_brake: requested fraction of the available engine-brake torque, 0 to 1.
+      transmission_mode: see `TransmissionMode`.
+      retarder: requested fraction of the available retarder torque, 0 to 1.
+      brake_pedal: position of the driver's service-brake pedal, 0 to 1.
+      xbr_ebi_mode: whether engine brake and retarder answer the XBR demand, see `XbrEbiMode`.
+    """
+
+    accelerator_pedal: float = 0.0
+    xbr_demand: float = 0.0
+    xbr_mode: XbrMode = XbrMode.OFF
+    steering_wheel_angle: float = 0.0
+    parking_brake: float = 0.0
+    engine_brake: float = 0.0
+    transmission_mode: TransmissionMode = TransmissionMode.DRIVE
+    retarder: float = 0.0
+    brake_pedal: float = 0.0
+    xbr_ebi_mode: XbrEbiMode = XbrEbiMode.FRICTION_ONLY
+
+
+@dataclass(frozen=True, slots=True)
+class EgoState:
+    """What the truck reports. Pose is that of the steer axle's centre, on the ground.
+
+    Attributes:
+      time: [s].
+      x, y, z: steer axle centre, projected to the road [m].
+      yaw, pitch, roll: of the tractor [rad], ISO 8855 (pitch positive nose down).
+      speed, lateral_speed: of the steer axle centre in the tractor's frame [m/s].
+      acceleration, lateral_acceleration: in the tractor's frame, gravity removed [m/s2].
+      yaw_rate, trailer_yaw_rate: [rad/s].
+      articulation: tractor yaw minus trailer yaw [rad].
+      articulation_rate: [rad/s].
+      steering_wheel_angle: actual [rad].
+      road_wheel_angle: mean of left and right [rad].
+      mass: gross combination mass [kg].
+      station, offset: of the steer axle centre on the route [m].
+      trailer_offset: of the trailer's rear axle group centre on the route [m].
+      gear: 1 to 12 forward, 0 neutral, -1 reverse.
+      shift_in_process: True while the driveline is open for a gear change.
+      engine_speed: [rad/s]; engine_torque: at the crankshaft [N m].
+      fuel_rate: [kg/s]; fuel_used: since reset [kg].
+      brake_pressures: front left, front right, rear left, rear right, trailer [Pa].
+    """
+
+    time: float = 0.0
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    yaw: float = 0.0
+    pitch: float = 0.0
+    roll: float = 0.0
+    speed: float = 0.0
+    lateral_speed: float = 0.0
+    acceleration: float = 0.0
+    lateral_acceleration: float = 0.0
+    yaw_rate: float = 0.0
+    trailer_yaw_rate: float = 0.0
+    articulation: float = 0.0
+    articulation_rate: float = 0.0
+    steering_wheel_angle: float = 0.0
+    road_wheel_angle: float = 0.0
+    mass: float = 55_000.0
+    station: float = 0.0
+    offset: float = 0.0
+    trailer_offset: float = 0.0
+    gear: int = 0
+    shift_in_process: bool = False
+    engine_speed: float = 0.0
+    engine_torque: float = 0.0
+    fuel_rate: float = 0.0
+    fuel_used: float = 0.0
+    brake_pressures: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class TruckReport:
+    """What the truck's control units report beside `EgoState`; None is "not available".
+
+    Attributes:
+      accelerator_pedal, brake_pedal: positions in force, 0 to 1; parking_brake: 1 when applied.
+      engine_brake, retarder: the driver's levers, 0 to 1.
+      transmission_mode: the gear selector's, see `TransmissionMode`.
+      xbr_mode: XBR control mode in force, see `XbrMode`.
+      xbr_acceleration_limit: the lowest acceleration that XBR may ask for [m/s2].
+      engine_torque_percent: indicated, of the reference torque (SPN 513).
+      torque_loss_percent: friction, of the reference torque (SPN 514).
+      engine_torque_percent_driver: what the pedal asks for, as indicated (SPN 512).
+      engine_load_percent: indicated torque, of the greatest at this speed (SPN 92).
+      engine_torque_mode: who decides on the torque, as numbered in SPN 899.
+      clutch_engagement: 0 open to 1 closed.
+      input_shaft_speed, propeller_shaft_speed: of the gearbox's two ends [rad/s].
+      gear_engaged: the gear that is in; during a change the one before, see `EgoState.gear`.
+      gear_ratio: of that gear, a magnitude; None in neutral.
+      engine_brake_torque: braking, at the crankshaft, zero or positive [N m].
+      retarder_torque: braking, at the propeller shaft, zero or positive [N m].
+      engine_brake_torque_percent_intended, engine_brake_torque_percent_available: of the greatest
+        torque, negative when braking (SPN 1085, 1717); the retarder's alike.
+      reservoir_pressure_front, reservoir_pressure_rear, reservoir_pressure_trailer: [Pa].
+      compressor_active: 1 while the compressor fills the reservoirs.
+      abs_active, xbr_active: 1 while ABS modulates, while an XBR demand is being answered.
+      brake_pressure_rear2_left, brake_pressure_rear2_right: of the second drive axle [Pa].
+      wheel_based_speed: of the drive axles' tires, a magnitude, as their sensor has no sign [m/s].
+      wheel_speeds: the same of the tractor's wheel ends, front to rear, left before right [m/s].
+      tractor_mass, trailer_mass, cargo_mass: [kg]; the trailer's includes the cargo.
+      axle_loads: vertical tire forces of the axles, front to rear [N].
+    """
+
+    accelerator_pedal: float | None = None
+    brake_pedal: float | None = None
+    parking_brake: float | None = None
+    engine_brake: float | None = None
+    retarder: float | None = None
+    transmission_mode: float | None = None
+    xbr_mode: float | None = None
+    xbr_acceleration_limit: float | None = None
+    engine_torque_percent: float | None = None
+    torque_loss_percent: float | None = None
+    engine_torque_percent_driver: float | None = None
+    engine_load_percent: float | None = None
+    engine_torque_mode: float | None = None
+    clutch_engagement: float | None = None
+    input_shaft_speed: float | None = None
+    propeller_shaft_speed: float | None = None
+    gear_engaged: float | None = None
+    gear_ratio: float | None = None
+    engine_brake_torque: float | None = None
+    engine_brake_torque_percent_intended: float | None = None
+    engine_brake_torque_percent_available: float | None = None
+    retarder_torque: float | None = None
+    retarder_torque_percent_intended: float | None = None
+    retarder_torque_percent_available: float | None = None
+    reservoir_pressure_front: float | None = None
+    reservoir_pressure_rear: float | None = None
+    reservoir_pressure_trailer: float | None = None
+    compressor_active: float | None = None
+    abs_active: float | None = None
+    xbr_active: float | None = None
+    brake_pressure_rear2_left: float | None = None
+    brake_pressure_rear2_right: float | None = None
+    wheel_based_speed: float | None = None
+    wheel_speeds: tuple[float, ...] = ()
+    tractor_mass: float | None = None
+    trailer_mass: float | None = None
+    cargo_mass: float | None = None
+    axle_loads: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedVehicle:
+    """Another road user. Pose is that of the bounding box's centre, on the ground.
+
+    Attributes:
+      id: stable name.
+      kind: "car", "van", "truck" (rigid) or "articulated".
+      x, y, z, yaw: [m], [rad].
+      pitch, roll: of the road under it, in its own direction [rad], pitch positive nose down.
+      yaw_rate: [rad/s].
+      speed: along its heading [m/s]; acceleration: [m/s2].
+      lateral_speed: across the lane, positive to the left [m/s].
+      station, offset: of the box's centre on the ego route [m].
+      lane: index from the right on the ego route; -1 when it is not on it.
+      length, width, height: [m].
+    """
+
+    id: str
+    kind: str = "car"
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    yaw: float = 0.0
+    speed: float = 0.0
+    acceleration: float = 0.0
+    lateral_speed: float = 0.0
+    station: float = 0.0
+    offset: float = 0.0
+    lane: int = 0
+    length: float = 4.8
+    width: float = 1.9
+    height: float = 1.5
+    pitch: float = 0.0
+    roll: float = 0.0
+    yaw_rate: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class EgoFootprint:
+    """Size of the combination about its pose point (the steer axle centre) [m].
+
+    Attributes:
+      front_overhang: from the pose point to the front bumper, 0 to the length.
+      length: 1 to 100 m, road trains have 53.5 m; width, height: 0.5 to 10 m, what roads carry.
+
+    Raises:
+      InputError: a size is no number or out of its range.
+    """
+
+    front_overhang: float = 1.40
+    length: float = 16.5
+    width: float = 2.55
+    height: float = 4.0
+
+    def __post_init__(self) -> None:
+        """Checks every size and keeps it as Python's own number."""
+        for name, least, most in (
+            ("length", 1.0, 100.0),
+            ("width", 0.5, 10.0),
+            ("height", 0.5, 10.0),
+            ("front_overhang", 0.0, self.length),
+        ):
+            value = getattr(self, name)
+            is_number = isinstance(value, numbers.Real) and not isinstance(value, bool)
+            if not is_number or not least <= value <= most:
+                raise InputError(
+                    f"footprint: {name} = {value!r} m: allowed is {least:g} to {most:g}"
+                )
+            object.__setattr__(self, name, float(value))
+
+
+class LightState(enum.Enum):
+    """What a traffic light shows; red with yellow counts as red.
+
+    STOP is red with a green arrow: stop, then go when nobody is in the way.
+    """
+
+    GREEN = "green"
+    YELLOW = "yellow"
+    RED = "red"
+    STOP = "stop"
+
+
+@dataclass(frozen=True, slots=True)
+class TrafficLight:
+    """The next traffic light on the route.
+
+    Attributes:
+      station: of its stop line [m].
+      state: what it shows now.
+      next_switch: time until it shows something else [s], None where nobody knows.
+      next_state: what it shows then, None where nobody knows.
+    """
+
+    station: float
+    state: LightState
+    next_switch: float | None = None
+    next_state: LightState | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedZone:
+    """A limit set on a stretch of the route, in place of the map's.
+
+    Attributes:
+      start, end: stations [m]; limit: [m/s]; lane: from the right, None for all lanes.
+    """
+
+    start: float
+    end: float
+    limit: float
+    lane: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RoadSignals:
+    """What lights and changing signs say; where zones overlap the later one holds."""
+
+    light: TrafficLight | None = None
+    zones: tuple[SpeedZone, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What the stack sees at one instant: the ego truck, the traffic and the signs around it."""
+
+    time: float
+    ego: EgoState
+    vehicles: Sequence[TrackedVehicle] = ()
+    footprint: EgoFootprint = EgoFootprint()
+    signals: RoadSignals = RoadSignals()
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedProfile:
+    """Reference speed over station, both of shape (n,); [m] and [m/s]."""
+
+    station: FloatArray
+    speed: FloatArray
+
+    def at(self, station: float) -> float:
+        """Reference speed at a station [m/s], held constant beyond both ends."""
+        return float(np.interp(station, self.station, self.speed))
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """Planned motion of the steer axle centre; arrays of shape (n,), strictly increasing time.
+
+    Attributes:
+      time: absolute simulation time [s].
+      station, offset: route coordinates [m].
+      x, y, z, yaw: map frame [m], [rad].
+      curvature: of the path [1/m]; speed [m/s]; acceleration [m/s2].
+      mode: what the planner is doing; reason: why, in words, for logs and pictures.
+      target_lane: lane index being kept or changed to.
+    """
+
+    time: FloatArray
+    station: FloatArray
+    offset: FloatArray
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    yaw: FloatArray
+    curvature: FloatArray
+    speed: FloatArray
+    acceleration: FloatArray
+    mode: PlanMode = PlanMode.LANE_KEEPING
+    reason: str = ""
+    target_lane: int = 0
+    refused: Decision = Decision.KEEP
+    extra: dict[str, float] = field(default_factory=dict)

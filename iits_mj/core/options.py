@@ -1,0 +1,135 @@
+"""Options that are a frozen dataclass: declared once, checked in Python and on the command line.
+
+A field made by `option` carries its help, unit, bounds and choices. `check` holds an instance
+against them, so a Python caller meets the same clear error as somebody at the shell, and
+`iits_mj.commands.arguments` turns the same fields into flags.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import Any
+
+from iits_mj.core.errors import InputError
+
+_KEY = "iits_mj.option"
+_GIVEN = "iits_mj.given"
+# What a value must be where the default is of a type; bool is an int to Python.
+_KINDS = (
+    (bool, bool, "on or off, True or False"),
+    (int, Integral, "a whole number"),
+    (float, Real, "a number"),
+    (str, str, "text"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """What a field may hold.
+
+    Attributes:
+      help: one sentence for people; unit: "" for a number without one.
+      low, high: inclusive bounds, or None; choices: allowed values, or a function that lists them.
+      metavar: placeholder of the value in the help text.
+      positional: True when it stands on the command line without a flag.
+    """
+
+    help: str
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+    choices: Sequence[str] | Callable[[], Sequence[str]] | None = None
+    metavar: str | None = None
+    positional: bool = False
+
+    def allowed(self) -> Sequence[str] | None:
+        """The choices, evaluated; None when any value of the type will do."""
+        return self.choices() if callable(self.choices) else self.choices
+
+    def bounds(self) -> str:
+        """The allowed range in words, "" when there is none."""
+        unit = f" {self.unit}" if self.unit else ""
+        if self.low is not None and self.high is not None:
+            return f"{self.low:g} to {self.high:g}{unit}"
+        if self.low is not None:
+            return f"{self.low:g}{unit} or more"
+        if self.high is not None:
+            return f"{self.high:g}{unit} or less"
+        return ""
+
+
+def option(default: Any = dataclasses.MISSING, **settings: Any) -> Any:
+    """A dataclass field with an `Option`; settings are the attributes of `Option`."""
+    metadata = {_KEY: Option(**settings)}
+    if default is dataclasses.MISSING:
+        return dataclasses.field(metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def given_names() -> Any:
+    """A dataclass field, a `frozenset[str]`: the options that were given on the command line.
+
+    A value that equals the default says nothing about that. From Python it is empty.
+    """
+    return dataclasses.field(
+        default=frozenset(), compare=False, repr=False, metadata={_GIVEN: True}
+    )
+
+
+def holders_of_given(kind: type[Any]) -> list[str]:
+    """The fields of a dataclass that were made by `given_names`."""
+    return [field.name for field in dataclasses.fields(kind) if _GIVEN in field.metadata]
+
+
+def of(field: dataclasses.Field[Any]) -> Option | None:
+    """The `Option` of a dataclass field, None when it is not one."""
+    return field.metadata.get(_KEY)
+
+
+def check(config: Any) -> None:
+    """Holds every option of a dataclass instance against its type, bounds and choices.
+
+    Raises:
+      InputError: the first value that is not allowed, with its name, value, and what is.
+    """
+    for field in dataclasses.fields(config):
+        rule = of(field)
+        if rule is not None:
+            name, value = field.name.replace("_", "-"), getattr(config, field.name)
+            _check_kind(name, value, field.default)
+            check_value(name, value, rule)
+
+
+def _check_kind(name: str, value: Any, default: Any) -> None:
+    for kind, wanted, what in _KINDS:
+        if isinstance(default, kind):
+            if not isinstance(value, wanted) or isinstance(value, bool) is not (kind is bool):
+                raise InputError(f"{name} {value!r} is not {what}")
+            return
+
+
+def check_value(name: str, value: Any, rule: Option) -> None:
+    """Raises InputError when `value` is outside the rule's bounds or choices."""
+    if value is None or isinstance(value, bool):
+        return
+    allowed = rule.allowed()
+    if allowed is not None and value not in allowed:
+        raise InputError(f"{name} {value!r} is not known; use one of: {', '.join(allowed)}")
+    if not isinstance(value, Real):
+        if rule.low is not None or rule.high is not None:
+            raise InputError(f"{name} {value!r} is not a number")
+        return
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise InputError(f"{name} {value!r} is not a finite number")
+    below = rule.low is not None and number < rule.low
+    above = rule.high is not None and number > rule.high
+    if below or above:
+        raise InputError(f"{name} {value:g} is not allowed; use {rule.bounds()}")

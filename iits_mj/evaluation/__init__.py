@@ -1,0 +1,1 @@
+"""Evaluation: decision makers and parameter uncertainty, measured over many trips."""

@@ -1,0 +1,204 @@
+"""Drives one trial of a decision maker, in the full chain or in the fast world."""
+
+from __future__ import annotations
+
+import functools
+import math
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from controllers import decision as decisions
+from controllers.decision import fast_world
+from controllers.decision.base import DecisionContext, DecisionMaker
+from controllers.decision.fast_world.env import HighwayEnv
+from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import Decision
+from iits_mj.evaluation import trials
+from iits_mj.evaluation.trials import CLOSE, EMPTY, Task, Trial, weights_digest
+from iits_mj.road import Route
+from iits_mj.simulation import DriveConfig, Frame, Simulation
+from iits_mj.simulation.frame import DivergedError
+from iits_mj.simulation.parts import make_stack
+from iits_mj.simulation.truck_world import LANE_CHANGE
+from iits_mj.truck import Truck
+from iits_mj.validation.harness.run_cache import drive_digest
+
+REFERENCE_SPEED = TripConfig().reference_speed
+_PERIOD = 0.1  # [s]
+
+
+@functools.cache
+def trial_code(world: str) -> str:
+    """Digest of the code that drives trials in a world, "full" or "fast"."""
+    drivers = [trials, sys.modules[__name__]]
+    return drive_digest(*drivers, fast_world) if world == "fast" else drive_digest(*drivers)
+
+
+def drive(task: Task, weights: Path | None = None) -> Trial:
+    """Drives a trial.
+
+    Args:
+      task: what.
+      weights: file of the policy, for the method "ddqn"; default: the shipped one.
+
+    Raises:
+      InputError: the weights are not those of the task. TrafficError: SUMO failed.
+    """
+    code = trial_code(task.world)
+    if weights_digest(task.method, weights) != task.weights:
+        raise InputError("the weights' file is not the one that was asked for: it has been changed")
+    policy = str(weights) if weights is not None and task.method == "ddqn" else None
+    maker = _Counted(decisions.make(task.method, policy))
+    return (_drive_full if task.world == "full" else _drive_fast)(task, maker, code)
+
+
+class _Counted:
+    """A decision maker whose decisions to change are counted."""
+
+    def __init__(self, maker: DecisionMaker) -> None:
+        self._maker = maker
+        self.name = maker.name
+        self.asked = 0
+
+    def reset(self) -> None:
+        self._maker.reset()
+        self.asked = 0
+
+    def decide(self, context: DecisionContext) -> Decision:
+        decision = self._maker.decide(context)
+        self.asked += decision is not Decision.KEEP
+        return decision
+
+
+class _Watch:
+    """Time gaps and the speed's distance from the reference, every 100 ms; ends the trip."""
+
+    period = _PERIOD
+
+    def __init__(self, length: float) -> None:
+        self._length = length
+        self.time_gap = math.inf
+        self._close = self._frames = 0
+        self._error = 0.0
+
+    def observe(self, simulation: Simulation, frame: Frame) -> None:
+        speed = frame.ego.speed
+        self._frames += 1
+        self._error += abs(speed - REFERENCE_SPEED)
+        self.time_gap = min(self.time_gap, frame.time_gap)
+        self._close += frame.time_gap < CLOSE
+        if frame.distance >= self._length:
+            simulation.stop("reached the end of the trip")
+
+    @property
+    def close_share(self) -> float:
+        return self._close / self._frames
+
+    @property
+    def speed_error(self) -> float:
+        return self._error / self._frames
+
+
+def _drive_full(task: Task, maker: _Counted, code: str) -> Trial:
+    """The full chain: MuJoCo truck, planner and tracking in SUMO traffic."""
+    config = DriveConfig(
+        density=task.density,
+        traffic_speed=task.traffic_speed,
+        traffic_mode="none" if task.density == EMPTY else "inter",
+        lane_change=LANE_CHANGE,
+        lane_discipline="free",
+        decision="keep",  # `driver` puts the one that is counted in its place
+        duration=task.duration_limit,
+        seed=task.seed,
+        payload=task.payload,
+        speed=REFERENCE_SPEED,
+        start_speed=task.traffic_speed,
+        speed_planner="cruise",
+    )
+
+    def driver(route: Route, truck: Truck) -> object:
+        stack = make_stack(config, route, truck.parameters)
+        stack.decision_maker = maker
+        return stack
+
+    began = time.perf_counter()
+    watch = _Watch(task.length_limit)
+    with Simulation(
+        config,
+        driver=driver,  # type: ignore[arg-type]
+        visuals=False,
+        timestep=task.timestep,
+    ) as simulation:
+        try:
+            result = simulation.run([watch])
+        except DivergedError:
+            result = simulation.summary()
+        unsafe = simulation.stack.unsafe
+    timed_out = result.ended == "reached the end of the time"
+    return Trial(
+        **vars(task),
+        speed_loss=1.0 - result.mean_speed / REFERENCE_SPEED,
+        speed_error=watch.speed_error,
+        changes=result.lane_changes,
+        asked=maker.asked,
+        refused=result.refused,
+        unsafe=unsafe,
+        collisions=int(result.collision),
+        failures=int(result.failed or timed_out),
+        ended=" ".join(result.ended.split()),
+        time_gap=watch.time_gap,
+        close_share=watch.close_share,
+        box_distance=result.closest_box,
+        fuel=result.fuel,
+        distance=result.distance,
+        time=result.duration,
+        wall_time=round(time.perf_counter() - began, 3),
+        code=code,
+    )
+
+
+def _drive_fast(task: Task, maker: _Counted, code: str) -> Trial:
+    """The fast world: point-mass truck in numpy traffic."""
+    empty = task.density == EMPTY
+    trip = TripConfig(
+        spawn_probability=0.0 if empty else SPAWN_PROBABILITY[task.density],
+        traffic_speed=task.traffic_speed,
+        payload=task.payload,
+        length=task.length_limit,
+        duration=task.duration_limit,
+    )
+    began = time.perf_counter()
+    env = HighwayEnv()
+    maker.reset()
+    env.reset(np.random.default_rng(task.seed), trip)
+    over = False
+    while not over:
+        step = env.step(maker.decide(env.context()))
+        over = step.terminated or step.truncated
+    result = env.summary
+    timed_out = not result.collisions and result.time >= task.duration_limit
+    ended = "collision" if result.collisions else "reached the end of the trip"
+    return Trial(
+        **vars(task),
+        speed_loss=result.speed_loss,
+        speed_error=math.nan,
+        changes=result.changes,
+        asked=maker.asked,
+        refused=result.refused,
+        unsafe=result.dangerous,
+        collisions=result.collisions,
+        failures=int(bool(result.collisions) or timed_out),
+        ended="reached the end of the time" if timed_out else ended,
+        time_gap=result.time_gap_min,
+        close_share=math.nan,
+        box_distance=math.nan,
+        fuel=math.nan,
+        distance=result.distance,
+        time=result.time,
+        wall_time=round(time.perf_counter() - began, 3),
+        code=code,
+    )

@@ -1,0 +1,225 @@
+"""The route sampled for drawing: stations dense where it bends, sections across, markings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from iits_mj.core.arrays import FloatArray
+from iits_mj.model.visuals.shapes import Shape, merge, surface
+from iits_mj.road import Route
+
+RUN_OUT = 400.0  # [m] drawn beyond an end of the route that leads away from it
+CHORD_ERROR = 0.02  # [m] in plan
+SAG_ERROR = 0.003  # [m] in height
+STEP_MAX = 25.0  # [m], of a straight road; longer on routes beyond 30 km
+MARKING_LIFT = 0.02
+DASH_LENGTH, DASH_PERIOD = 6.0, 15.0
+
+
+@dataclass(frozen=True)
+class Corridor:
+    """The route at drawing stations (n,): reference point, heading, tilt and pavement edges."""
+
+    route: Route
+    station: FloatArray
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    heading: FloatArray
+    tilt: FloatArray
+    curvature: FloatArray
+    right: FloatArray
+    left: FloatArray
+
+    @classmethod
+    def sample(cls, route: Route, stations: FloatArray | None = None) -> Corridor:
+        """Samples a route, by default at stations that keep the chord errors above."""
+        station = drawing_stations(route) if stations is None else stations
+        point = route.evaluate(station)
+        right, left = route.surface_edges(station)
+        return cls(
+            route,
+            station,
+            point.x,
+            point.y,
+            point.z,
+            point.heading,
+            np.tan(point.superelevation),
+            point.curvature,
+            right,
+            left,
+        )
+
+    def between(self, start: float, end: float) -> Corridor:
+        """The part from `start` to `end`, both stations included exactly."""
+        inner = self.station[(self.station > start + 0.01) & (self.station < end - 0.01)]
+        return Corridor.sample(self.route, np.concatenate([[start], inner, [end]]))
+
+    def across(self, offset: ArrayLike, lift: ArrayLike = 0.0) -> FloatArray:
+        """Points on the tilted road plane, offsets (n, k) or (n,), raised by `lift` [m]."""
+        offset = np.asarray(offset, dtype=float)
+        raised = np.asarray(lift, dtype=float)
+        shape = (-1, *(1,) * (offset.ndim - 1))
+        x, y, z, heading, tilt = (
+            value.reshape(shape) for value in (self.x, self.y, self.z, self.heading, self.tilt)
+        )
+        return np.stack(
+            [
+                x - offset * np.sin(heading),
+                y + offset * np.cos(heading),
+                z + offset * tilt + raised,
+            ],
+            axis=-1,
+        )
+
+    def strip(
+        self, left: ArrayLike, right: ArrayLike, lift: float = 0.0, tile: float = 0.0
+    ) -> Shape:
+        """A ribbon of the road surface between two offsets, facing up; textured when tile > 0."""
+        n = len(self.station)
+        offsets = np.stack([np.broadcast_to(left, n), np.broadcast_to(right, n)], axis=1)
+        points = self.across(offsets, lift)
+        texture = None
+        if tile > 0:
+            origin = np.floor(self.station[0] / tile) * tile
+            along = np.broadcast_to((self.station - origin)[:, None], offsets.shape)
+            texture = np.stack([offsets / tile, along / tile], axis=-1)
+        return surface(points, texture, self._up(2))
+
+    def extrude(self, profile: ArrayLike, base: ArrayLike, *, smooth: bool = False) -> Shape:
+        """A profile (k, 2) of (offset, height) about the offset `base`, swept along the route.
+
+        Seen in the direction of travel the profile runs clockwise round what is solid. A smooth
+        profile shares its vertices, one with edges does not.
+        """
+        points = np.asarray(profile, dtype=float)
+        if smooth:
+            offsets = np.broadcast_to(base, len(self.station))[:, None] + points[:, 0]
+            return surface(self.across(offsets, points[None, :, 1]))
+        parts = []
+        n = len(self.station)
+        base = np.broadcast_to(base, n)[:, None]
+        for a, b in pairwise(points):
+            pair = np.stack([a, b])
+            parts.append(surface(self.across(base + pair[:, 0], pair[:, 1])))
+        return merge(parts)
+
+    def _up(self, columns: int) -> FloatArray:
+        slope = np.gradient(self.z, self.station)
+        c, s = np.cos(self.heading), np.sin(self.heading)
+        normal = np.stack(
+            [-slope * c + self.tilt * s, -slope * s - self.tilt * c, np.ones_like(c)], axis=-1
+        )
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        return np.repeat(normal[:, None, :], columns, axis=1)
+
+
+def drawing_stations(route: Route) -> FloatArray:
+    """Stations from one run-out to the other whose chords stay near the road."""
+    step = max(1.0, route.length / 20_000.0)
+    longest = STEP_MAX * max(1.0, route.length / 30_000.0)
+    fine = np.linspace(0.0, route.length, max(int(route.length / step), 2) + 1)
+    point = route.evaluate(fine)
+    bend = np.abs(point.curvature)
+    twist = np.gradient(point.superelevation, fine)
+    # At the pavement's edges, about 10 m off, a changing twist adds to the sag.
+    sag = np.abs(np.gradient(point.grade, fine)) + 10.0 * np.abs(np.gradient(twist, fine))
+    length = np.minimum.reduce(
+        [
+            np.full_like(fine, longest),
+            np.sqrt(8.0 * CHORD_ERROR / np.maximum(bend, 1e-9)),
+            np.sqrt(8.0 * SAG_ERROR / np.maximum(sag, 1e-9)),
+            0.02 / np.maximum(np.abs(twist), 1e-9),
+        ]
+    ).clip(2.0, longest)
+    width = np.diff(fine)
+    count = np.concatenate([[0.0], np.cumsum(width * 0.5 * (1 / length[1:] + 1 / length[:-1]))])
+    inner = np.interp(np.linspace(0.0, count[-1], int(np.ceil(count[-1])) + 1), count, fine)
+    before, after = run_outs(route)
+    ahead = np.arange(STEP_MAX, after + 1.0, STEP_MAX)
+    behind = np.arange(STEP_MAX, before + 1.0, STEP_MAX)
+    return np.concatenate([-behind[::-1], inner, route.length + ahead])
+
+
+def run_outs(route: Route) -> tuple[float, float]:
+    """Length of the straight run-outs before and after the route; 0 where it would meet the road.
+
+    A truck at the start needs road below its trailer, but a closed ring needs no tail.
+    """
+    station = np.linspace(0.0, route.length, max(int(route.length / 10.0), 2) + 1)
+    point = route.evaluate(station)
+    out = np.arange(20.0, RUN_OUT + 1.0, 10.0)
+    lengths = []
+    for tail, keep in (
+        (-out, station > 100.0),
+        (route.length + out, station < station[-1] - 100.0),
+    ):
+        end = route.evaluate(tail)
+        gap = np.hypot(end.x[:, None] - point.x[keep], end.y[:, None] - point.y[keep])
+        lengths.append(0.0 if gap.size and gap.min() < 25.0 else RUN_OUT)
+    return lengths[0], lengths[1]
+
+
+def chunks(route: Route, wanted: float) -> Iterator[tuple[float, float]]:
+    """Intervals of about `wanted` metres that together cover route and run-outs."""
+    before, after = run_outs(route)
+    start, end = -before, route.length + after
+    count = max(1, round((end - start) / wanted))
+    edges = np.linspace(start, end, count + 1)
+    yield from zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
+
+
+def markings(corridor: Corridor, start: float, end: float) -> dict[str, Shape]:
+    """Paint between two stations as one mesh per material; empty where there is none."""
+    route = corridor.route
+    sections = [s for s in route.section_starts() if start < s < end]
+    edges = [start, *sections, end]
+    found: dict[str, list[Shape]] = {}
+    for a, b in pairwise(edges):
+        if b - a < 0.1:
+            continue
+        part = corridor.between(a, b - 1e-3)
+        middle = min(max(0.5 * (a + b), 0.0), route.length)
+        count = route.lane_count(middle)
+        for i in range(count + 1):
+            mark = route.boundary_mark(i, middle)
+            if mark.kind == "none":
+                continue
+            material = "road_marking_yellow" if mark.color == "yellow" else "road_marking"
+            width = max(mark.width, 0.12)
+            shapes = found.setdefault(material, [])
+            if "broken" in mark.kind and "solid" not in mark.kind:
+                shapes.extend(_dashes(route, i, a, b, width))
+            else:
+                middle_line = route.boundary_offset(i, part.station)
+                half = 0.5 * width
+                shapes.append(part.strip(middle_line + half, middle_line - half, MARKING_LIFT))
+        inner = route.boundary_offset(count, part.station)
+        if np.all(part.left > inner + 2.0):
+            # A carriageway for oncoming traffic: close it with an edge line.
+            line = part.left - 0.15
+            shape = part.strip(line + 0.075, line - 0.075, MARKING_LIFT)
+            found.setdefault("road_marking", []).append(shape)
+    return {material: merge(shapes) for material, shapes in found.items() if shapes}
+
+
+def _dashes(route: Route, boundary: int, start: float, end: float, width: float) -> list[Shape]:
+    first = np.ceil(start / DASH_PERIOD) * DASH_PERIOD
+    begin = np.arange(first, end - DASH_LENGTH, DASH_PERIOD)
+    if not begin.size:
+        return []
+    ends = np.stack([begin, begin + DASH_LENGTH], axis=1).ravel()
+    row = Corridor.sample(route, ends)
+    middle = route.boundary_offset(boundary, ends)
+    offsets = np.stack([middle + 0.5 * width, middle - 0.5 * width], axis=1)
+    points = row.across(offsets, MARKING_LIFT).reshape(-1, 3)
+    # Four points a dash: left and right at its start, left and right at its end.
+    base = 4 * np.arange(begin.size)[:, None]
+    faces = np.concatenate([base + np.array(t) for t in ((0, 1, 3), (0, 3, 2))])
+    normals = np.repeat(row._up(1)[:, 0], 2, axis=0)
+    return [Shape(points, faces.astype(np.int32), None, normals)]

@@ -1,0 +1,168 @@
+"""The road as a picture: pavement, paint, rails, tunnels, bridges, landscape, sky and sun.
+
+Nothing here touches the physics: all geoms are without contact. The tires stand on the compiled
+table of the route; the drawn pavement follows the same function within 5 mm of height.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import mujoco
+import numpy as np
+
+from iits_mj.model.scenery.corridor import Corridor, chunks, markings
+from iits_mj.model.scenery.landscape import Landscape, Plain, is_plain
+from iits_mj.model.scenery.materials import (
+    ASPHALT_TILE,
+    GRASS_TILE,
+    add_road_materials,
+    add_sky,
+    set_view,
+)
+from iits_mj.model.scenery.structures import bridge, delineators, guard_rails, trees, tunnel
+from iits_mj.model.visuals.shapes import Shape, add_mesh, merge
+from iits_mj.road import Route
+
+ROAD_GROUP = 2
+CHUNK_LENGTH = 600.0  # [m] of road in one mesh; longer on very long routes
+CHUNKS_MAX = 40
+FURNITURE_END = {True: 4_000.0, False: 40_000.0}  # [m] of a plain route, of any other
+
+
+def add_road(spec: mujoco.MjSpec, route: Route, *, visuals: bool = True) -> None:
+    """Adds the visual road of a route, the sky and the light.
+
+    Args:
+      spec: with the body `tractor`, which the sun follows; without it the sun stands still.
+      route: what to draw.
+      visuals: False adds only light and view settings.
+    """
+    start = route.evaluate(min(20.0, route.length))
+    set_view(spec, (float(start.x), float(start.y), float(start.z) + 1.5))
+    add_sky(spec)
+    if not visuals:
+        return
+    add_road_materials(spec)
+    corridor = Corridor.sample(route)
+    plain = is_plain(route)
+    ground = Plain(route) if plain else Landscape(route, corridor)
+    builder = _Builder(spec)
+    if isinstance(ground, Plain):
+        _add_plain(spec, ground)
+    else:
+        builder.add("road_grass", "terrain", [ground.grid()])
+    rng = np.random.default_rng(5)
+    length = max(CHUNK_LENGTH, route.length / CHUNKS_MAX)
+    for index, (a, b) in enumerate(chunks(route, length)):
+        parts: dict[str, list[Shape]] = {}
+        for material, shape in markings(corridor, a, b).items():
+            parts.setdefault(material, []).append(shape)
+        for begin, end, kind in _pieces(route, a, b):
+            piece = corridor.between(begin, end)
+            surface = "road_asphalt_tunnel" if kind == "tunnel" else "road_asphalt"
+            pavement = piece.strip(piece.left, piece.right, 0.0, ASPHALT_TILE)
+            parts.setdefault(surface, []).append(pavement)
+            if kind != "open" and isinstance(ground, Landscape):
+                parts.setdefault("road_grass", []).append(ground.cover(piece))
+                continue
+            _open_road(parts, piece, ground, furnished=begin < FURNITURE_END[plain], rng=rng)
+        builder.add_all(f"{index}", parts)
+    for index, (a, b) in enumerate(route.tunnels):
+        builder.add_all(f"tunnel{index}", _by_material(tunnel(corridor, a, b)))
+    for index, (a, b) in enumerate(route.bridges):
+        builder.add_all(f"bridge{index}", _by_material(bridge(corridor, ground, a, b)))
+
+
+def _open_road(
+    parts: dict[str, list[Shape]],
+    piece: Corridor,
+    ground: Landscape | Plain,
+    *,
+    furnished: bool,
+    rng: np.random.Generator,
+) -> None:
+    found = list(ground.ribbons(piece))
+    if furnished:
+        found += delineators(piece)
+        found += trees(piece, ground, rng)
+        middle = 0.5 * (piece.station[0] + piece.station[-1])
+        if piece.route.lane_count(middle) > 1:
+            found += guard_rails(piece)
+    for material, shape in found:
+        parts.setdefault(material, []).append(shape)
+
+
+def _pieces(route: Route, start: float, end: float) -> Iterable[tuple[float, float, str]]:
+    """Splits an interval at tunnels and bridges: (from, to, "open" | "tunnel" | "bridge")."""
+    spans = [(a, b, "tunnel") for a, b in route.tunnels]
+    spans += [(a, b, "bridge") for a, b in route.bridges]
+    cursor = start
+    for a, b, kind in sorted(spans):
+        low, high = max(a, cursor), min(b, end)
+        if high - low < 0.1:
+            continue
+        if low - cursor > 0.1:
+            yield cursor, low, "open"
+        yield low, high, kind
+        cursor = high
+    if end - cursor > 0.1:
+        yield cursor, end, "open"
+
+
+def _by_material(found: Iterable[tuple[str, Shape]]) -> dict[str, list[Shape]]:
+    parts: dict[str, list[Shape]] = {}
+    for material, shape in found:
+        parts.setdefault(material, []).append(shape)
+    return parts
+
+
+class _Builder:
+    """Adds merged shapes to the world as named meshes without contact."""
+
+    def __init__(self, spec: mujoco.MjSpec) -> None:
+        self.spec = spec
+
+    def add_all(self, label: str, parts: dict[str, list[Shape]]) -> None:
+        for material, shapes in parts.items():
+            self.add(material, f"{material.removeprefix('road_')}_{label}", shapes)
+
+    def add(self, material: str, name: str, shapes: list[Shape]) -> None:
+        name = f"road_{name}"
+        shape = merge(shapes)
+        # Vertices relative to the mesh's own place keep single precision far from the origin.
+        place = np.round(shape.vertices.mean(axis=0))
+        add_mesh(self.spec, name, shape.moved(-place))
+        self.spec.worldbody.add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_MESH,
+            meshname=name,
+            material=material,
+            pos=place,
+            contype=0,
+            conaffinity=0,
+            group=ROAD_GROUP,
+            mass=0.0,
+        )
+
+
+def _add_plain(spec: mujoco.MjSpec, plain: Plain) -> None:
+    material = spec.material("road_grass")
+    # An infinite plane has no texture coordinates of its own: repeat by metres.
+    material.texrepeat = [1.0 / GRASS_TILE, 1.0 / GRASS_TILE]
+    material.texuniform = True
+    across = np.array([-np.sin(plain.heading), np.cos(plain.heading), 0.0])
+    axes = np.column_stack([plain.forward, across, np.cross(plain.forward, across)])
+    quat = np.empty(4)
+    mujoco.mju_mat2Quat(quat, axes.ravel())
+    spec.worldbody.add_geom(
+        name="road_plain",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[0.0, 0.0, 1.0],
+        pos=plain.origin,
+        quat=quat,
+        material="road_grass",
+        contype=0,
+        conaffinity=0,
+        group=ROAD_GROUP,
+    )

@@ -1,0 +1,66 @@
+"""How the truck looks: visual geoms without mass or contact, all in geom group 1."""
+
+from __future__ import annotations
+
+import mujoco
+
+from iits_mj.core.errors import InputError
+from iits_mj.model.visuals.tractor import draw_tractor
+from iits_mj.model.visuals.trailer import draw_trailer
+from iits_mj.model.visuals.wheels import draw_axles
+from iits_mj.parameters import TruckParameters
+
+# --- Materials of the truck's pictures ---
+
+# name: (red, green, blue, alpha), specular, shininess, emission
+TRUCK_MATERIALS = {
+    "truck_paint": ((0.70, 0.06, 0.05, 1.0), 0.55, 0.75, 0.0),
+    "truck_paint_dark": ((0.34, 0.025, 0.03, 1.0), 0.4, 0.6, 0.0),
+    "truck_accent": ((0.93, 0.93, 0.94, 1.0), 0.4, 0.6, 0.0),
+    "truck_glass": ((0.035, 0.05, 0.065, 1.0), 1.0, 0.95, 0.0),
+    "truck_black": ((0.045, 0.047, 0.05, 1.0), 0.25, 0.3, 0.0),
+    "truck_chassis": ((0.11, 0.115, 0.125, 1.0), 0.2, 0.2, 0.0),
+    "truck_chrome": ((0.74, 0.76, 0.79, 1.0), 0.9, 0.8, 0.0),
+    "truck_aluminum": ((0.60, 0.62, 0.64, 1.0), 0.5, 0.5, 0.0),
+    "truck_rubber": ((0.055, 0.055, 0.058, 1.0), 0.08, 0.1, 0.0),
+    "truck_headlight": ((1.0, 0.98, 0.90, 1.0), 0.5, 0.8, 0.9),
+    "truck_amber": ((1.0, 0.52, 0.04, 1.0), 0.3, 0.5, 0.6),
+    "truck_tail_light": ((0.92, 0.03, 0.03, 1.0), 0.3, 0.5, 0.6),
+    "truck_plate": ((0.95, 0.80, 0.20, 1.0), 0.1, 0.1, 0.1),
+    "trailer_curtain": ((0.88, 0.89, 0.91, 1.0), 0.15, 0.2, 0.0),
+    "trailer_strap": ((0.66, 0.68, 0.71, 1.0), 0.15, 0.2, 0.0),
+    "trailer_stripe": ((0.72, 0.07, 0.06, 1.0), 0.2, 0.3, 0.0),
+    "trailer_navy": ((0.05, 0.12, 0.24, 1.0), 0.2, 0.3, 0.0),
+}
+
+
+def add_materials(spec: mujoco.MjSpec) -> None:
+    """Adds the truck's materials to a specification."""
+    for name, (rgba, specular, shininess, emission) in TRUCK_MATERIALS.items():
+        spec.add_material(
+            name=name, rgba=rgba, specular=specular, shininess=shininess, emission=emission
+        )
+
+
+# --- How the truck looks: visual geoms without mass or contact, all in geom group 1 ---
+
+
+def decorate(spec: mujoco.MjSpec, parameters: TruckParameters, payload: float) -> None:
+    """Adds the truck's visual geoms to its bodies.
+
+    Args:
+      spec: with the bodies `tractor` (origin on the ground below the steer axle), `trailer` (origin
+        at the kingpin), the axles and the wheels, as `iits_mj.model.builder` names them.
+      parameters: give every dimension that physics knows; the styling scales with them.
+      payload: [kg]; shown as sealed curtains when laden, open straps when empty.
+
+    Raises:
+      InputError: a body is missing.
+    """
+    for name in ("tractor", "trailer"):
+        if spec.body(name) is None:
+            raise InputError(f"the specification has no body {name!r} to decorate")
+    add_materials(spec)
+    draw_tractor(spec, parameters)
+    draw_trailer(spec, parameters, laden=payload > 0)
+    draw_axles(spec, parameters)

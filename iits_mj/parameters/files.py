@@ -1,0 +1,223 @@
+"""Reading of the truck's files: TOML with provenance, CSV tables, checked dataclasses.
+
+Errors name the file or the parameter, its value and what is wanted.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import math
+import tomllib
+import types
+import typing
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from iits_mj.core.arrays import FloatArray
+from iits_mj.core.assets import mjcf_dir
+from iits_mj.core.errors import InputError
+from iits_mj.core.units import KMH, RPM
+
+
+@dataclass(frozen=True)
+class Table2D:
+    """A map: `rows` (n,), `columns` (m,), `values` (n, m), in SI units."""
+
+    rows: FloatArray
+    columns: FloatArray
+    values: FloatArray
+
+
+def provenance(path: str | Path | None = None) -> list[tuple[str, str, str, str, str]]:
+    """Rows (name, value, unit, grade, source) of every quantity in the truck's TOML."""
+    file = Path(path) if path is not None else mjcf_dir() / "truck.toml"
+    return list(_provenance_rows(read_toml(file), ""))
+
+
+def _provenance_rows(node: Any, prefix: str) -> Iterator[tuple[str, str, str, str, str]]:
+    if isinstance(node, Mapping) and "value" in node:
+        yield (prefix, str(node["value"]), node["unit"], node["grade"], node["source"])
+    elif isinstance(node, Mapping):
+        for key, child in node.items():
+            yield from _provenance_rows(child, f"{prefix}.{key}" if prefix else key)
+    elif isinstance(node, list):
+        for child in node:
+            yield from _provenance_rows(child, f"{prefix}[{child['name']}]")
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tree of a TOML file. Raises InputError when it cannot be read."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"parameter file {str(path)!r} cannot be read: {error}") from error
+
+
+def plain(node: Any) -> Any:
+    """The tree with every `{ value, unit, grade, source }` replaced by its value."""
+    if isinstance(node, Mapping):
+        if "value" in node:
+            return node["value"]
+        return {key: plain(child) for key, child in node.items()}
+    if isinstance(node, list):
+        return [plain(child) for child in node]
+    return node
+
+
+def merge(base: Any, extra: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """`base` with the values of `extra` in place; axles are matched by their name."""
+    merged = dict(base)
+    for key, value in extra.items():
+        name = f"{where}{key}"
+        if isinstance(value, Mapping) and isinstance(base.get(key), Mapping):
+            merged[key] = merge(base[key], value, f"{name}.")
+        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
+            merged[key] = _merge_named(base.get(key, []), value, name)
+        else:
+            merged[key] = value
+    return merged
+
+
+def _merge_named(base: list[Any], extra: list[Any], where: str) -> list[Any]:
+    """Merges a list of tables by their `name`: an overlay may change one axle of three."""
+    rows = {row["name"]: row for row in base}
+    for row in extra:
+        name = row.get("name")
+        if name not in rows:
+            raise InputError(f"parameter {where}: no entry named {name!r}; there are {list(rows)}")
+        rows[name] = merge(rows[name], row, f"{where}[{name}].")
+    return list(rows.values())
+
+
+def section(tree: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """A table of the tree. Raises InputError when it is not there."""
+    found = tree.get(name)
+    if not isinstance(found, Mapping):
+        raise InputError(f"the truck's parameters lack the section [{name}]")
+    return found
+
+
+def build(kind: Any, node: Any, where: str) -> Any:
+    """Makes `kind` (a dataclass, tuple, dict or number type) from a plain tree, checked."""
+    origin = typing.get_origin(kind)
+    if dataclasses.is_dataclass(kind):
+        return _build_dataclass(kind, node, where)
+    if origin is tuple:
+        item = typing.get_args(kind)[0]
+        if not isinstance(node, (list, tuple)):
+            raise InputError(f"parameter {where} = {node!r}: a list is wanted")
+        return tuple(build(item, child, f"{where}[{i}]") for i, child in enumerate(node))
+    if origin is dict:
+        item = typing.get_args(kind)[1]
+        return {key: build(item, child, f"{where}.{key}") for key, child in node.items()}
+    if origin is np.ndarray:
+        return _array(node, where)
+    if kind is str or origin is types.UnionType:
+        return node
+    if kind in (int, float):
+        return _number(kind, node, where)
+    return node
+
+
+def _build_dataclass(kind: Any, node: Any, where: str) -> Any:
+    if dataclasses.is_dataclass(node):
+        return node
+    if not isinstance(node, Mapping):
+        raise InputError(f"parameter {where} = {node!r}: a table is wanted")
+    hints = typing.get_type_hints(kind)
+    names = [f.name for f in dataclasses.fields(kind)]
+    unknown = sorted(set(node) - set(names))
+    if unknown:
+        raise InputError(f"parameter {where}.{unknown[0]} is unknown; allowed are: {names}")
+    missing = [name for name in names if name not in node]
+    if missing:
+        raise InputError(f"parameter {where}.{missing[0]} is missing")
+    return kind(**{name: build(hints[name], node[name], f"{where}.{name}") for name in names})
+
+
+def _number(kind: type, node: Any, where: str) -> int | float:
+    if isinstance(node, bool) or not isinstance(node, (int, float)):
+        raise InputError(f"parameter {where} = {node!r}: a number is wanted")
+    if not math.isfinite(node):
+        raise InputError(f"parameter {where} = {node!r}: a finite number is wanted")
+    if kind is int and node != int(node):
+        raise InputError(f"parameter {where} = {node!r}: a whole number is wanted")
+    return kind(node)
+
+
+def _array(node: Any, where: str) -> FloatArray:
+    """A table's numbers, which an overlay may give as lists."""
+    try:
+        values = np.asarray(node, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"parameter {where} = {node!r}: a table of numbers is wanted") from None
+    if not values.size or not np.isfinite(values).all():
+        raise InputError(f"parameter {where}: a table of finite numbers is wanted")
+    return values
+
+
+def _read_csv(path: Path) -> tuple[list[str], FloatArray]:
+    """Header and numbers of a CSV table whose first lines may be `#` comments."""
+    try:
+        lines = [row for row in path.read_text(encoding="utf-8").splitlines() if row[:1] != "#"]
+        rows = list(csv.reader(lines))
+        values = np.array([[float(cell) for cell in row] for row in rows[1:]])
+    except (OSError, ValueError) as error:
+        raise InputError(f"table {str(path)!r} cannot be read: {error}") from error
+    if values.ndim != 2 or values.shape[1] != len(rows[0]) or not np.isfinite(values).all():
+        raise InputError(f"table {str(path)!r}: every row must have {len(rows[0])} finite numbers")
+    return rows[0], values
+
+
+def _table(path: Path, row_unit: float, column_unit: float, value_unit: float) -> Table2D:
+    header, values = _read_csv(path)
+    columns = np.array([float(cell) for cell in header[1:]]) * column_unit
+    return Table2D(values[:, 0] * row_unit, columns, values[:, 1:] * value_unit)
+
+
+def engine_tables(folder: Path) -> dict[str, Any]:
+    """The engine's maps in SI units, by the names of `Engine`'s fields."""
+    _, full = _read_csv(folder / "engine_full_load.csv")
+    return {
+        "full_load_speed": full[:, 0] * RPM,
+        "full_load_torque": full[:, 1],
+        "pedal_map": _table(folder / "engine_pedal_map.csv", RPM, 0.01, 1.0),
+        "fuel_map": _table(folder / "engine_fuel_map.csv", 1.0, RPM, 1e-3 / 3.6e6),
+    }
+
+
+def gearbox_tables(folder: Path) -> dict[str, Any]:
+    """Ratios, inertias and shift speeds in SI units, by the names of `Gearbox`'s fields."""
+    _, gears = _read_csv(folder / "gearbox.csv")
+    forward = gears[gears[:, 0] >= 1]
+    return {
+        "ratios": forward[:, 1],
+        "inertias": forward[:, 2],
+        "upshift": _table(folder / "gearbox_upshift.csv", 1.0, 1.0, KMH),
+        "downshift": _table(folder / "gearbox_downshift.csv", 1.0, 1.0, KMH),
+    }
+
+
+def air_brake_tables(folder: Path) -> dict[str, Any]:
+    """Pressure over demanded deceleration in SI units, by the names of `AirBrake`'s fields."""
+    header, rows = _read_csv(folder / "air_brake_pressure_demand.csv")
+    rows = rows[::-1]
+    column = {name: i for i, name in enumerate(header)}
+    kpa = 1e3
+
+    def circuits(mass: str) -> FloatArray:
+        front = rows[:, column[f"front_wheel_cmd_{mass}(x0.3)"]]
+        rear = rows[:, column[f"rear_wheel_cmd_{mass}(x0.7)"]]
+        trailer = rows[:, column[f"trailer_cmd_{mass}(rear x1.1)"]]
+        return np.column_stack([front, rear, trailer]) * kpa
+
+    return {
+        "demand": -rows[:, 0],
+        "pressure_light": circuits("18t"),
+        "pressure_heavy": circuits("50t"),
+    }

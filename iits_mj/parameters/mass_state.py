@@ -1,0 +1,137 @@
+"""What the truck weighs and where: both units with any payload, and their static loads.
+
+Plain statics of two rigid units on three supports. Positions are metres behind the steer axle
+(tractor) or behind the kingpin (semitrailer and payload), heights are above the road. The axles of
+the tandem share their group's load equally, those of the tri-axle too, so that each group acts at
+its centre.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from iits_mj.core.arrays import FloatArray
+from iits_mj.core.units import GRAVITY
+from iits_mj.parameters.truck import Axle, Semitrailer, Tractor, TruckParameters
+
+
+@dataclass(frozen=True, slots=True)
+class Inertial:
+    """A rigid body on the truck's middle plane.
+
+    Attributes:
+      mass: [kg].
+      cg_position: of its centre of gravity, behind the unit's origin [m].
+      cg_height: above the road [m].
+      inertia: about x, y, z through its own CG [kg m2]. The product Ixz of joined bodies (less than
+        1 % of Iz) is left out; the MJCF has it, as there the load is a body of its own.
+    """
+
+    mass: float
+    cg_position: float
+    cg_height: float
+    inertia: tuple[float, float, float]
+
+    @property
+    def inertia_x(self) -> float:
+        """In roll [kg m2]."""
+        return self.inertia[0]
+
+    @property
+    def inertia_z(self) -> float:
+        """In yaw [kg m2]."""
+        return self.inertia[2]
+
+    def about(self, position: float, height: float) -> FloatArray:
+        """Inertia about the axes through another point of the middle plane, (3,), by Steiner."""
+        dx, dz = self.cg_position - position, self.cg_height - height
+        return np.array(self.inertia) + self.mass * np.array([dz**2, dx**2 + dz**2, dx**2])
+
+
+def joined(*parts: Inertial) -> Inertial:
+    """The parts as one rigid body."""
+    mass = sum(part.mass for part in parts)
+    position = sum(part.mass * part.cg_position for part in parts) / mass
+    height = sum(part.mass * part.cg_height for part in parts) / mass
+    total = sum(part.about(position, height) for part in parts)
+    return Inertial(mass, position, height, tuple(map(float, np.asarray(total))))  # type: ignore[arg-type]
+
+
+def without(whole: Inertial, *parts: Inertial) -> Inertial:
+    """What remains of the whole when the parts are taken off."""
+    return joined(whole, *(_negative(part) for part in parts))
+
+
+def _negative(part: Inertial) -> Inertial:
+    x, y, z = part.inertia
+    return Inertial(-part.mass, part.cg_position, part.cg_height, (-x, -y, -z))
+
+
+def unit_inertial(unit: Tractor | Semitrailer) -> Inertial:
+    """A unit with its axles and wheels; the semitrailer without its load."""
+    inertia = (unit.inertia_x, unit.inertia_y, unit.inertia_z)
+    return Inertial(unit.mass, unit.cg_position, unit.cg_height, inertia)
+
+
+def payload_inertial(
+    parameters: TruckParameters, payload: float, payload_height: float | None = None
+) -> Inertial:
+    """The payload as a rigid block; radii of gyration and place change not with its mass.
+
+    Args:
+      parameters: of the truck.
+      payload: [kg], 0 to `parameters.payload.mass_max`.
+      payload_height: of its CG above the road [m]; default: the parameters'.
+
+    Raises:
+      InputError: payload or height are not allowed.
+    """
+    parameters = parameters.with_payload_height(payload_height)
+    full, mass = parameters.payload, parameters.check_payload(payload)
+    share = mass / full.mass_max
+    inertia = (full.inertia_x * share, full.inertia_y * share, full.inertia_z * share)
+    return Inertial(mass, full.cg_position, full.cg_height, inertia)
+
+
+def laden_trailer(
+    parameters: TruckParameters, payload: float, payload_height: float | None = None
+) -> Inertial:
+    """The semitrailer with its payload; arguments and errors as of `payload_inertial`."""
+    return joined(
+        unit_inertial(parameters.semitrailer),
+        payload_inertial(parameters, payload, payload_height),
+    )
+
+
+def group_center(axles: tuple[Axle, ...]) -> float:
+    """Mean position of an axle group [m]."""
+    return float(np.mean([axle.position for axle in axles]))
+
+
+def kingpin_load(parameters: TruckParameters, payload: float) -> float:
+    """Vertical load on the fifth wheel at rest on level ground [N]."""
+    trailer = laden_trailer(parameters, payload)
+    group = group_center(parameters.semitrailer.axles)
+    return trailer.mass * GRAVITY * (1.0 - trailer.cg_position / group)
+
+
+def static_axle_loads(parameters: TruckParameters, payload: float) -> FloatArray:
+    """Axle loads at rest on level ground [N], shape (6,), front to rear."""
+    tractor, trailer_axles = parameters.tractor, parameters.semitrailer.axles
+    front, *drive = tractor.axles
+    kingpin, origin = kingpin_load(parameters, payload), front.position
+    moment = tractor.mass * GRAVITY * (tractor.cg_position - origin)
+    moment += kingpin * (parameters.fifth_wheel.position - origin)
+    rear = moment / (group_center(tuple(drive)) - origin)
+    steer = tractor.mass * GRAVITY + kingpin - rear
+    on_trailer = laden_trailer(parameters, payload).mass * GRAVITY - kingpin
+    loads = [steer, *([rear / len(drive)] * len(drive))]
+    return np.array(loads + [on_trailer / len(trailer_axles)] * len(trailer_axles))
+
+
+def axle_loads_by_name(parameters: TruckParameters, payload: float) -> dict[str, float]:
+    """`static_axle_loads` [N] by the axles' names."""
+    loads = static_axle_loads(parameters, payload)
+    return {axle.name: float(load) for axle, load in zip(parameters.axles, loads, strict=True)}

@@ -1,0 +1,181 @@
+"""What of the tasks is only seen: marks on the road, and colors that show the reward."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+
+from iits_mj.road import RoadMap, Route
+from iits_mj.road.design import Design
+from iits_mj.road.design_build import build
+from iits_mj.suite.physics import Physics
+
+# --- The roads of the tasks ---
+
+LANE_WIDTH = 4.0
+# The outer tire's arc of 12.5 m (PBS), less half the steer axle's width over the tires.
+TURN_RADIUS = 12.5 - 1.25
+TURN_ENTRY = 60.0
+_SPEED_LIMIT = 22.22
+
+
+def flat() -> Route:
+    """5 km, straight and level."""
+    return Route.straight(length=5_000.0, lanes=2)
+
+
+def uphill() -> Route:
+    """2 km straight, always uphill, in steps of 300 m on 4 to 9 %."""
+    grades = [(300.0 * (k + 1), 0.01 * (5 + k), 60.0) for k in range(5)]
+    return _route("suite_uphill", ((2_000.0, 0.0, 0.0, 0.0, 0.0),), tuple(grades), initial=0.04)
+
+
+def turn() -> Route:
+    """Straight, a 90 degree turn to the left, straight: the line of the steer axle's middle."""
+    bend = 1.0 / TURN_RADIUS
+    alignment = (
+        (TURN_ENTRY, 0.0, 0.0, 0.0, 0.0),
+        (0.5 * math.pi * TURN_RADIUS, bend, bend, 0.0, 0.0),
+        (300.0, 0.0, 0.0, 0.0, 0.0),
+    )
+    return _route("suite_turn", alignment, (), lanes=1, left_shoulder=3.45, right_shoulder=0.3)
+
+
+def yard() -> Route:
+    """200 m of level ground along x, wide enough to turn about."""
+    return Route.straight(length=200.0, lanes=3)
+
+
+def hills() -> Route:
+    """8 km straight over hills of 400 m, grades within +/-4 %."""
+    grades = []
+    size = (0.02, -0.03, 0.04, -0.02, 0.03, -0.04, 0.01, -0.01)
+    for index in range(19):
+        grades.append((400.0 * (index + 1), size[index % len(size)], 250.0))
+    return _route("suite_hills", ((8_000.0, 0.0, 0.0, 0.0, 0.0),), tuple(grades))
+
+
+def winding() -> Route:
+    """5 km of clothoid, arc, clothoid, to the left and right in turn, radii of 500 to 900 m."""
+    alignment = [(200.0, 0.0, 0.0, 0.0, 0.0)]
+    radii = (900.0, -700.0, 600.0, -500.0, 800.0, -600.0, 500.0, -900.0)
+    for radius in radii:
+        curvature = 1.0 / radius
+        alignment += [
+            (120.0, 0.0, curvature, 0.0, 0.0),
+            (300.0, curvature, curvature, 0.0, 0.0),
+            (120.0, curvature, 0.0, 0.0, 0.0),
+        ]
+    alignment.append((480.0, 0.0, 0.0, 0.0, 0.0))
+    return _route("suite_winding", tuple(alignment), ())
+
+
+def _route(
+    name: str,
+    alignment: tuple[tuple[float, float, float, float, float], ...],
+    grades: tuple[tuple[float, float, float], ...],
+    *,
+    initial: float = 0.0,
+    lanes: int = 2,
+    left_shoulder: float = 1.0,
+    right_shoulder: float = 2.5,
+) -> Route:
+    length = sum(element[0] for element in alignment)
+    design = Design(
+        name=name,
+        start=(0.0, 0.0, 0.0, 0.0),
+        lane_width=LANE_WIDTH,
+        lanes=lanes,
+        left_shoulder=left_shoulder,
+        right_shoulder=right_shoulder,
+        speed_limit=_SPEED_LIMIT,
+        initial_grade=initial,
+        road_ends=(),
+        alignment=alignment,
+        grades=grades,
+        extra_lanes=(),
+        limits=((0.0, length, _SPEED_LIMIT),),
+        structures=(),
+    )
+    return RoadMap(build(design), name).route()
+
+
+# --- What of the tasks is only seen: marks on the road, and colors that show the reward ---
+
+# dm_control colors the materials self, effector and target between default and highlight.
+_COLORS = {
+    "self": ((0.70, 0.06, 0.05, 1.0), (0.05, 0.55, 0.15, 1.0)),
+    "effector": ((0.88, 0.89, 0.91, 1.0), (0.55, 0.90, 0.60, 1.0)),
+    "target": ((0.95, 0.45, 0.05, 1.0), (0.10, 0.80, 0.25, 1.0)),
+}
+# Which of the truck's materials become those of the actor and of its working end.
+_REPLACED = {"truck_paint": "self", "trailer_curtain": "effector"}
+
+
+def add_reward_colors(spec: mujoco.MjSpec) -> None:
+    """Gives cab, trailer and target the materials by which dm_control shows the reward."""
+    for name, (default, highlight) in _COLORS.items():
+        spec.add_material(name=name, rgba=default)
+        spec.add_material(name=f"{name}_default", rgba=default)
+        spec.add_material(name=f"{name}_highlight", rgba=highlight)
+    for geom in spec.geoms:
+        if geom.material in _REPLACED:
+            geom.material = _REPLACED[geom.material]
+
+
+def movable(spec: mujoco.MjSpec, name: str, size: tuple[float, float, float]) -> None:
+    """A flat box in the target's color on a mocap body, which `move` puts on the road."""
+    body = spec.worldbody.add_body(name=name, mocap=True)
+    _box(body, f"{name}_box", size)
+
+
+def move(physics: Physics, name: str, station: float, offset: float) -> None:
+    """Puts a movable mark on the road [m]."""
+    point = physics.route.evaluate(station, offset)
+    model = physics.model.ptr
+    physics.data.mocap_pos[model.body(name).mocapid[0]] = (
+        float(point.x),
+        float(point.y),
+        float(point.z) + 0.01,
+    )
+
+
+def mark(
+    spec: mujoco.MjSpec,
+    name: str,
+    position: tuple[float, float, float],
+    size: tuple[float, float, float],
+) -> None:
+    """A box in the target's color that stays where it is; half sizes [m]."""
+    _box(spec.worldbody, name, size, position)
+
+
+def cone(spec: mujoco.MjSpec, name: str, x: float, y: float) -> None:
+    """A traffic cone, as a slim post."""
+    spec.worldbody.add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=(0.12, 0.35, 0.0),
+        pos=(x, y, 0.35),
+        material="target",
+        contype=0,
+        conaffinity=0,
+    )
+
+
+def _box(
+    body: mujoco.MjsBody,
+    name: str,
+    size: tuple[float, float, float],
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> None:
+    body.add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=size,
+        pos=position,
+        material="target",
+        contype=0,
+        conaffinity=0,
+    )

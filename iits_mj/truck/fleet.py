@@ -1,0 +1,157 @@
+"""Several trucks on one road, in one MuJoCo model: platoons, meetings, crashes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import mujoco
+
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoState
+from iits_mj.model.builder import truck_spec
+from iits_mj.model.road_table import add_road_table
+from iits_mj.model.scenery.road_scene import add_road
+from iits_mj.parameters import TruckParameters
+from iits_mj.plugin import register
+from iits_mj.road import Route
+from iits_mj.truck.placement import Placement
+from iits_mj.truck.truck import Truck, bring_up_to_date, compiled
+
+# Each truck has a contact bit of its own above those of ground, trucks and traffic.
+_FIRST_BIT = 3
+TRUCKS_MAX = 31 - _FIRST_BIT
+
+
+class Fleet:
+    """Trucks that share a road, a clock and the contacts between them.
+
+    All names of truck k begin with `prefix(k)`: body `truck0/tractor`, sensor `truck1/speed`.
+    `trucks[k]` commands and reads one of them; `reset` and `step` are for all.
+
+    Args:
+      trucks: that share model and data; use `load` to make them.
+
+    Attributes:
+      trucks: in the order of the payloads; model, data: of the scene; route: the road.
+    """
+
+    def __init__(self, trucks: Sequence[Truck]) -> None:
+        self.trucks = tuple(trucks)
+        first = self.trucks[0]
+        self.model, self.data, self.route = first.model, first.data, first.route
+
+    @classmethod
+    def load(
+        cls,
+        payloads: Sequence[float],
+        *,
+        route: Route,
+        parameters: TruckParameters | None = None,
+        timestep: float = 0.002,
+        visuals: bool = True,
+        edit_spec: Callable[[mujoco.MjSpec], None] | None = None,
+    ) -> Fleet:
+        """Builds the trucks on their road and compiles them.
+
+        Args:
+          payloads: of each truck [kg], 1 to 28 of them.
+          route: the road.
+          parameters: of every truck; default: the shipped figures.
+          timestep: of the physics [s], 0.0005 to 0.005.
+          visuals: adds what is only seen.
+          edit_spec: called with the specification before it is compiled.
+
+        Raises:
+          InputError: number of trucks, a payload or the time step is not allowed.
+          PluginError: the engine plugin is missing.
+        """
+        if not 1 <= len(payloads) <= TRUCKS_MAX:
+            raise InputError(f"{len(payloads)} trucks are not allowed; use 1 to {TRUCKS_MAX}")
+        register()
+        parameters = parameters or TruckParameters.load()
+        loads = [parameters.check_payload(payload) for payload in payloads]
+        spec = mujoco.MjSpec()
+        for number, payload in enumerate(loads):
+            truck = truck_spec(parameters, payload)
+            _tell_apart(truck, number, len(loads))
+            if number == 0:
+                spec.option = truck.option
+            spec.attach(truck, prefix=prefix(number), frame=spec.worldbody.add_frame())
+        add_road_table(spec, route)
+        if visuals:
+            add_road(spec, route)
+        if edit_spec is not None:
+            edit_spec(spec)
+        model = compiled(spec, timestep)
+        data = mujoco.MjData(model)
+        fleet = cls(
+            [
+                Truck(model, parameters, load, route, prefix=prefix(number), data=data)
+                for number, load in enumerate(loads)
+            ]
+        )
+        length = fleet.trucks[0].footprint.length
+        fleet.reset([Placement(station=20.0 + 2.0 * length * k) for k in range(len(loads))][::-1])
+        return fleet
+
+    @property
+    def time(self) -> float:
+        """Simulation time [s]."""
+        return float(self.data.time)
+
+    def reset(self, places: Sequence[Placement]) -> tuple[EgoState, ...]:
+        """Begins anew, each truck at its place.
+
+        Raises:
+          InputError: not one place a truck.
+        """
+        if len(places) != len(self.trucks):
+            raise InputError(f"reset: {len(places)} places for {len(self.trucks)} trucks")
+        mujoco.mj_resetData(self.model, self.data)
+        for truck, place in zip(self.trucks, places, strict=True):
+            truck.place(place)
+        mujoco.mj_forward(self.model, self.data)
+        return self.observe()
+
+    def step(self, n: int = 1) -> None:
+        """Advances all by `n` time steps.
+
+        Raises:
+          Error: the simulation diverged.
+        """
+        self.trucks[0].step(n)
+
+    def observe(self) -> tuple[EgoState, ...]:
+        """What each truck reports at this instant."""
+        bring_up_to_date(self.model, self.data)
+        return tuple(truck.state() for truck in self.trucks)
+
+    def touching(self) -> frozenset[tuple[int, int]]:
+        """Pairs of trucks whose hulls touch, the lower number first, as of the last step."""
+        owner = [self._owner(self.model.geom(g).name) for g in range(self.model.ngeom)]
+        pairs = set()
+        for contact in self.data.contact:
+            one, other = (owner[int(geom)] for geom in contact.geom)
+            if one is not None and other is not None and one != other:
+                pairs.add((min(one, other), max(one, other)))
+        return frozenset(pairs)
+
+    def _owner(self, name: str) -> int | None:
+        """Number of the truck that something of the model belongs to."""
+        return next(
+            (k for k, truck in enumerate(self.trucks) if name.startswith(truck.prefix)), None
+        )
+
+
+def prefix(number: int) -> str:
+    """What the names of a truck of a fleet begin with."""
+    return f"truck{number}/"
+
+
+def _tell_apart(spec: mujoco.MjSpec, number: int, count: int) -> None:
+    """Lets the hulls of one truck meet those of the others, and never its own."""
+    bits = [1 << (_FIRST_BIT + k) for k in range(count)]
+    for geom in spec.geoms:
+        if geom.contype or geom.conaffinity:
+            geom.contype |= bits[number]
+            geom.conaffinity |= sum(bits) - bits[number]

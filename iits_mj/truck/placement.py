@@ -1,0 +1,149 @@
+"""Puts a truck on its road: the pose of tractor and trailer, and wheels that roll."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.core.errors import InputError
+from iits_mj.parameters import TruckParameters
+from iits_mj.road import Route
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placement:
+    """Where a truck is put, rolling freely.
+
+    Attributes:
+      station: of the steer axle's centre on the route [m].
+      offset: of the same, to the left [m].
+      speed: of the steer axle along the tractor [m/s], zero or positive.
+      heading: of the tractor against the road, positive to the left [rad].
+      articulation: tractor's yaw less the trailer's [rad]; None: the trailer lies along the road.
+
+    Raises:
+      InputError: a value is not finite, or the speed is negative.
+    """
+
+    station: float = 20.0
+    offset: float = 0.0
+    speed: float = 0.0
+    heading: float = 0.0
+    articulation: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuses what cannot be a place."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is not None and not math.isfinite(value):
+                raise InputError(f"reset: {field.name} = {value!r} must be a finite number")
+        if self.speed < 0:
+            raise InputError(f"reset: speed = {self.speed!r} m/s must not be negative")
+
+
+class Poser:
+    """Writes placements into the positions and velocities of a truck's joints.
+
+    Args:
+      model: a compiled scene.
+      parameters: of the truck; route: its road.
+      prefix: of the truck's names in the model.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, parameters: TruckParameters, route: Route, prefix: str
+    ) -> None:
+        self._parameters = parameters
+        self._route = route
+        free = model.joint(f"{prefix}tractor_free")
+        self._position, self._velocity = int(free.qposadr[0]), int(free.dofadr[0])
+        self._hitch = {
+            name: int(model.joint(f"{prefix}fifth_wheel_{name}").qposadr[0])
+            for name in ("yaw", "pitch", "roll")
+        }
+        self._spin = {
+            axle.name: [
+                int(model.joint(f"{prefix}{axle.name}_{side}_spin").dofadr[0])
+                for side in ("left", "right")
+            ]
+            for axle in parameters.axles
+        }
+        self._trailer_axles = float(np.mean([a.position for a in parameters.semitrailer.axles]))
+
+    def pose(self, data: mujoco.MjData, place: Placement) -> None:
+        """Poses the combination: tractor by its axles, trailer by its own."""
+        p, at = self._parameters, self._position
+        wheelbase = p.tractor.axles[1].position
+        station, offset = place.station, place.offset
+        front = self._point(station, offset)
+        rear = self._point(station - wheelbase, offset)
+        rotation = _frame(front - rear, self._across(station - 0.5 * wheelbase))
+        if place.heading:
+            rotation = rotation @ _yaw(place.heading)
+        data.qpos[at : at + 3] = front
+        mujoco.mju_mat2Quat(data.qpos[at + 3 : at + 7], rotation.ravel())
+        for name, angle in self._hitch_angles(place, front, rotation).items():
+            data.qpos[self._hitch[name]] = angle
+        data.qvel[self._velocity : self._velocity + 3] = rotation[:, 0] * place.speed
+        for axle in p.axles:
+            spin = place.speed / p.tires[axle.tire].rolling_radius
+            data.qvel[self._spin[axle.name]] = spin
+
+    def _hitch_angles(self, place: Placement, front: Vector, rotation: Vector) -> dict[str, float]:
+        """Yaw, pitch and roll of the trailer in the tractor's frame [rad]."""
+        if place.articulation is not None:
+            # Upright on the plane that the tractor stands on.
+            return {"yaw": -place.articulation, "pitch": 0.0, "roll": 0.0}
+        p = self._parameters
+        reach = p.fifth_wheel.position
+        king = front + rotation @ np.array([-reach, 0.0, p.fifth_wheel.height])
+        bogie_station = place.station - reach - self._trailer_axles
+        bogie = self._point(bogie_station, place.offset)
+        across = self._across(bogie_station)
+        # The trailer's frame lies at the kingpin's height above the road, there as at the bogie.
+        along = self._point(bogie_station + 1.0, place.offset) - self._point(
+            bogie_station - 1.0, place.offset
+        )
+        bogie = bogie + _frame(along, across)[:, 2] * p.fifth_wheel.height
+        relative = rotation.T @ _frame(king - bogie, across)
+        return {
+            "yaw": math.atan2(relative[1, 0], relative[0, 0]),
+            "pitch": -math.asin(relative[2, 0]),
+            "roll": math.atan2(relative[2, 1], relative[2, 2]),
+        }
+
+    def _point(self, station: float, offset: float) -> Vector:
+        point = self._route.evaluate(station, offset)
+        return np.array([float(point.x), float(point.y), float(point.z)])
+
+    def _across(self, station: float) -> Vector:
+        """Unit vector to the left across the road."""
+        point = self._route.evaluate(station, 0.0)
+        heading, tilt = float(point.heading), float(point.superelevation)
+        return np.array(
+            [
+                -math.sin(heading) * math.cos(tilt),
+                math.cos(heading) * math.cos(tilt),
+                math.sin(tilt),
+            ]
+        )
+
+
+def _frame(forward: Vector, left: Vector) -> Vector:
+    """Rotation matrix whose x is `forward` and whose y is as near to `left` as can be."""
+    x = forward / np.linalg.norm(forward)
+    z = np.cross(x, left)
+    z /= np.linalg.norm(z)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def _yaw(angle: float) -> Vector:
+    """Rotation about z."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -1,0 +1,97 @@
+"""What the truck's control units say beside its state: sensors and controls, read at once."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from iits_mj.core.messages import TruckReport
+from iits_mj.parameters import TruckParameters
+
+_FIELDS = tuple(field.name for field in dataclasses.fields(TruckReport))
+# Where a field's number stands when its sensor has another name.
+_SENSORS = {
+    "accelerator_pedal": ("accelerator_pedal_position", 0),
+    "brake_pressure_rear2_left": ("brake_pressures", 4),
+    "brake_pressure_rear2_right": ("brake_pressures", 5),
+    "gear_engaged": ("powertrain_report", 0),
+    "input_shaft_speed": ("powertrain_report", 1),
+    "engine_torque_mode": ("powertrain_report", 2),
+    "engine_torque_percent_driver": ("powertrain_report", 3),
+    "engine_load_percent": ("powertrain_report", 4),
+}
+_SIDES = ("left", "right")
+# Vertical part of a tire's force.
+_VERTICAL = 2
+
+
+def sensor_addresses(model: mujoco.MjModel, prefix: str) -> dict[str, int]:
+    """Where each sensor of one truck begins in `sensordata`, by its name without the prefix."""
+    sensors = [model.sensor(i) for i in range(model.nsensor)]
+    return {
+        sensor.name.removeprefix(prefix): int(sensor.adr[0])
+        for sensor in sensors
+        if sensor.name.startswith(prefix)
+    }
+
+
+class Reporter:
+    """Reads the `TruckReport` out of a model's data.
+
+    Args:
+      model: a compiled scene.
+      parameters: what the truck was built from.
+      payload: that it carries [kg].
+      prefix: of the truck's names in the model.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, parameters: TruckParameters, payload: float, prefix: str = ""
+    ) -> None:
+        address = sensor_addresses(model, prefix)
+        actuators = {
+            model.actuator(i).name.removeprefix(prefix): i
+            for i in range(model.nactuator)
+            if model.actuator(i).name.startswith(prefix)
+        }
+        controls = {name: int(model.actuator_ctrladr[i]) for name, i in actuators.items()}
+        # The plural sensor of all wheels is not the field of that name.
+        places = {n: _SENSORS.get(n, (n, 0)) for n in _FIELDS if n != "wheel_speeds"}
+        sensed = {name: address[s] + i for name, (s, i) in places.items() if s in address}
+        commanded = {n: controls[n] for n in _FIELDS if n in controls and n not in sensed}
+        tractor, gearbox = parameters.tractor, parameters.gearbox
+
+        self._names = (*sensed, *commanded)
+        self._sensed = np.array(list(sensed.values()))
+        self._commanded = np.array(list(commanded.values()))
+        self._spins = address["wheel_speeds"] + np.arange(2 * len(tractor.axles))
+        self._radii = np.repeat([parameters.tires[a.tire].rolling_radius for a in tractor.axles], 2)
+        ends = [f"{axle.name}_{side}" for axle in parameters.axles for side in _SIDES]
+        self._forces = np.array([address[f"{end}_tire_force"] + _VERTICAL for end in ends])
+        drive = parameters.tires[tractor.axles[1].tire]
+        self._meters_per_radian = drive.rolling_radius / gearbox.final_drive
+        self._ratios = {-1: gearbox.reverse_ratio} | dict(enumerate(gearbox.ratios.tolist(), 1))
+        self._constants = {
+            "xbr_acceleration_limit": float(model.actuator(f"{prefix}xbr_demand").ctrlrange[0]),
+            "tractor_mass": tractor.mass,
+            "trailer_mass": parameters.semitrailer.mass + payload,
+            "cargo_mass": payload,
+        }
+
+    def read(self, data: mujoco.MjData) -> TruckReport:
+        """The report, as at the last step or observation; what the model lacks is None."""
+        readings = data.sensordata
+        numbers = readings[self._sensed].tolist() + data.ctrl[self._commanded].tolist()
+        known: dict[str, Any] = dict(zip(self._names, numbers, strict=True))
+        loads = readings[self._forces].reshape(-1, 2).sum(axis=1)
+        return TruckReport(
+            **known,
+            **self._constants,
+            gear_ratio=self._ratios.get(round(known["gear_engaged"])),
+            wheel_based_speed=abs(known["propeller_shaft_speed"]) * self._meters_per_radian,
+            wheel_speeds=tuple(np.abs(readings[self._spins] * self._radii).tolist()),
+            axle_loads=tuple(loads.tolist()),
+        )

@@ -1,0 +1,267 @@
+"""Thousands of open-loop drives at once, on all cores: states, loads, roads, parameters, commands.
+
+    scenarios = [
+        Scenario(route=road, payload=load, place=Placement(station=50.0, speed=20.0))
+        for load in (0.0, 12_000.0, 36_000.0)
+    ]
+    drives = roll_out(scenarios, {"steering_wheel_angle": angles}, duration=8.0, threads=8)
+    drives["tractor_gyro"]          # (3 scenarios, 80 instants, 3 components)
+    drives.units["tractor_gyro"]    # "rad/s"
+
+The physics is `mujoco.batch`; every drive is bit for bit the one of `Truck.step`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import ArrayLike, NDArray
+
+from iits_mj.core.arrays import FloatArray
+from iits_mj.core.errors import InputError
+from iits_mj.model.sensor_table import sensor_unit
+from iits_mj.parameters import TruckParameters
+from iits_mj.road import Route
+from iits_mj.truck.placement import Placement
+from iits_mj.truck.truck import COMMAND_FIELDS, Truck
+
+SIGNALS = (
+    "tractor_position",
+    "tractor_velocity",
+    "tractor_acceleration",
+    "tractor_gyro",
+    "trailer_gyro",
+    "articulation_yaw",
+    "engine_speed",
+    "gear",
+    "fuel_used",
+)
+# Everything that a step of the physics starts from, as far as the truck's model has it.
+_STATE = ("time", "qpos", "qvel", "act", "plugin_state", "qacc_warmstart")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scenario:
+    """What one drive begins with.
+
+    Attributes:
+      route: the road, with its friction.
+      place: of the truck on it.
+      payload: [kg].
+      parameters: overlay over the shipped figures, as a mapping; see `TruckParameters.load`.
+    """
+
+    route: Route
+    place: Placement = field(default_factory=Placement)
+    payload: float = 36_000.0
+    parameters: Mapping[str, Any] | None = None
+
+
+@dataclass(frozen=True)
+class Rollouts:
+    """What came of it; arrays have shape (scenarios, instants) or (scenarios, instants, numbers).
+
+    Attributes:
+      time: of the instants [s], shape (instants,).
+      values: of each sensor, by its name in the model.
+      units: of each sensor.
+      diverged: whether a drive was given up because its physics diverged, shape (scenarios,); its
+        values from then on are the last ones.
+    """
+
+    time: FloatArray
+    values: dict[str, FloatArray]
+    units: dict[str, str]
+    diverged: NDArray[np.bool_]
+
+    def __getitem__(self, signal: str) -> FloatArray:
+        """A sensor's values.
+
+        Raises:
+          InputError: it was not recorded.
+        """
+        if signal not in self.values:
+            raise InputError(f"signal {signal!r} was not recorded; there are {list(self.values)}")
+        return self.values[signal]
+
+
+def roll_out(
+    scenarios: Sequence[Scenario],
+    controls: Mapping[str, ArrayLike],
+    *,
+    duration: float,
+    period: float = 0.1,
+    signals: Sequence[str] = SIGNALS,
+    threads: int = 0,
+    timestep: float = 0.002,
+) -> Rollouts:
+    """Drives all scenarios with given commands.
+
+    Args:
+      scenarios: one a drive; those of equal road, load and parameters share a model.
+      controls: command names to values that broadcast to (scenarios, instants); each is held from
+        one instant to the next. Commands that are not named are 0.
+      duration: of a drive [s], whole periods.
+      period: between two instants [s], whole time steps.
+      signals: names of sensors of the truck's model.
+      threads: 0 for all cores.
+      timestep: of the physics [s], 0.0005 to 0.005.
+
+    Raises:
+      InputError: no scenario, an unknown command or sensor, a value that is not finite or outside
+        the command's range, a shape that does not fit, or times that are no whole multiples.
+    """
+    if not scenarios:
+        raise InputError("roll_out: at least one scenario is wanted")
+    steps = _whole(period, timestep, "period", "time steps")
+    instants = _whole(duration, period, "duration", "periods")
+    groups = _groups(scenarios, timestep)
+    model = groups[0].truck.model
+    commands = _commands(model, controls, (len(scenarios), instants))
+    columns = _columns(model, signals)
+    values = {
+        name: np.zeros((len(scenarios), instants, stop - start))
+        for name, (start, stop) in columns.items()
+    }
+    diverged = np.zeros(len(scenarios), dtype=bool)
+    cores = threads or os.cpu_count() or 1
+    # Either the drives of a group are shared among the threads, or the groups are.
+    spread = len(groups) >= cores
+
+    def drive(group: _Group) -> None:
+        chosen = group.numbers
+        found, alive = _drive(
+            group, [scenarios[k].place for k in chosen], commands[chosen], columns, steps,
+            threads=1 if spread else cores,
+        )  # fmt: skip
+        diverged[chosen] = ~alive
+        for name in columns:
+            values[name][chosen] = found[name]
+
+    with ThreadPoolExecutor(cores if spread else 1) as pool:
+        list(pool.map(drive, groups))
+    return Rollouts(
+        time=np.arange(1, instants + 1, dtype=float) * period,
+        values={n: v[:, :, 0] if v.shape[2] == 1 else v for n, v in values.items()},
+        units={name: sensor_unit(name).unit for name in signals},
+        diverged=diverged,
+    )
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Scenarios of one road, load and set of parameters.
+
+    Each has a batch of its own: the plugin's constants are read when MuJoCo makes data for a model,
+    so that data of one model that steps another would keep the first one's tires.
+    """
+
+    truck: Truck
+    numbers: list[int]
+
+
+def _drive(
+    group: _Group,
+    places: Sequence[Placement],
+    commands: FloatArray,
+    columns: Mapping[str, tuple[int, int]],
+    steps: int,
+    threads: int,
+) -> tuple[dict[str, FloatArray], NDArray[np.bool_]]:
+    """Sensors of one group's drives, (drives, instants, numbers), and which did not diverge."""
+    model, data = group.truck.model, group.truck.data
+    batch = Batch(model, nsim=len(places), nthread=threads)
+    rows = {name: batch.bind(name) for name in _STATE}
+    sensors, ctrl = batch.bind("sensordata"), batch.bind("ctrl")
+    for number, place in enumerate(places):
+        mujoco.mj_resetData(model, data)
+        group.truck.place(place)
+        mujoco.mj_forward(model, data)
+        for name, row in rows.items():
+            row[number] = np.reshape(getattr(data, name), row[number].shape)
+    count, instants = commands.shape[:2]
+    found = {n: np.zeros((count, instants, stop - start)) for n, (start, stop) in columns.items()}
+    alive = np.ones(count, dtype=bool)
+    for instant in range(instants):
+        ctrl[:] = commands[:, instant]
+        if alive.any():
+            batch.step(ids=np.flatnonzero(alive), nstep=steps, stage=mujoco.mjtStage.mjSTAGE_ACC)
+        time = (instant + 1) * steps * model.opt.timestep
+        alive &= np.isfinite(rows["qpos"]).all(axis=1) & np.isfinite(sensors).all(axis=1)
+        # MuJoCo puts a simulation that diverged back to the beginning.
+        alive &= np.abs(rows["time"].ravel() - time) < 0.5 * model.opt.timestep
+        for name, (start, stop) in columns.items():
+            found[name][alive, instant] = sensors[alive, start:stop]
+            if instant:
+                found[name][~alive, instant] = found[name][~alive, instant - 1]
+    return found, alive
+
+
+def _groups(scenarios: Sequence[Scenario], timestep: float) -> list[_Group]:
+    made: dict[tuple[int, float, str], _Group] = {}
+    for number, scenario in enumerate(scenarios):
+        overlay = scenario.parameters or {}
+        key = (id(scenario.route), scenario.payload, json.dumps(overlay, sort_keys=True))
+        if key not in made:
+            truck = Truck.load(
+                scenario.payload,
+                parameters=TruckParameters.load(overlay=overlay or None),
+                route=scenario.route,
+                timestep=timestep,
+                visuals=False,
+            )
+            made[key] = _Group(truck, [])
+        made[key].numbers.append(number)
+    return list(made.values())
+
+
+def _commands(
+    model: mujoco.MjModel, controls: Mapping[str, ArrayLike], shape: tuple[int, int]
+) -> FloatArray:
+    """Commands (scenarios, instants, 10)."""
+    found = np.zeros((*shape, len(COMMAND_FIELDS)))
+    for name, given in controls.items():
+        if name not in COMMAND_FIELDS:
+            raise InputError(f"unknown command {name!r}; there are {COMMAND_FIELDS}")
+        values = np.asarray(given, dtype=float)
+        try:
+            values = np.broadcast_to(values, shape)
+        except ValueError:
+            raise InputError(
+                f"command {name} of shape {values.shape} does not fit (scenarios, instants) {shape}"
+            ) from None
+        low, high = model.actuator(name).ctrlrange
+        wrong = ~((values >= low) & (values <= high))
+        if wrong.any():
+            raise InputError(
+                f"command {name} = {values[wrong][0]!r} is outside [{low:g}, {high:g}]"
+            )
+        found[:, :, COMMAND_FIELDS.index(name)] = values
+    return found
+
+
+def _columns(model: mujoco.MjModel, signals: Sequence[str]) -> dict[str, tuple[int, int]]:
+    """Where each sensor stands in `sensordata`."""
+    known = {model.sensor(i).name: i for i in range(model.nsensor)}
+    found = {}
+    for name in signals:
+        if name not in known:
+            raise InputError(f"sensor {name!r} is unknown; there are {', '.join(known)}")
+        start = int(model.sensor_adr[known[name]])
+        found[name] = (start, start + int(model.sensor_dim[known[name]]))
+    return found
+
+
+def _whole(length: float, part: float, name: str, parts: str) -> int:
+    count = round(length / part) if part > 0.0 and np.isfinite(length) else 0
+    if count < 1 or abs(count * part - length) > 1e-9 * max(1.0, length):
+        raise InputError(f"{name} {length!r} s: a whole number of {parts} of {part!r} s is wanted")
+    return count

@@ -1,0 +1,344 @@
+"""The truck: load it, command it, step it, observe it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import operator
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.core.errors import Error, InputError
+from iits_mj.core.messages import (
+    EgoFootprint,
+    EgoState,
+    TransmissionMode,
+    TruckReport,
+    VehicleCommand,
+    XbrEbiMode,
+    XbrMode,
+)
+from iits_mj.model.builder import truck_spec
+from iits_mj.model.road_table import add_road_table
+from iits_mj.model.scenery.road_scene import add_road
+from iits_mj.parameters import TruckParameters
+from iits_mj.plugin import register
+from iits_mj.road import Route
+from iits_mj.truck.placement import Placement, Poser
+from iits_mj.truck.report import Reporter, sensor_addresses
+
+COMMAND_FIELDS = tuple(field.name for field in dataclasses.fields(VehicleCommand))
+_COMMAND_INDEX = {name: index for index, name in enumerate(COMMAND_FIELDS)}
+_command_values = operator.attrgetter(*COMMAND_FIELDS)
+BRAKE_PRESSURES = tuple(
+    f"brake_pressure_{place}"
+    for place in ("front_left", "front_right", "rear_left", "rear_right", "trailer")
+)
+# Warnings after which MuJoCo has thrown the state away.
+_FATAL_WARNINGS = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+    mujoco.mjtWarning.mjWARN_BADCTRL,
+)
+
+
+def compiled(spec: mujoco.MjSpec, timestep: float) -> mujoco.MjModel:
+    """The model of a scene with trucks, at a time step of 0.0005 to 0.005 s.
+
+    Raises:
+      InputError: the time step is not allowed, or MuJoCo refuses the scene.
+    """
+    if not (math.isfinite(timestep) and 0.0005 <= timestep <= 0.005):
+        raise InputError(f"timestep {timestep!r} s is not allowed: use 0.0005 to 0.005 s")
+    spec.option.timestep = timestep
+    try:
+        return spec.compile()
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"the truck's model does not compile: {reason}") from error
+
+
+def bring_up_to_date(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Computes the sensors of the state as it is now; after a step they are those before it.
+
+    The solver's first guess is put back: watching leaves no trace in the bits that follow.
+    """
+    warm_start = data.qacc_warmstart.copy()
+    mujoco.mj_forward(model, data)
+    data.qacc_warmstart[:] = warm_start
+
+
+class Truck:
+    """The articulated truck in MuJoCo, on a route or on a flat plane.
+
+    `model` and `data` are plain MuJoCo objects: `mujoco.mj_step`, `mujoco.rollout` and the viewer
+    work on them. `data.ctrl` has the order of `VehicleCommand`'s fields, from `control_start` on.
+
+    Args:
+      model: a compiled scene with the truck in it; use `load` to make one.
+      parameters, payload, route: what it was built from.
+      prefix: of the truck's names in the model, where there are several (`iits_mj.truck.fleet`).
+      data: of the scene; default: new ones, with the truck put at the beginning of its road.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        parameters: TruckParameters,
+        payload: float,
+        route: Route,
+        *,
+        prefix: str = "",
+        data: mujoco.MjData | None = None,
+    ) -> None:
+        self.model = model
+        self.data = mujoco.MjData(model) if data is None else data
+        self.parameters = parameters
+        self.payload = payload
+        self.route = route
+        self.prefix = prefix
+        tractor, trailer = parameters.tractor, parameters.semitrailer
+        rear = parameters.fifth_wheel.position + trailer.length - trailer.front_overhang
+        self.footprint = EgoFootprint(
+            front_overhang=tractor.front_overhang,
+            length=tractor.front_overhang + rear,
+            width=trailer.width,
+            height=trailer.height,
+        )
+        names = tuple(
+            name.removeprefix(prefix)
+            for name in (model.actuator(i).name for i in range(model.nactuator))
+            if name.startswith(prefix)
+        )
+        if names[: len(COMMAND_FIELDS)] != COMMAND_FIELDS:
+            raise InputError(f"the model's controls are {names}, wanted are {COMMAND_FIELDS}")
+        first = model.actuator(prefix + COMMAND_FIELDS[0]).id
+        self.control_start = int(model.actuator_ctrladr[first])
+        self._controls = slice(self.control_start, self.control_start + len(COMMAND_FIELDS))
+        self._tractor = model.body(f"{prefix}tractor").id
+        self._rear_site = model.site(f"{prefix}trailer_axle_center").id
+        self._address = sensor_addresses(model, prefix)
+        self._ranges = model.actuator_ctrlrange[first : first + len(COMMAND_FIELDS)].tolist()
+        self._reporter = Reporter(model, parameters, payload, prefix)
+        self._poser = Poser(model, parameters, route, prefix)
+        self._station_hint: float | None = None
+        self._trailer_hint: float | None = None
+        if data is None:
+            self.reset()
+
+    @classmethod
+    def load(
+        cls,
+        payload: float | None = None,
+        *,
+        payload_height: float | None = None,
+        parameters: TruckParameters | Mapping[str, Any] | str | Path | None = None,
+        route: Route | None = None,
+        timestep: float = 0.002,
+        visuals: bool = True,
+        edit_spec: Callable[[mujoco.MjSpec], None] | None = None,
+    ) -> Truck:
+        """Builds the truck on its road and compiles it.
+
+        Args:
+          payload: [kg]; default: the greatest, 36 t, for 55 t in all.
+          payload_height: of the load's centre of gravity above the road [m], 1.3 to 3; default: the
+            parameters', 2.23 m.
+          parameters: of the truck, or an overlay (TOML file or mapping) over the shipped figures.
+          route: the road; default: a flat plane, driven along x.
+          timestep: of the physics [s], 0.0005 to 0.005.
+          visuals: adds what is only seen (road, landscape); the physics is the same without.
+          edit_spec: called with the specification before it is compiled, to add cameras, traffic.
+
+        Raises:
+          InputError: payload, its height, time step or parameters are not allowed.
+          PluginError: the engine plugin is missing.
+        """
+        register()
+        if not isinstance(parameters, TruckParameters):
+            parameters = TruckParameters.load(overlay=parameters)
+        parameters = parameters.with_payload_height(payload_height)
+        payload = parameters.payload.mass_max if payload is None else payload
+        payload = parameters.check_payload(payload)
+        spec = truck_spec(parameters, payload)
+        if route is not None:
+            add_road_table(spec, route)
+        shown = route if route is not None else Route.straight()
+        if visuals:
+            add_road(spec, shown)
+        if edit_spec is not None:
+            edit_spec(spec)
+        model = compiled(spec, timestep)
+        return cls(model, parameters, payload, shown)
+
+    @property
+    def time(self) -> float:
+        """Simulation time [s]."""
+        return float(self.data.time)
+
+    def reset(
+        self,
+        *,
+        station: float = 20.0,
+        offset: float = 0.0,
+        speed: float = 0.0,
+        heading: float = 0.0,
+        articulation: float | None = None,
+    ) -> EgoState:
+        """Puts the truck on its route, rolling freely; all else of the scene begins anew, too.
+
+        Args:
+          station: of the steer axle's centre on the route [m].
+          offset: of the same, to the left [m].
+          speed: along the tractor [m/s], zero or positive.
+          heading: of the tractor against the road, positive to the left [rad].
+          articulation: tractor's yaw less the trailer's [rad]; None: the trailer lies along the
+            road.
+
+        Raises:
+          InputError: a value is not finite, or the speed is negative.
+        """
+        place = Placement(
+            station=station, offset=offset, speed=speed, heading=heading, articulation=articulation
+        )
+        mujoco.mj_resetData(self.model, self.data)
+        self.place(place)
+        mujoco.mj_forward(self.model, self.data)
+        return self.observe()
+
+    def place(self, place: Placement) -> None:
+        """Writes a pose into data that were reset; what follows from it is not computed yet."""
+        self._poser.pose(self.data, place)
+        self._station_hint, self._trailer_hint = place.station, place.station - 11.5
+
+    def command(self, command: VehicleCommand | None = None, **fields: float) -> None:
+        """Sets the controls; fields not given by name keep their last value.
+
+        Raises:
+          InputError: unknown field, a value that is not finite or outside the control's range.
+        """
+        if command is not None:
+            if not fields and self._set_all(command):
+                return
+            fields = {name: getattr(command, name) for name in COMMAND_FIELDS} | fields
+        for name, value in fields.items():
+            index = _COMMAND_INDEX.get(name)
+            if index is None:
+                raise InputError(f"unknown command {name!r}; there are {COMMAND_FIELDS}")
+            low, high = self._ranges[index]
+            number = float(value)
+            if not (low <= number <= high):
+                raise InputError(f"command {name} = {value!r} is outside [{low:g}, {high:g}]")
+            self.data.ctrl[self.control_start + index] = number
+
+    def _set_all(self, command: VehicleCommand) -> bool:
+        """Sets all controls at once; False, and none is set, where a value is not allowed."""
+        values = tuple(map(float, _command_values(command)))
+        for value, (low, high) in zip(values, self._ranges, strict=True):
+            if not low <= value <= high:
+                return False
+        self.data.ctrl[self._controls] = values
+        return True
+
+    def step(self, n: int = 1) -> None:
+        """Advances the physics by `n` time steps.
+
+        Raises:
+          Error: the simulation diverged (MuJoCo reports a state that is not finite).
+        """
+        # MuJoCo puts data that diverged back to the beginning, its time as well.
+        begin = self.data.time
+        mujoco.mj_step(self.model, self.data, n)
+        if not self.data.warning.number.any():
+            return
+        for warning in _FATAL_WARNINGS:
+            if self.data.warning[warning].number:
+                raise Error(
+                    f"the simulation diverged after t = {begin:.3f} s "
+                    f"({warning.name}, element {self.data.warning[warning].lastinfo}); "
+                    "use a smaller time step, unless the truck has rolled over"
+                )
+
+    def sensor(self, name: str) -> NDArray[np.float64]:
+        """A sensor's reading, as at the last step or observation."""
+        return np.array(self.data.sensor(self.prefix + name).data)
+
+    def read(self, name: str, index: int = 0) -> float:
+        """One number of a sensor, as at the last step or observation; quicker than `sensor`."""
+        return float(self.data.sensordata[self._address[name] + index])
+
+    def observe(self) -> EgoState:
+        """What the truck reports at this instant."""
+        bring_up_to_date(self.model, self.data)
+        return self.state()
+
+    def state(self) -> EgoState:
+        """What the truck reports, by sensors that are up to date (`bring_up_to_date`)."""
+        model, data = self.model, self.data
+        sensors, at = data.sensordata.tolist(), self._address
+        x, y, z = data.xpos[self._tractor].tolist()
+        rotation = data.xmat[self._tractor].reshape(3, 3)
+        gravity = (rotation.T @ model.opt.gravity).tolist()
+        (forward_x, _, _), (forward_y, _, _), (forward_z, left_z, up_z) = rotation.tolist()
+        felt, velocity = at["tractor_acceleration"], at["tractor_velocity"]
+        station, offset = self.route.locate(x, y, self._station_hint)
+        rear_x, rear_y, _ = data.site_xpos[self._rear_site].tolist()
+        rear_station, rear_offset = self.route.locate(rear_x, rear_y, self._trailer_hint)
+        self._station_hint, self._trailer_hint = station, rear_station
+        air = [sensors[at[name]] for name in BRAKE_PRESSURES]
+        return EgoState(
+            time=float(data.time),
+            x=x,
+            y=y,
+            z=z,
+            yaw=math.atan2(forward_y, forward_x),
+            pitch=-math.asin(max(-1.0, min(1.0, forward_z))),
+            roll=math.atan2(left_z, up_z),
+            speed=sensors[velocity],
+            lateral_speed=sensors[velocity + 1],
+            acceleration=sensors[felt] + gravity[0],
+            lateral_acceleration=sensors[felt + 1] + gravity[1],
+            yaw_rate=sensors[at["tractor_gyro"] + 2],
+            trailer_yaw_rate=sensors[at["trailer_gyro"] + 2],
+            articulation=-sensors[at["articulation_yaw"]],
+            articulation_rate=-sensors[at["articulation_rate"]],
+            steering_wheel_angle=sensors[at["steering_wheel_position"]],
+            road_wheel_angle=0.5
+            * (sensors[at["steer_angle_left"]] + sensors[at["steer_angle_right"]]),
+            mass=self.parameters.gross_mass(self.payload),
+            station=station,
+            offset=offset,
+            trailer_offset=rear_offset,
+            gear=round(sensors[at["gear"]]),
+            shift_in_process=sensors[at["shift_in_process"]] > 0.5,
+            engine_speed=sensors[at["engine_speed"]],
+            engine_torque=sensors[at["engine_torque"]],
+            fuel_rate=sensors[at["fuel_rate"]],
+            fuel_used=sensors[at["fuel_used"]],
+            brake_pressures=(air[0], air[1], air[2], air[3], air[4]),
+        )
+
+    def last_command(self) -> VehicleCommand:
+        """The controls as they stand."""
+        values = dict(zip(COMMAND_FIELDS, map(float, self.data.ctrl[self._controls]), strict=True))
+        return VehicleCommand(
+            **{
+                **values,
+                "xbr_mode": XbrMode(round(values["xbr_mode"])),
+                "transmission_mode": TransmissionMode(round(values["transmission_mode"])),
+                "xbr_ebi_mode": XbrEbiMode(round(values["xbr_ebi_mode"])),
+            }  # type: ignore[arg-type]
+        )
+
+    def report(self) -> TruckReport:
+        """What the control units say beside `observe`, as at the last step or observation.
+
+        A quantity for which this model has neither sensor nor control is None.
+        """
+        return self._reporter.read(self.data)

@@ -1,0 +1,1 @@
+"""Handling: steering, roll-over, swept path and braking in bends, by named procedures."""

@@ -1,0 +1,1 @@
+"""What every validation group uses: settings, recorder and the cache of finished drives."""

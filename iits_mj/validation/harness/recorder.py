@@ -1,0 +1,257 @@
+"""Drives the truck open loop in steering, holds its speed, and records what the references need."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from iits_mj.core.arrays import FloatArray
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoState, VehicleCommand, XbrMode
+from iits_mj.truck import Truck
+
+# --- How well one time history follows another ---
+
+
+def fit(signal: FloatArray, reference: FloatArray) -> float:
+    """`100 (1 - |y - y_ref| / |y_ref - mean(y_ref)|)` [%], NaN for a constant reference."""
+    spread = np.linalg.norm(reference - reference.mean())
+    if spread == 0.0:
+        return float("nan")
+    return float(100.0 * (1.0 - np.linalg.norm(signal - reference) / spread))
+
+
+def peak_ratio(signal: FloatArray, reference: FloatArray) -> float:
+    """Greatest magnitude over the reference's."""
+    return float(np.max(np.abs(signal)) / np.max(np.abs(reference)))
+
+
+def harmonic(time: FloatArray, signal: FloatArray, frequencies: FloatArray) -> FloatArray:
+    """Complex amplitudes (k,) of a signal (n,) at frequencies [Hz] (k,), by least squares.
+
+    A constant and a drift are taken out. The amplitude `c` means `Re(c exp(2 pi i f t))`.
+    """
+    phase = 2.0 * np.pi * np.outer(time, frequencies)
+    basis = np.hstack([np.cos(phase), np.sin(phase), np.ones((len(time), 1)), time[:, None]])
+    found = np.linalg.lstsq(basis, signal, rcond=None)[0]
+    count = len(frequencies)
+    return np.asarray(found[:count] - 1j * found[count : 2 * count])
+
+
+# --- Drives the truck open loop in steering, holds its speed, and records what the references need
+
+# Rate of recording and of the speed hold [s].
+PERIOD = 0.01
+# Pedal per speed error [s/m], and its integral [1/m]: time constants of about 4 and 10 s at 55 t.
+_GAIN = 0.5
+_INTEGRAL = 0.05
+# The speed is steady when it stays this near [m/s] for so long [s].
+_STEADY_BAND = 0.003
+_STEADY_TIME = 1.0
+_STEADY_LIMIT = 90.0
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Time histories of a manoeuvre, each of shape (n,), sampled every 10 ms; SI, ISO 8855.
+
+    Attributes:
+      time, speed; steering_wheel: actual angle; road_wheel: mean of left and right.
+      yaw, yaw_rate, trailer_yaw_rate, articulation; x, y: steer axle centre.
+      rear_x, rear_y: centre of the trailer's axle group.
+      lateral_acceleration, trailer_lateral_acceleration: of the CGs, gravity removed.
+      lateral_velocity: of the steer axle centre; roll: of the tractor; trailer_roll.
+      side_loads: least vertical tire force of an axle's two sides, shape (n, 6).
+    """
+
+    time: FloatArray
+    speed: FloatArray
+    steering_wheel: FloatArray
+    road_wheel: FloatArray
+    yaw: FloatArray
+    yaw_rate: FloatArray
+    trailer_yaw_rate: FloatArray
+    articulation: FloatArray
+    x: FloatArray
+    y: FloatArray
+    rear_x: FloatArray
+    rear_y: FloatArray
+    lateral_acceleration: FloatArray
+    trailer_lateral_acceleration: FloatArray
+    lateral_velocity: FloatArray
+    roll: FloatArray
+    trailer_roll: FloatArray
+    side_loads: FloatArray
+
+    def after(self, start: float) -> Recording:
+        """The recording from a time [s] on, its time starting at zero there."""
+        keep = self.time >= start - 1e-9
+        columns = {name: getattr(self, name)[keep] for name in self.__dataclass_fields__}
+        columns["time"] = columns["time"] - columns["time"][0]
+        return Recording(**columns)
+
+
+class SpeedHold:
+    """Cruise control by pedal and, well above the wanted speed, by light braking."""
+
+    def __init__(self) -> None:
+        self._integral = 0.0
+
+    def command(self, error: float, steering_wheel_angle: float) -> VehicleCommand:
+        """What to command at a speed error [m/s], every `PERIOD`, with this steering [rad]."""
+        pedal = _GAIN * error + self._integral
+        if 0.0 < pedal < 1.0:  # no wind-up at the pedal's ends
+            self._integral += _INTEGRAL * error * PERIOD
+        braking = error < -0.3
+        return VehicleCommand(
+            accelerator_pedal=float(np.clip(pedal, 0.0, 1.0)),
+            steering_wheel_angle=steering_wheel_angle,
+            xbr_mode=XbrMode.MAXIMUM if braking else XbrMode.OFF,
+            xbr_demand=max(2.0 * error, -3.0) if braking else 0.0,
+        )
+
+
+def run_straight(truck: Truck, speed: float) -> SpeedHold:
+    """Drives straight on until the speed [m/s] is steady, so that a test starts from rest of it.
+
+    Call `truck.reset` before. Returns the speed hold to go on with.
+
+    Raises:
+      InputError: the truck does not get to this speed and stay there.
+    """
+    hold = SpeedHold()
+    quiet, start = 0.0, truck.time
+    while quiet < _STEADY_TIME:
+        error = speed - truck.observe().speed
+        quiet = quiet + PERIOD if abs(error) < _STEADY_BAND else 0.0
+        if truck.time - start > _STEADY_LIMIT:
+            raise InputError(
+                f"speed {speed:g} m/s is not steady after {_STEADY_LIMIT:g} s: {error:+.3f} m/s "
+                f"are missing; choose a speed that the truck can hold on a level road"
+            )
+        truck.command(hold.command(error, 0.0))
+        _advance(truck, truck.time + PERIOD)
+    return hold
+
+
+def drive(
+    truck: Truck,
+    steering: Callable[[float, float], float],
+    *,
+    speed: float | Callable[[float], float],
+    duration: float,
+    stop: Callable[[float], bool] | None = None,
+    hold: SpeedHold | None = None,
+) -> Recording:
+    """Runs a manoeuvre on the truck as it stands (call `truck.reset` before).
+
+    Args:
+      truck: on a road long enough.
+      steering: steering-wheel angle [rad] by (time [s], yaw [rad]).
+      speed: to be held [m/s]; or a function of time.
+      duration: at most [s].
+      stop: ends the run early when it returns True for the trailer's lateral acceleration [m/s2].
+      hold: the speed hold to go on with, from `run_straight`; a fresh one by default.
+    """
+    hold = hold or SpeedHold()
+    wanted = speed if callable(speed) else lambda _: speed
+    rows: list[list[float]] = []
+    start = truck.time
+    for tick in range(round(duration / PERIOD) + 1):
+        time = tick * PERIOD
+        state = truck.observe()
+        row = _row(truck, state)
+        rows.append([time, *row])
+        if stop is not None and stop(row[12]):
+            break
+        truck.command(hold.command(wanted(time) - state.speed, steering(time, state.yaw)))
+        _advance(truck, start + (tick + 1) * PERIOD)
+    table = np.array(rows)
+    columns = table.T[: len(Recording.__dataclass_fields__) - 1]
+    named = dict(zip(list(Recording.__dataclass_fields__)[:-1], columns, strict=True))
+    return Recording(**named, side_loads=table[:, len(columns) :])
+
+
+def sampled(
+    truck: Truck,
+    command: Callable[[float, EgoState], VehicleCommand],
+    read: Callable[[EgoState], list[float]],
+    duration: float,
+    stop: Callable[[EgoState], bool] | None = None,
+) -> FloatArray:
+    """Drives the truck as it stands and samples it every 10 ms.
+
+    Args:
+      truck: call its `reset` before.
+      command: by time since the start [s] and state.
+      read: a sample's numbers, k of them.
+      duration: at most [s].
+      stop: ends the run early.
+
+    Returns:
+      Time [s] and what was read, shape (n, 1 + k).
+    """
+    steps = round(PERIOD / truck.model.opt.timestep)
+    rows: list[list[float]] = []
+    for tick in range(round(duration / PERIOD) + 1):
+        state = truck.observe()
+        rows.append([tick * PERIOD, *read(state)])
+        if stop is not None and stop(state):
+            break
+        truck.command(command(tick * PERIOD, state))
+        truck.step(steps)
+    return np.array(rows)
+
+
+def wheel_slips(truck: Truck) -> list[float]:
+    """Longitudinal slip of each wheel [1], axle by axle, left before right."""
+    return [
+        truck.read(f"{axle.name}_{side}_tire_slip")
+        for axle in truck.parameters.axles
+        for side in ("left", "right")
+    ]
+
+
+def trailer_roll(truck: Truck) -> float:
+    """Roll of the trailer [rad], positive to the right."""
+    attitude = truck.data.body("trailer").xmat
+    return float(np.arctan2(attitude[7], attitude[8]))
+
+
+def _advance(truck: Truck, target: float) -> None:
+    """Steps to a time [s]."""
+    steps = round((target - truck.time) / truck.model.opt.timestep)
+    truck.step(max(steps, 0))
+
+
+def _row(truck: Truck, state: EgoState) -> list[float]:
+    """One sample at what the truck has just observed, in the order of `Recording` after time."""
+    data = truck.data
+    rear = data.site("trailer_axle_center").xpos
+    trailer = data.body("trailer").xmat.reshape(3, 3)
+    gravity = float(trailer[:, 1] @ truck.model.opt.gravity)
+    loads = [
+        min(truck.read(f"{axle.name}_{side}_tire_force", 2) for side in ("left", "right"))
+        for axle in truck.parameters.axles
+    ]
+    return [
+        state.speed,
+        state.steering_wheel_angle,
+        state.road_wheel_angle,
+        state.yaw,
+        state.yaw_rate,
+        state.trailer_yaw_rate,
+        state.articulation,
+        state.x,
+        state.y,
+        float(rear[0]),
+        float(rear[1]),
+        state.lateral_acceleration,
+        truck.read("trailer_acceleration", 1) + gravity,
+        state.lateral_speed,
+        state.roll,
+        trailer_roll(truck),
+        *loads,
+    ]

@@ -1,0 +1,1 @@
+"""Longitudinal dynamics: acceleration, climbing, braking, descents, fuel and energy."""

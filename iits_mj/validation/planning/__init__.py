@@ -1,0 +1,1 @@
+"""Planning, tracking and predictive cruise control, against their limits and bounds."""

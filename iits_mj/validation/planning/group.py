@@ -1,0 +1,47 @@
+"""`iits-mj validate planning`: planner, tracking and predictive cruise control, figure by figure.
+
+Each part is a module of its own; this one puts them in order and says what could not be measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from iits_mj.core.results import Results
+from iits_mj.validation.harness.config import ValidateConfig, check_folder
+from iits_mj.validation.planning.path_tracking import run_path_tracking
+from iits_mj.validation.planning.pcc_receding import run_receding
+from iits_mj.validation.planning.pcc_replay import run_replay
+from iits_mj.validation.planning.pcc_savings import run_savings
+from iits_mj.validation.planning.planning_traffic import run_traffic
+from iits_mj.validation.planning.situations import run_situations
+from iits_mj.validation.planning.speed_tracking import run_speed_tracking
+
+PARTS: dict[str, Callable[[ValidateConfig], Results]] = {
+    "trajectory planner": run_situations,
+    "path tracking": run_path_tracking,
+    "speed tracking": run_speed_tracking,
+    "speed planner": run_savings,
+    "receding horizon": run_receding,
+    "on the truck": run_replay,
+    "in traffic": run_traffic,
+}
+
+
+def run(config: ValidateConfig) -> Results:
+    """Every part in turn.
+
+    Raises:
+      InputError: `config.roads` is no folder with roads, or a file in it cannot be read.
+    """
+    # What cannot be used is told before anything is measured.
+    missing = check_folder(config)
+    results = Results("validate planning")
+    for name, part in PARTS.items():
+        found = part(config)
+        results.checks += found.checks
+        results.figures |= {f"{name}: {title}": panels for title, panels in found.figures.items()}
+        results.notes += [note for note in found.notes if note not in results.notes]
+    if missing:
+        results.notes.append(f"not measured, as --roads has them not: {', '.join(missing)}")
+    return results

@@ -1,0 +1,306 @@
+"""A lower bound on the cost of every speed plan, from a convex relaxation and weak duality.
+
+A plan on the grid is b = v^2 at the nodes, work E of the engine and duration t of each interval:
+
+    t = 2 ds / (v[k] + v[k+1])                                                     (1)
+    0 <= eta E / ds - N(b) <= B_max                          brakes; N is linear in b
+    -P_drag t <= E <= P_max t                                power E / t
+    b_low <= b <= b_high,   sum t <= T
+    cost = sum f0 t + f1 E + f2 E^2 / t + k_a (b[k+1] - b[k])^2 / (2 ds (v[k] + v[k+1]))
+           + price_time sum t - price_energy b[n]
+
+`v[k] + v[k+1]` is concave in b, so (1) is a convex function of b, and so is the term of k_a, a
+square over a concave function. `E^2 / t` is convex in (E, t) together. Only the equality (1) is not
+convex. The relaxation asks `t >= 2 ds / (v[k] + v[k+1])` in its place: every plan stays feasible at
+its own cost, so the relaxed optimum is at most the cost of any plan. Where it meets (1), which it
+does as long as waiting does not pay (`f0 + price > f2 P^2` off the limits of power), the relaxed
+optimum is itself a plan: then that plan is the global optimum. Where waiting would pay it is held
+by `t <= ds (c(b[k]) + c(b[k+1])) / 2`, with c the chord of `1 / sqrt(b)` over the bounds of b.
+Every plan keeps to that too: a harmonic mean is at most the arithmetic one, a chord lies above.
+The bounds of b are first narrowed to what full power leaves: the fastest drive there is, and the
+slowest from which the least speeds ahead can still be reached.
+
+The number is a bound even if the relaxed problem is solved inexactly. With multipliers y >= 0 the
+Lagrangian L(x, y) is at most the cost for every feasible x; it is convex in x, so it lies above its
+tangent at any point z, whose least value over the box of x is a sum over the components:
+
+    cost(x) >= L(x, y) >= L(z, y) + sum min over the box of dL/dx (x - z)
+
+(weak duality; S. Boyd, L. Vandenberghe, Convex Optimization, sections 5.1.3 and 3.1.3). A fence
+only takes plans away, so the bound, which leaves it out, holds for fenced problems too. Power,
+brakes and trip time have the room here that the optimizer has.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from controllers.pcc.feasibility import enough_speeds, require_feasible
+from controllers.pcc.solver import Answer, Task, with_room
+from controllers.pcc.vehicle import PointMass
+from iits_mj.core.arrays import FloatArray
+from iits_mj.core.errors import PlanningError
+
+# Units inside the solver: b [m2/s2], E [J], t [s], cost [kg].
+_B, _E, _T, _COST = 400.0, 3e5, 2.5, 0.1
+_ROUNDING = 1e-7  # of v^2, relative
+_AT_LIMIT = 1e-3  # relative; a multiplier where there is none is found to be zero
+
+
+@dataclass(frozen=True)
+class LowerBound:
+    """What no plan of the task can beat.
+
+    Attributes:
+      cost: lower bound on the cost [kg]; that on the fuel when k_a and the prices are zero.
+      relaxed: optimum of the relaxation as the solver gives it [kg].
+      slack: greatest excess of t over (1), relative; zero where the relaxation is a plan.
+      speed: node speeds of the relaxation, shape (n + 1,) [m/s].
+      converged: whether the solver says so; the bound holds either way.
+      wall_time: with setting up [s].
+    """
+
+    cost: float
+    relaxed: float
+    slack: float
+    speed: FloatArray
+    converged: bool
+    wall_time: float
+
+    def gap(self, cost: float) -> float:
+        """How far a plan's cost [kg] can be above the global optimum at most, relative."""
+        return cost / self.cost - 1.0 if self.cost > 0.0 else np.inf
+
+
+def lower_bound(vehicle: PointMass, task: Task) -> LowerBound:
+    """Lower bound on the cost of the task; use `replace(task, k_a=0.0)` for that on the fuel.
+
+    Raises:
+      PlanningError: no drive keeps to the task, or a speed of it may be zero.
+    """
+    began = time.perf_counter()
+    if not (np.isfinite(task.b_high).all() and task.b_low.min() > 0.0):
+        raise PlanningError("the bound needs speed limits above 0 that are finite at every node")
+    if (task.b_low > task.b_high + 1e-9).any():
+        k = int(np.argmax(task.b_low - task.b_high))
+        raise PlanningError(
+            f"at station {task.road.station[k]:.0f} m the least speed is above the greatest"
+        )
+    relaxation = _Relaxation(vehicle, task)
+    point, multipliers, relaxed, converged = relaxation.solve()
+    cost = relaxation.dual_value(point, multipliers)
+    b, _, t = point
+    tight = relaxation.least_time(b)
+    return LowerBound(
+        cost=cost,
+        relaxed=relaxed,
+        slack=float(np.max(t / tight) - 1.0),
+        speed=np.sqrt(b),
+        converged=converged,
+        wall_time=time.perf_counter() - began,
+    )
+
+
+def certificate(vehicle: PointMass, task: Task, answer: Answer) -> float:
+    """Lower bound on the cost [kg] from a plan's own multipliers, with nothing solved: O(n).
+
+    The price of trip time and the costates q of the plan say which multipliers y the relaxation
+    has where it meets (1). With G = f1 + 2 f2 P and A = f0 + prices - f2 P^2 stationarity by E and
+    t gives, with g the multiplier of full power (s = 1, limit p = P_max) or of overrun (s = -1,
+    p = P_drag), zero between both,
+
+        multiplier of N: (G + s g) ds / eta,     multiplier of (1): A - p g
+
+    and what v^2 at the interval's start is worth is q[k]: one linear equation for g. Where the
+    relaxation is loose the bound is only weaker; `lower_bound` then finds the best one.
+    """
+    relaxation = _Relaxation(vehicle, task)
+    vehicle, task = relaxation.vehicle, relaxation.task
+    v, fuel, ds = answer.speed, vehicle.fuel, task.road.step
+    b, sums, gain = v**2, v[1:] + v[:-1], np.diff(v**2)
+    t = 2.0 * ds / sums
+    net = vehicle.net_force(v, task.road)
+    work = np.clip(
+        net * ds / vehicle.efficiency, *(p * t for p in (-vehicle.power_drag, vehicle.power_max))
+    )
+    power = work / t
+    lever = ds / vehicle.efficiency
+    inertia = vehicle.inertial_mass / (2.0 * ds) - 0.5 * vehicle.drag
+    force = fuel.f1 + 2.0 * fuel.f2 * power
+    wait = fuel.f0 + task.price_time + answer.time_price - fuel.f2 * power**2
+    by_time = ds / (sums**2 * v[:-1])
+    calm = task.k_a * (gain / (ds * sums) + gain**2 / (4.0 * ds * sums**2 * v[:-1]))
+    missing = answer.costate[:-1] - wait * by_time - calm - lever * force * inertia
+    full = power >= vehicle.power_max * (1.0 - _AT_LIMIT)
+    over = power <= -vehicle.power_drag * (1.0 - _AT_LIMIT)
+    of_full = np.where(full, missing / (lever * inertia - vehicle.power_max * by_time), 0.0)
+    of_over = np.where(over, missing / (-lever * inertia - vehicle.power_drag * by_time), 0.0)
+    of_full, of_over = np.maximum(of_full, 0.0), np.maximum(of_over, 0.0)
+    push = -lever * (force + of_full - of_over)
+    late = wait - vehicle.power_max * of_full - vehicle.power_drag * of_over
+    columns = (np.maximum(-push, 0.0), np.maximum(push, 0.0), of_full, of_over)
+    table = np.column_stack([*columns, np.maximum(late, 0.0), np.zeros(late.size)])
+    return relaxation.dual_value((b, work, t), np.vstack([table, [answer.time_price, *[0.0] * 5]]))
+
+
+class _Relaxation:
+    """The convex problem of one task."""
+
+    def __init__(self, vehicle: PointMass, task: Task) -> None:
+        vehicle, task = self.vehicle, self.task = with_room(vehicle, task)
+        self.step = task.road.step
+        self.slope = vehicle.slope_force(task.road.grade)
+        # No drive is faster than full power makes it, nor so slow that it misses a least speed
+        # ahead: the narrower the box, the closer the chord.
+        fastest = require_feasible(vehicle, task) ** 2 * (1.0 + _ROUNDING)
+        slowest = enough_speeds(vehicle, task.road, np.sqrt(task.b_low), np.sqrt(fastest)) ** 2
+        low = np.maximum(task.b_low, slowest * (1.0 - _ROUNDING))
+        high = np.maximum(np.minimum(task.b_high, fastest), low)
+        t_low, t_high = self.least_time(high), self.least_time(low)
+        self.b_box = (low, high)
+        self.t_box = (t_low, t_high)
+        self.e_box = (-vehicle.power_drag * t_high, vehicle.power_max * t_high)
+        # The chord of 1 / sqrt(b): its value at `low` and its slope.
+        v_low, v_high = np.sqrt(low), np.sqrt(high)
+        self.chord = (1.0 / v_low, -1.0 / (v_low * v_high * (v_low + v_high)))
+
+    def least_time(self, b: FloatArray) -> FloatArray:
+        """Durations (1) [s], shape (n,), for b [m2/s2], shape (n + 1,)."""
+        v = np.sqrt(b)
+        return np.asarray(2.0 * self.step / (v[1:] + v[:-1]))
+
+    def most_time(self, b: Any) -> Any:
+        """Durations (n,) that no plan exceeds, linear in b [m2/s2], of shape (n + 1,)."""
+        slowness = self.chord[0] + self.chord[1] * (b - self.b_box[0])
+        return 0.5 * self.step * (slowness[:-1] + slowness[1:])
+
+    def solve(
+        self,
+    ) -> tuple[tuple[FloatArray, FloatArray, FloatArray], FloatArray, float, bool]:
+        """Point (b, E, t), multipliers, optimum [kg], and whether it converged.
+
+        Columns of the multipliers: brakes low, brakes high, power, drag, time (1), chord; the price
+        of the trip time stands in the last row, first column: shape (n + 1, 6).
+        """
+        import casadi as ca
+
+        vehicle, n, ds = self.vehicle, self.task.road.intervals, self.step
+        b, work, t = ca.SX.sym("b", n + 1), ca.SX.sym("E", n), ca.SX.sym("t", n)
+        b_, work_, t_ = b * _B, work * _E, t * _T
+        v = ca.sqrt(b_)
+        sums, gain = v[1:] + v[:-1], b_[1:] - b_[:-1]
+        scale = vehicle.inertial_mass
+        net = gain * scale / (2.0 * ds) + self.slope + 0.5 * vehicle.drag * (b_[1:] + b_[:-1])
+        fuel, task = vehicle.fuel, self.task
+        cost = ca.sum1(
+            (fuel.f0 + task.price_time) * t_
+            + fuel.f1 * work_
+            + fuel.f2 * work_**2 / t_
+            + task.k_a * gain**2 / (2.0 * ds * sums)
+        )
+        cost -= task.price_energy * b_[n]
+        rows = ca.horzcat(
+            (work_ * vehicle.efficiency / ds - net) / scale,
+            (work_ - vehicle.power_max * t_) / _E,
+            (-work_ - vehicle.power_drag * t_) / _E,
+            (2.0 * ds / sums - t_) / _T,
+            (t_ - self.most_time(b_)) / _T,
+        )
+        problem = {
+            "x": ca.vertcat(ca.vec(ca.horzcat(b[:-1], work, t).T), b[n]),
+            "f": cost / _COST,
+            "g": ca.vertcat(ca.vec(rows.T), ca.sum1(t_) / 100.0),
+        }
+        options: dict[str, Any] = {
+            "print_time": False,
+            "ipopt.print_level": 0,
+            "ipopt.sb": "yes",
+            "ipopt.max_iter": 200,
+        }
+        solver = ca.nlpsol("bound", "ipopt", problem, options)
+        boxes = (self.b_box, self.e_box, self.t_box)
+        units = (_B, _E, _T)
+        low, high, middle = (
+            _pack(*(pick(box) / unit for box, unit in zip(boxes, units, strict=True)))
+            for pick in (lambda x: x[0], lambda x: x[1], lambda x: 0.5 * (x[0] + x[1]))
+        )
+        result = solver(
+            x0=middle,
+            lbx=low,
+            ubx=high,
+            lbg=np.append(np.tile([0.0, *[-np.inf] * 4], n), -np.inf),
+            ubg=np.append(
+                np.tile([vehicle.brake_max / scale, *[0.0] * 4], n), task.time_max / 100.0
+            ),
+        )
+        x = np.clip(np.asarray(result["x"]).ravel(), low, high)
+        table = x[:-1].reshape(n, 3)
+        point = (np.append(table[:, 0], x[-1]) * _B, table[:, 1] * _E, table[:, 2] * _T)
+        raw = np.asarray(result["lam_g"]).ravel() * _COST
+        price, raw = max(float(raw[-1]), 0.0) / 100.0, raw[:-1].reshape(n, 5)
+        raw = raw / np.array([scale, _E, _E, _T, _T])
+        y = np.vstack([np.column_stack([-raw[:, 0], raw]), [price, *[0.0] * 5]])
+        return (
+            point,
+            np.maximum(y, 0.0),
+            float(result["f"]) * _COST,
+            bool(solver.stats()["success"]),
+        )
+
+    def dual_value(
+        self, point: tuple[FloatArray, FloatArray, FloatArray], multipliers: FloatArray
+    ) -> float:
+        """Lower bound [kg] of multipliers >= 0, from the Lagrangian's tangent at any point."""
+        vehicle, task, ds = self.vehicle, self.task, self.step
+        b, work, t = point
+        v = np.sqrt(b)
+        sums, gain = v[1:] + v[:-1], np.diff(b)
+        slow, fast, power, drag, late, early = multipliers[:-1].T
+        price = float(multipliers[-1, 0]) if np.isfinite(task.time_max) else 0.0
+        fuel, eta, kinetic = vehicle.fuel, vehicle.efficiency, vehicle.inertial_mass / (2.0 * ds)
+        net = gain * kinetic + self.slope + 0.5 * vehicle.drag * (b[1:] + b[:-1])
+        excess = work * eta / ds - net
+        least = 2.0 * ds / sums
+        value = np.sum(
+            (fuel.f0 + task.price_time) * t
+            + fuel.f1 * work
+            + fuel.f2 * work**2 / t
+            + task.k_a * gain**2 / (2.0 * ds * sums)
+            - slow * excess
+            + fast * (excess - vehicle.brake_max)
+            + power * (work - vehicle.power_max * t)
+            + drag * (-work - vehicle.power_drag * t)
+            + late * (least - t)
+            + early * (t - self.most_time(b))
+        )
+        value -= task.price_energy * b[-1]
+        if price > 0.0:
+            value += price * (t.sum() - task.time_max)
+        push = fast - slow
+        d_work = fuel.f1 + 2.0 * fuel.f2 * work / t + push * eta / ds + power - drag
+        d_t = fuel.f0 + task.price_time - fuel.f2 * (work / t) ** 2 + price - late + early
+        d_t -= power * vehicle.power_max + drag * vehicle.power_drag
+        # At the two ends of an interval: by the sum of speeds, by the difference of b, and by N.
+        root = -late * 2.0 * ds / sums**2 - task.k_a * gain**2 / (2.0 * ds * sums**2)
+        ride = task.k_a * gain / (ds * sums)
+        d_b = np.zeros(b.size)
+        d_b[:-1] += root / (2.0 * v[:-1]) - ride - push * (0.5 * vehicle.drag - kinetic)
+        d_b[1:] += root / (2.0 * v[1:]) + ride - push * (0.5 * vehicle.drag + kinetic)
+        d_b[:-1] -= 0.5 * ds * early * self.chord[1][:-1]
+        d_b[1:] -= 0.5 * ds * early * self.chord[1][1:]
+        d_b[-1] -= task.price_energy
+        for slope, at, (low, high) in (
+            (d_b, b, self.b_box),
+            (d_work, work, self.e_box),
+            (d_t, t, self.t_box),
+        ):
+            value += np.minimum(slope * (low - at), slope * (high - at)).sum()
+        return float(value)
+
+
+def _pack(b: FloatArray, work: FloatArray, t: FloatArray) -> FloatArray:
+    return np.append(np.column_stack([b[:-1], work, t]).ravel(), b[-1])

@@ -1,0 +1,180 @@
+"""A speed plan with what judges it: the problem that it solves, its energy, its exact motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from controllers.pcc import PccConfig, PccSolution, RoadProfile, plan
+from controllers.pcc.fuel import FuelMap
+from controllers.pcc.planner import least_speeds, make_vehicle
+from controllers.pcc.solver import Answer, Solver, Task
+from controllers.pcc.vehicle import PointMass, durations, full_power_speed
+from iits_mj.core.arrays import FloatArray
+from iits_mj.core.errors import PlanningError
+from iits_mj.core.units import GRAVITY
+from iits_mj.parameters import TruckParameters
+from iits_mj.validation.planning.pcc_bound import certificate, lower_bound
+
+_TIGHT = 1e-4  # relative gap that is as good as none
+_RELAXED_MAX = 1_500_000.0  # [m]: IPOPT needs 3 s for the relaxation of 100 km, and memory
+# Gauss points of an interval, for integrals of the exact motion.
+_ROOTS, _WEIGHTS = np.polynomial.legendre.leggauss(5)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A solved plan.
+
+    Attributes:
+      solution: plan and cruise; vehicle, task: the problem that the plan solves.
+      answer: to the task, with its multipliers.
+      config: its settings; parameters: of the truck; fuel_map: of its engine.
+    """
+
+    solution: PccSolution
+    vehicle: PointMass
+    task: Task
+    answer: Answer
+    config: PccConfig
+    parameters: TruckParameters
+    fuel_map: FuelMap
+
+    @property
+    def road(self) -> RoadProfile:
+        """The road."""
+        return self.task.road
+
+    def cost(self, speed: FloatArray) -> float:
+        """Fuel and term of k_a of node speeds (n + 1,) by the optimizer's model [kg]."""
+        acceleration = np.diff(speed**2) / (2.0 * self.road.step)
+        calm = float(acceleration**2 @ durations(speed, self.road))
+        return float(self.vehicle.fuel_of(speed, self.road).sum()) + self.task.k_a * calm
+
+
+def solve(
+    road: RoadProfile,
+    config: PccConfig,
+    mass: float = 55_000.0,
+    parameters: TruckParameters | None = None,
+) -> Case:
+    """Plans, and sets the same problem again for those who judge the plan.
+
+    Raises:
+      PlanningError: there is no plan; the message gives the reason.
+    """
+    parameters = parameters or TruckParameters.load()
+    solution = plan(road, parameters, mass, config)
+    if min(solution.baseline_fuel, float(solution.baseline.map_fuel.sum())) <= 0.0:
+        raise PlanningError(
+            f"on road {road.name!r} the cruise burns no fuel at all: nothing can be saved"
+        )
+    fuel_map = FuelMap(parameters)
+    vehicle = make_vehicle(parameters, fuel_map, mass, config)
+    base = solution.baseline.speed
+    cap = np.minimum(road.v_limit, max(config.v_max, solution.v_set))
+    low = least_speeds(full_power_speed(vehicle, road, float(base[0]), cap), base, config.v_min)
+    b_low, b_high = low**2, np.maximum(cap, low) ** 2
+    b_low[[0, -1]] = b_high[[0, -1]] = base[[0, -1]] ** 2
+    task = Task(road, b_low, b_high, solution.baseline.time, np.zeros(base.size), 1e-3 * config.k_a)
+    answer = Solver(vehicle, road.intervals, road.step).solve(task, base)
+    return Case(solution, vehicle, task, answer, config, parameters, fuel_map)
+
+
+def bound(case: Case, k_a: float) -> tuple[float, float]:
+    """Lower bound on fuel plus the term of k_a of all plans of the case [kg], and the plan's gap.
+
+    From the multipliers of the optimum; where those leave a gap, from the relaxation's own optimum.
+
+    Args:
+      case: the plan.
+      k_a: weight of a^2 [kg/s per (m/s2)^2]; 0 bounds the fuel.
+
+    Returns:
+      The bound [kg], and by how much the optimum for that k_a is above it, relative.
+    """
+    if k_a == case.task.k_a:
+        task, answer = case.task, case.answer
+    else:
+        task = replace(case.task, k_a=k_a)
+        solver = Solver(case.vehicle, case.road.intervals, case.road.step)
+        answer = solver.solve(task, case.answer.speed)
+    cost = replace(case, task=task).cost(answer.speed)
+    least = certificate(case.vehicle, task, answer)
+    if cost > least * (1.0 + _TIGHT) and case.road.length < _RELAXED_MAX:
+        least = max(least, lower_bound(case.vehicle, task).cost)
+    return least, cost / least - 1.0 if least > 0.0 else np.inf
+
+
+def with_rolling(parameters: TruckParameters, coefficient: float) -> TruckParameters:
+    """The truck on tires of another rolling resistance coefficient."""
+    common = replace(parameters.tire_common, rolling_resistance=coefficient)
+    return replace(parameters, tire_common=common)
+
+
+def with_power(parameters: TruckParameters, share: float) -> TruckParameters:
+    """The truck with a share of its engine's full-load torque; drag and fuel map as they are."""
+    engine = parameters.engine
+    torque = engine.full_load_torque * share
+    return replace(parameters, engine=replace(engine, full_load_torque=torque))
+
+
+def scaled_heights(road: RoadProfile, factor: float) -> RoadProfile:
+    """The road with all heights, and so all grades, times a factor."""
+    return replace(road, height=road.height * factor)
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Where the engine's work of a drive went [J]; `residual` is what is not accounted for.
+
+    Attributes:
+      engine: at the wheels, drag of the overrunning engine subtracted; rolling, air, climb: against
+        resistances and height; kinetic: gained; brakes: friction, retarder.
+      time_error: trip time of the exact motion less the grid's, relative.
+    """
+
+    engine: float
+    rolling: float
+    air: float
+    climb: float
+    kinetic: float
+    brakes: float
+    time_error: float
+
+    @property
+    def residual(self) -> float:
+        """Work that is not accounted for [J]."""
+        used = self.rolling + self.air + self.climb + self.kinetic + self.brakes
+        return self.engine - used
+
+
+def balance(vehicle: PointMass, road: RoadProfile, speed: FloatArray) -> Balance:
+    """The energy of a drive along its exact motion, not the grid's.
+
+    Between nodes the force is constant, so that `d(v^2)/ds = 2 (F - R - k v^2) / m` has v^2
+    decaying exponentially to its steady value; air drag and time are integrals of that by five
+    Gauss points, and height is weight times rise: none of them is how the optimizer sums them up.
+    """
+    net = vehicle.net_force(speed, road)
+    mean = 0.5 * (speed[1:] + speed[:-1])
+    drag_force = -vehicle.power_drag * vehicle.efficiency / mean
+    engine = np.maximum(net, drag_force)
+    steady = (net - vehicle.slope_force(road.grade)) / vehicle.drag
+    rate = 2.0 * vehicle.drag / vehicle.inertial_mass
+    way = 0.5 * road.step * (_ROOTS + 1.0)
+    weight = 0.5 * road.step * _WEIGHTS
+    inside = steady[:, None] + (speed[:-1, None] ** 2 - steady[:, None]) * np.exp(-rate * way)
+    exact_time = float(((1.0 / np.sqrt(inside)) @ weight).sum())
+    grid_time = float(durations(speed, road).sum())
+    weight_force = vehicle.mass * GRAVITY
+    return Balance(
+        engine=float(engine.sum()) * road.step,
+        rolling=road.length * weight_force * vehicle.rolling,
+        air=vehicle.drag * float((inside @ weight).sum()),
+        climb=weight_force * float(road.height[-1] - road.height[0]),
+        kinetic=0.5 * vehicle.inertial_mass * float(speed[-1] ** 2 - speed[0] ** 2),
+        brakes=float((engine - net).sum()) * road.step,
+        time_error=exact_time / grid_time - 1.0,
+    )

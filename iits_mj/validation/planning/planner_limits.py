@@ -1,0 +1,187 @@
+"""Random states: does any planned trajectory break a limit?
+
+States are drawn over speed, place in the lane, load, traffic, decision and speed profile, on a
+straight road and on the built-in highway; each is planned for two seconds by a truck that obeys.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from controllers.planning.lane_change import lateral_limit
+from controllers.planning.planner import Planner, PlannerConfig
+from controllers.planning.rollover_limits import RollMargins
+from controllers.planning.speed_plan import power_acceleration
+from iits_mj.core.messages import Decision, EgoState, PlanMode, Scene, SpeedProfile, Trajectory
+from iits_mj.core.units import GRAVITY
+from iits_mj.parameters import TruckParameters
+from iits_mj.road import Route
+from iits_mj.validation.longitudinal.ideal_drive import IdealDrive, car
+
+# What counts as a breach beyond rounding, as share of the limit.
+_SLACK = 0.01
+_CYCLES = 4
+
+
+@dataclass
+class Breaches:
+    """Trajectories looked at, and those that break something, by name.
+
+    Attributes:
+      trajectories: how many; changes: of them in a lane change.
+      found: description of every breach.
+      lateral: greatest lateral acceleration of the path in a change over its limit.
+      total: greatest lateral acceleration, road included, over the roll-over threshold.
+      jump: greatest step of the offset between a plan and the last one at its time [m].
+    """
+
+    trajectories: int = 0
+    changes: int = 0
+    found: list[str] = field(default_factory=list)
+    lateral: float = 0.0
+    total: float = 0.0
+    jump: float = 0.0
+
+
+def random_breaches(routes: list[Route], count: int, seed: int = 0) -> Breaches:
+    """Plans from `count` random states, in turn on each of the routes.
+
+    Args:
+      routes: roads.
+      count: of states.
+      seed: of the states.
+    """
+    generator, result = np.random.default_rng(seed), Breaches()
+    margins = RollMargins(TruckParameters.load(), 1.0 / PlannerConfig().change.duration_min)
+    drives = [IdealDrive(route, 1000.0, 0, 15.0) for route in routes]
+    for i in range(count):
+        drive = drives[i % len(drives)]
+        drive.planner.reset()
+        _one(drive, generator, margins, result)
+    return result
+
+
+def _one(
+    drive: IdealDrive, generator: np.random.Generator, margins: RollMargins, result: Breaches
+) -> None:
+    route, planner = drive.route, drive.planner
+    station = float(generator.uniform(200.0, route.length - 1500.0))
+    lane = int(generator.integers(0, 2))
+    speed = float(generator.uniform(0.0, 25.0))
+    ego = EgoState(
+        station=station,
+        offset=float(route.lane_offset(lane, station)) + float(generator.uniform(-0.7, 0.7)),
+        speed=speed,
+        mass=float(generator.uniform(19e3, 55e3)),
+    )
+    around = tuple(
+        car(
+            route,
+            f"v{k}",
+            station + float(generator.uniform(-120.0, 200.0)),
+            int(generator.integers(0, route.lane_count(station))),
+            float(generator.uniform(0.0, 25.0)),
+        )
+        for k in range(int(generator.integers(0, 6)))
+    )
+    profile = None
+    if generator.random() < 0.5:
+        places = np.array([station, station + 200.0, station + 800.0])
+        profile = SpeedProfile(places, generator.uniform(10.0, 25.0, 3))
+    decision = Decision(int(generator.integers(-1, 2)))
+    last: Trajectory | None = None
+    for cycle in range(_CYCLES):
+        scene = Scene(ego.time, ego, around)
+        plan = planner.plan(scene, decision if cycle == 0 else Decision.KEEP, profile)
+        _judge(planner, scene, plan, last, margins, result)
+        last, step = plan, 5
+        ego = EgoState(
+            time=float(plan.time[step]),
+            station=float(plan.station[step]),
+            offset=float(plan.offset[step]),
+            speed=float(plan.speed[step]),
+            mass=ego.mass,
+        )
+
+
+def _judge(
+    planner: Planner,
+    scene: Scene,
+    plan: Trajectory,
+    last: Trajectory | None,
+    margins: RollMargins,
+    result: Breaches,
+) -> None:
+    """Adds what one trajectory breaks."""
+    config, ego = planner.config, scene.ego
+    result.trajectories += 1
+    where = f"{ego.speed:.1f} m/s at {ego.station:.0f} m, {ego.mass:.0f} kg, {plan.mode.value}"
+
+    def require(holds: bool, what: str) -> None:
+        if not holds:
+            result.found.append(f"{what}: {where}")
+
+    arrays = (plan.station, plan.offset, plan.x, plan.y, plan.z, plan.yaw, plan.curvature)
+    speeds = (plan.speed, plan.acceleration)
+    require(all(np.isfinite(array).all() for array in (*arrays, *speeds)), "not finite")
+    require(bool((np.diff(plan.time) > 0.0).all()), "time does not rise")
+    require(bool((np.diff(plan.station) >= 0.0).all() and (plan.speed >= 0.0).all()), "backwards")
+    _judge_along(planner, ego, plan, last, require)
+    preview = planner.preview
+    right, left = planner.route.surface_edges(plan.station)
+    half = 0.5 * scene.footprint.width
+    inside = (plan.offset - half > right - 0.01) & (plan.offset + half < left + 0.01)
+    require(bool(inside.all()), "off the road")
+    if last is not None:
+        planned = float(np.interp(scene.time, last.time, last.offset))
+        result.jump = max(result.jump, abs(float(plan.offset[0]) - planned))
+        require(abs(float(plan.offset[0]) - planned) < 0.02, "jump across the road")
+    margin, quintic = margins.at(ego.mass), planner.maneuver.residual
+    if quintic is None:
+        return
+    own = np.abs(quintic.evaluate(plan.station)[2]) * plan.speed**2
+    felt = np.abs(
+        np.interp(plan.station, preview.station, preview.curvature) * plan.speed**2
+        + GRAVITY * np.tan(np.interp(plan.station, preview.station, preview.superelevation))
+    )
+    amplified = margin.amplified(float(plan.speed.max()))
+    result.total = max(result.total, float((own * amplified + felt).max()) / margin.threshold)
+    if plan.mode is PlanMode.LANE_CHANGE:
+        result.changes += 1
+        allowed = lateral_limit(margin, float(plan.speed.max()), 0.0, config.change)
+        result.lateral = max(result.lateral, float(own.max()) / allowed)
+        require(bool(own.max() <= allowed * (1.0 + _SLACK)), "lateral acceleration")
+        jerk = np.abs(quintic.evaluate(plan.station)[3]) * plan.speed**3
+        require(bool(jerk.max() <= config.change.jerk * (1.0 + _SLACK)), "lateral jerk")
+        total = config.change.total_share * (1.0 + _SLACK)
+        require(bool((own * amplified + felt).max() <= total * margin.threshold), "roll-over share")
+
+
+def _judge_along(
+    planner: Planner,
+    ego: EgoState,
+    plan: Trajectory,
+    last: Trajectory | None,
+    require: Callable[[bool, str], None],
+) -> None:
+    """Limits along the road: deceleration, acceleration, power, jerk, continuity."""
+    speed, a = planner.config.speed, plan.acceleration
+    emergency = plan.mode is PlanMode.EMERGENCY
+    least = speed.emergency_deceleration if emergency else speed.following.deceleration_max
+    require(bool(a.min() >= -least - 1e-9), "deceleration")
+    require(bool(a.max() <= speed.following.acceleration_max + 1e-9), "acceleration")
+    grade = float(np.interp(plan.station[0], planner.preview.station, planner.preview.grade))
+    left = [power_acceleration(float(v), ego.mass, grade, speed) for v in plan.speed]
+    # The jerk limit lets a drive that is too strong by now fade, not stop.
+    fades = a[:-1] - speed.following.jerk_max * planner.config.step - 1e-9
+    powered = (a[1:] <= np.array(left[1:]) + 1e-9) | (a[1:] <= fades + 2e-9)
+    require(bool(powered.all()), "power")
+    if not emergency:
+        down = -speed.following.jerk_max * planner.config.step - 1e-9
+        require(bool((np.diff(a) >= down)[plan.speed[1:] > 0.0].all()), "jerk")
+    if last is not None:
+        planned = float(np.interp(ego.time, last.time, last.speed))
+        require(abs(float(plan.speed[0]) - planned) < 1e-6, "jump of the speed")

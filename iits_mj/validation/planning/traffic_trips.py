@@ -1,0 +1,224 @@
+"""Trips of the full stack in traffic, with predictive cruise control and with a constant speed.
+
+A pair is driven with the same seed: first the cruise, then PCC, which is asked to arrive when the
+cruise did, neither later nor earlier, and as fast as it was there. That is all it is told of the
+other run.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from controllers.pcc import Appointment, PccConfig, PccReference, RecedingConfig
+from controllers.pcc.fuel import FuelMap
+from controllers.pcc.planner import make_vehicle
+from controllers.pcc.schedule import level_worth
+from iits_mj.core import tables
+from iits_mj.parameters import TruckParameters
+from iits_mj.road import Route
+from iits_mj.simulation import DriveConfig, Frame, Simulation
+from iits_mj.simulation.parts import make_stack, pcc_config
+from iits_mj.truck import Truck
+from iits_mj.validation.harness.run_cache import drive_digest
+
+DENSITIES = ("dense", "medium", "sparse")
+TRAFFIC_SPEED = 15.0  # [m/s], the faster of the paper's two
+SPEED = 60.0 / 3.6  # [m/s], the paper's reference
+LENGTH = 5_000.0  # [m]
+# The trips of one seed lie on one third of the 15 km highway, those of the next on the next.
+STARTS = (60.0, 4_960.0, 9_860.0)  # [m]
+TIME_MAX = 1_200.0  # [s]
+PLANNERS = ("cruise", "pcc")
+
+
+@dataclass(frozen=True)
+class TripRow:
+    """One trip.
+
+    Attributes:
+      density, seed, planner: which; length: [m].
+      time: [s]; fuel: [kg]; end_speed: [m/s]; changes: of lanes.
+      failed: 1 for a collision, a roll-over or a trip that did not end in time.
+      closest: least gap to a vehicle ahead [m]; friction: time with friction brakes on [s].
+      plans: of PCC, optimal; other_plans: kept, schedule or cruise.
+      solve_p50, solve_p95: wall time of a solve [s], nan without.
+      code: digest of the code that drove it.
+    """
+
+    density: str
+    seed: int
+    planner: str
+    length: float
+    time: float
+    fuel: float
+    end_speed: float
+    changes: int
+    failed: int
+    closest: float
+    friction: float
+    plans: int
+    other_plans: int
+    solve_p50: float
+    solve_p95: float
+    code: str = ""
+
+    @property
+    def key(self) -> tuple[str, int, str, float]:
+        """What makes a trip unique."""
+        return (self.density, self.seed, self.planner, self.length)
+
+
+class _TripEnd:
+    """Stops the drive at a station, and takes time, fuel and speed there."""
+
+    period = 0.1
+
+    def __init__(self, station: float) -> None:
+        self._station = station
+        self.reached = False
+        self.friction = 0.0
+
+    def observe(self, simulation: Simulation, frame: Frame) -> None:
+        ego = frame.ego
+        if frame.command.xbr_demand < 0.0:
+            self.friction += self.period
+        beyond = ego.station - self._station
+        if beyond < 0.0 or self.reached:
+            return
+        # Back to where the station was passed, within the last 100 ms.
+        ago = beyond / max(ego.speed, 0.1)
+        self.time, self.speed = frame.time - ago, ego.speed - ego.acceleration * ago
+        self.fuel = ego.fuel_used - ego.fuel_rate * ago
+        self.reached = True
+        simulation.stop("reached the end of the trip")
+
+
+def drive_trip(
+    density: str,
+    seed: int,
+    planner: str,
+    cruise: TripRow | None = None,
+    length: float = LENGTH,
+) -> TripRow:
+    """Drives one trip of the MuJoCo truck in SUMO traffic.
+
+    Args:
+      density: of the traffic.
+      seed: of the traffic; also says where the trip begins.
+      planner: one of `PLANNERS`.
+      cruise: whose time of arrival and end speed PCC is to keep; None: a cruise on an empty road.
+      length: of the trip [m].
+    """
+    start = STARTS[seed % len(STARTS)]
+    config = DriveConfig(
+        density=density,
+        traffic_speed=TRAFFIC_SPEED,
+        traffic_mode="none" if density == "empty" else "inter",
+        decision="mobil",
+        speed=SPEED,
+        start_speed=TRAFFIC_SPEED,
+        start_station=start,
+        duration=TIME_MAX,
+        seed=seed,
+        speed_planner="cruise",
+    )
+    end = _TripEnd(start + length)
+    reference: PccReference | None = None
+    appointment = Appointment(start + length)
+    if cruise is not None:
+        appointment = Appointment(start + length, cruise.time, cruise.end_speed)
+
+    def driver(route: Route, truck: Truck) -> object:
+        nonlocal reference
+        if planner == "pcc":
+            reference = PccReference(
+                route,
+                pcc_config(config),
+                truck.parameters,
+                RecedingConfig(time_limit=math.inf),
+                appointment,
+            )
+        return make_stack(config, route, truck.parameters, reference)
+
+    with Simulation(config, driver=driver, visuals=False) as simulation:  # type: ignore[arg-type]
+        summary = simulation.run([end])
+    report = None if reference is None else reference.report()
+    solves = np.array(report.solve_time if report else [math.nan])
+    optimal = report.plans.get("optimal", 0) if report else 0
+    return TripRow(
+        density,
+        seed,
+        planner,
+        length,
+        end.time if end.reached else summary.duration,
+        end.fuel if end.reached else math.nan,
+        end.speed if end.reached else math.nan,
+        summary.lane_changes,
+        int(summary.failed or not end.reached),
+        summary.closest_gap,
+        round(end.friction, 1),
+        optimal,
+        sum(report.plans.values()) - optimal if report else 0,
+        float(np.median(solves)),
+        float(np.quantile(solves, 0.95)),
+        trip_code(),
+    )
+
+
+def trip_code() -> str:
+    """Digest of the code that drives these trips."""
+    return drive_digest(sys.modules[__name__])
+
+
+def drive_pair(density: str, seed: int, folder: Path | None = None) -> list[TripRow]:
+    """The cruise, and PCC that arrives as the cruise did.
+
+    Args:
+      density: of the traffic.
+      seed: of the traffic.
+      folder: where finished pairs of this code are kept, and taken from; None: nowhere.
+
+    Raises:
+      InputError: a kept pair cannot be read, or none be written.
+    """
+    kept = None if folder is None else folder / f"{density}-{seed}.csv"
+    if kept is not None:
+        rows = [row for row in read_rows(kept) if row.code == trip_code()]
+        if [row.key for row in rows] == [(density, seed, name, LENGTH) for name in PLANNERS]:
+            return rows
+    cruise = drive_trip(density, seed, "cruise")
+    rows = [cruise, drive_trip(density, seed, "pcc", None if cruise.failed else cruise)]
+    if kept is not None:
+        write_rows(kept, rows)
+    return rows
+
+
+def worth_of_energy(parameters: TruckParameters, mass: float = 55_000.0) -> float:
+    """Fuel that a joule of kinetic energy saves later [kg/J], on the level at the set speed."""
+    config = PccConfig(v_ref=SPEED, v_min=0.75 * SPEED, v_max=25.0)
+    vehicle = make_vehicle(parameters, FuelMap(parameters), mass, config)
+    return level_worth(vehicle, SPEED) / (0.5 * vehicle.inertial_mass)
+
+
+def read_rows(path: Path) -> list[TripRow]:
+    """The trips of a CSV file; none when it does not exist.
+
+    Raises:
+      InputError: the file is not one of ours.
+    """
+    return tables.read_rows(path, TripRow, "trips")
+
+
+def write_rows(path: Path, rows: list[TripRow]) -> None:
+    """Writes the file anew, ordered by density, seed and planner.
+
+    Raises:
+      InputError: it cannot be written.
+    """
+    ordered = sorted(rows, key=lambda row: (DENSITIES.index(row.density), row.seed, row.planner))
+    tables.write_rows(path, TripRow, ordered, "trips")

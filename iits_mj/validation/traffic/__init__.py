@@ -1,0 +1,1 @@
+"""Traffic: against its model's closed form and against recorded trajectories."""

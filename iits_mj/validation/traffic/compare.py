@@ -1,0 +1,318 @@
+"""Recorded and simulated flow side by side: distances of distributions, by lane and by density."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from iits_mj.core.errors import InputError
+from iits_mj.core.results import Check, Line, Panel, Results
+from iits_mj.road import Route
+from iits_mj.validation.traffic import conditions as conditions_of
+from iits_mj.validation.traffic.conditions import CLOSE, TYPE, WARM_UP, Conditions, Drivers
+from iits_mj.validation.traffic.fit import Fit
+from iits_mj.validation.traffic.flow import (
+    FlowLog,
+    FlowSamples,
+    densities,
+    kolmogorov_smirnov,
+    levels,
+    matched,
+    wasserstein,
+    weighted_mean,
+)
+from traffic_bridge.config import TrafficConfig
+from traffic_bridge.datasets import Pair, Trajectories, pairs, read_trajectories
+from traffic_bridge.modes.sumo_modes import PureSim
+from traffic_bridge.vehicles.calibration import trimmed
+from traffic_bridge.vehicles.idm import IdmParameters
+from traffic_bridge.vehicles.types import VehicleType, default_types
+
+# --- Runs PureSim under recorded conditions, lane by lane ---
+
+RUN_OUT = 100.0  # [m] beyond the stretch
+SAMPLE_PERIOD = 0.5  # [s] between samples of the simulated flow
+SPEED_CAP = 40.0  # [m/s]: limit of the simulated road, above every desired speed
+RESOLUTION = 0.05  # [m/s] of the speeds that are told
+# Who drives at a recorded speed keeps close, so that the others' distances do not slow it down.
+DRIVEN = {"time_headway": CLOSE, "acceleration": 2.0}
+LANE_WIDTH = 3.66  # [m]
+
+
+def entering_type(length: float) -> VehicleType:
+    """Of a vehicle until it is on the road, where it gets a driver."""
+    return dataclasses.replace(
+        default_types()[0],
+        length=length,
+        minimum_gap=0.5,
+        time_headway=CLOSE,
+        acceleration=1.5,
+        deceleration=2.0,
+    )
+
+
+def drive(
+    conditions: Conditions, drivers: Drivers, window: tuple[float, float], seed: int = 0
+) -> FlowSamples:
+    """Runs PureSim under recorded conditions, lane by lane.
+
+    Args:
+      conditions: see the module.
+      drivers: who drives.
+      window: beginning and end of what is simulated, in the recording's time [s].
+      seed: of the traffic and of the drivers.
+
+    Returns:
+      The simulated flow at the recording's times, lanes and stations.
+    """
+    rng = np.random.default_rng(seed)
+    parts = [
+        _drive_lane(conditions, drivers, window, lane, rng) for lane in range(conditions.lanes)
+    ]
+    return FlowSamples.joined(parts)
+
+
+def _drive_lane(
+    conditions: Conditions,
+    drivers: Drivers,
+    window: tuple[float, float],
+    lane: int,
+    rng: np.random.Generator,
+) -> FlowSamples:
+    begin, end = window
+    total = WARM_UP + end - begin
+    before = conditions.lead_in(lane, begin, end)
+    route = Route.straight(
+        before + conditions.length + RUN_OUT, 1, lane_width=LANE_WIDTH, speed_limit=SPEED_CAP
+    )
+    departures, found = conditions.column(lane, begin, end, drivers, rng)
+    config = TrafficConfig(
+        density="empty",
+        speed_limit=SPEED_CAP,
+        lane_change_duration=0.0,
+        types=(entering_type(conditions.vehicle_length),),
+        mix=((TYPE, 1.0),),
+        departures=departures,
+    )
+    log = FlowLog()
+    told: dict[str, float] = {}
+    with PureSim(route, config) as traffic:
+        frame = traffic.reset()
+        stride = round(SAMPLE_PERIOD / config.step_length)
+        for step in range(round(total / config.step_length) + 1):
+            if step % stride == 0:
+                time = traffic.time - WARM_UP + begin
+                speed = conditions.speed_at(lane, time)
+                station = frame.column("station") + 0.5 * frame.column("length") - before
+                free = station < conditions.head_at(lane, time)
+                for i, name in enumerate(frame.ids):
+                    if free[i]:
+                        if told.get(name) != math.inf:
+                            told[name] = math.inf
+                            # Vehicles of the list are named by their place in it.
+                            driver = found[int(name.rpartition(".d")[2])]
+                            traffic.vehicles.change(name, **dataclasses.asdict(driver))
+                    elif abs(told.get(name, math.inf) - speed) > RESOLUTION:
+                        told[name] = speed
+                        traffic.vehicles.change(name, desired_speed=speed, **DRIVEN)
+                if time >= begin:
+                    log.add(time, frame, before)
+            frame = traffic.step()
+    samples = log.samples
+    return dataclasses.replace(
+        samples,
+        station=samples.station - before,
+        lane=np.full(len(samples), lane, dtype=np.int64),
+    )
+
+
+# --- Recorded and simulated flow side by side: distances of distributions, by lane and by density
+
+QUANTITIES = {"speed": "m/s", "spacing": "m", "time_headway": "s"}
+SPEED_BOUND = "<= 1"  # [m/s]: the goal for calibrated traffic in the recorded conditions
+QUICK_WINDOWS = 1
+
+
+@dataclass(frozen=True)
+class RecordedFlow:
+    """A recorded set with its pairs, its flow (stations from zero on) and its conditions.
+
+    Attributes:
+      data: as read; found: pairs; flow: of the followers.
+      conditions: with the foremost vehicle as boundary; fixed: with one that stands still, None
+        where the set has not the speeds for it.
+    """
+
+    data: Trajectories
+    found: Sequence[Pair]
+    flow: FlowSamples
+    conditions: conditions_of.Conditions
+    fixed: conditions_of.Conditions | None
+
+    @classmethod
+    def read(cls, path: Path) -> RecordedFlow:
+        """Reads a set.
+
+        Raises:
+          InputError: it cannot be read, has no pairs, or tells no conditions.
+        """
+        data = read_trajectories(path)
+        found = trimmed(pairs(data))
+        flow, others = FlowSamples.of_pairs(found), FlowSamples.of_leaders(found)
+        begin = float(min(flow.station.min(), others.station.min()))
+        flow, others = flow.moved(-begin), others.moved(-begin)
+        length = float(np.mean(data.length))
+        conditions = conditions_of.Conditions.of(flow, others, length)
+        try:
+            fixed = conditions_of.Conditions.of(flow, others, length, fixed=True)
+        except InputError:
+            fixed = None
+        return cls(data, found, flow, conditions, fixed)
+
+
+def compare_flows(results: Results, recorded: RecordedFlow, fit: Fit, quick: bool) -> None:
+    """Simulates the recorded conditions with three kinds of drivers and adds the distances."""
+    conditions = recorded.conditions
+    windows = conditions.windows()[: QUICK_WINDOWS if quick else None]
+    reference = conditions_of.compared(recorded.flow, conditions)
+    by_lane: dict[int, list[IdmParameters]] = {}
+    for entry, pair in zip(fit.headways, fit.fitted, strict=True):
+        by_lane.setdefault(pair.lane, []).append(entry.parameters)
+
+    def own(lane: int, rng: np.random.Generator) -> IdmParameters:
+        choices = by_lane.get(lane) or [entry.parameters for entry in fit.headways]
+        return choices[int(rng.integers(len(choices)))]
+
+    drivers: dict[str, conditions_of.Drivers] = {
+        "default": lambda _lane, _rng: fit.default,
+        "calibrated": lambda _lane, _rng: fit.common.parameters,
+        "own headways": own,
+    }
+    flows = {
+        name: conditions_of.compared(
+            FlowSamples.joined([drive(conditions, who, w) for w in windows]),
+            conditions,
+        )
+        for name, who in drivers.items()
+    }
+    cells = levels(reference)
+    for name, flow in flows.items():
+        # One window is too few for the goal.
+        bound = SPEED_BOUND if name == "calibrated" and not quick else ""
+        ours, theirs = matched(reference, flow)
+        results.checks += _distances(f"{name}, all", ours, theirs, bound)
+        single = []
+        for lane in range(conditions.lanes):
+            mine = theirs.select((theirs.lane == lane) & np.isfinite(theirs.spacing))
+            if not len(mine):
+                continue
+            flow_found = weighted_mean(mine, "speed") / weighted_mean(mine, "spacing")
+            recorded_flow = 3600.0 * float(conditions.flow[lane])
+            label = f"{name}, lane {lane}: flow"
+            results.checks.append(Check(label, 3600.0 * flow_found, "1/h", recorded_flow))
+            a, b = (part.select(part.lane == lane) for part in (ours, theirs))
+            results.checks += _distances(f"{name}, lane {lane}", a, b, "", only_speed=True)
+            single.append((len(a), wasserstein(a, b)))
+        if single:
+            counts, distances = zip(*single, strict=True)
+            mean = float(np.average(distances, weights=counts))
+            label = f"{name}, mean of the lanes: speed, Wasserstein"
+            results.checks.append(Check(label, mean, "m/s"))
+        for level, members in cells.items():
+            a, b = (part.select(np.isin(part.cells(), members)) for part in (ours, theirs))
+            results.checks += _distances(f"{name}, {level}", a, b, "")
+    for quantity, unit in QUANTITIES.items():
+        results.figures[quantity] = _panels(quantity, unit, reference, flows, cells)
+    _other_boundaries(results, recorded, drivers["calibrated"], flows["calibrated"], windows)
+    covered = ", ".join(f"{100.0 * share:.0f} %" for share in conditions.covered)
+    results.notes.append(
+        f"somebody was recorded in {covered} of the time, by lane from the right; in between place "
+        "and speed of the boundary are interpolated"
+    )
+    density = ", ".join(f"{name} {k:.0f}" for name, k in densities(reference, cells).items())
+    results.notes.append(
+        f"the levels are thirds of this recording; vehicles per km and lane: {density}"
+    )
+
+
+def _other_boundaries(
+    results: Results,
+    recorded: RecordedFlow,
+    drivers: conditions_of.Drivers,
+    flow: FlowSamples,
+    windows: list[tuple[float, float]],
+) -> None:
+    """How much of a small distance the boundary explains by itself, and one that explains less."""
+    conditions, fixed = recorded.conditions, recorded.fixed
+    ours, _ = matched(conditions_of.compared(recorded.flow, conditions), flow)
+    label = "no model, only the boundary's speed as a wave, all: speed, Wasserstein"
+    distance = wasserstein(ours, conditions_of.without_model(ours, conditions))
+    results.checks.append(Check(label, distance, "m/s"))
+    if fixed is None:
+        return
+    parts = [drive(fixed, drivers, window) for window in windows]
+    ours, theirs = matched(
+        conditions_of.compared(recorded.flow, fixed),
+        conditions_of.compared(FlowSamples.joined(parts), fixed),
+    )
+    results.checks += _distances("calibrated, boundary at the exit, all", ours, theirs, "", True)
+
+
+def _distances(
+    name: str, ours: FlowSamples, theirs: FlowSamples, bound: str, only_speed: bool = False
+) -> list[Check]:
+    if not (len(ours) and len(theirs)):
+        return []
+    checks = []
+    for quantity, unit in QUANTITIES.items():
+        if only_speed and quantity != "speed":
+            continue
+        label = f"{name}: {quantity.replace('_', ' ')}"
+        must = bound if quantity == "speed" else ""
+        distance = wasserstein(ours, theirs, quantity)
+        gap = kolmogorov_smirnov(ours, theirs, quantity)
+        checks.append(Check(f"{label}, Wasserstein", distance, unit, None, must))
+        checks.append(Check(f"{label}, Kolmogorov-Smirnov", gap, "1"))
+        reference = weighted_mean(ours, quantity)
+        checks.append(Check(f"{label}, mean", weighted_mean(theirs, quantity), unit, reference))
+    return checks
+
+
+def _panels(
+    quantity: str,
+    unit: str,
+    reference: FlowSamples,
+    flows: dict[str, FlowSamples],
+    cells: dict[str, np.ndarray],
+) -> list[Panel]:
+    """One density of probability a level: recorded, simulated before, simulated after."""
+    values = reference.quantity(quantity)
+    top = float(np.nanpercentile(values, 99.5)) * 1.15
+    edges = np.linspace(0.0, top, 41)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    panels = []
+    for level, members in cells.items():
+        lines = []
+        for name, flow in ({"recorded": reference} | flows).items():
+            ours, theirs = matched(reference, flow)
+            part = ours if name == "recorded" else theirs
+            part = part.select(np.isin(part.cells(), members))
+            known = np.isfinite(part.quantity(quantity))
+            if not known.any():
+                continue
+            share, _ = np.histogram(
+                part.quantity(quantity)[known], edges, weights=part.weight[known], density=True
+            )
+            role = {"recorded": "reference", "calibrated": "simulation"}.get(name, "")
+            lines.append(Line(name, middle, share, role))
+        title = f"{level.capitalize()} traffic"
+        panels.append(
+            Panel(title, f"{quantity.replace('_', ' ')} [{unit}]", "density of probability",
+                  tuple(lines))
+        )  # fmt: skip
+    return panels

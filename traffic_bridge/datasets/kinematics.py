@@ -1,0 +1,309 @@
+"""Smooth motion through recorded points: position, speed and acceleration of one curve."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.core.arrays import FloatArray
+from iits_mj.core.errors import InputError
+from traffic_bridge.datasets.trajectories import INSTANT, Trajectories
+
+# --- Takes the noise out of raw recorded positions ---
+# C. Thiemann, M. Treiber and A. Kesting, "Estimating acceleration and lane-changing dynamics from
+# Next Generation Simulation trajectory data", Transportation Research Record 2088 (2008): positions
+# are differentiated first, then positions, speeds and accelerations are averaged each with a
+# symmetric exponential kernel of its own width, narrowed towards the ends of a track.
+
+# Widths of the paper [s].
+POSITION_WIDTH = 0.5
+SPEED_WIDTH = 1.0
+ACCELERATION_WIDTH = 4.0
+REACH = 3.0  # the kernel is cut at this many widths, as the paper has it
+
+
+def exponential_average(values: FloatArray, width: float) -> FloatArray:
+    """Symmetric exponential moving average, equations 1 and 2 of the paper.
+
+    Within a window of half-width D = min(3 width, i, n - 1 - i) about sample i the weights are
+    exp(-|i - j| / width), so that a straight line stays as it is, up to its ends.
+
+    Args:
+      values: evenly spaced, shape (n,).
+      width: of the kernel, in samples; 0 leaves the values as they are.
+    """
+    count = len(values)
+    reach = min(math.ceil(REACH * width), (count - 1) // 2)
+    if reach < 1 or width <= 0.0:
+        return values.copy()
+    weights = np.exp(-np.arange(reach + 1) / width)
+    # Sums over windows of growing half-width, every one made from the one before.
+    total, weight = values.copy(), np.ones(count)
+    for d in range(1, reach + 1):
+        total[d : count - d] += weights[d] * (values[: count - 2 * d] + values[2 * d :])
+        weight[d : count - d] += 2.0 * weights[d]
+    return total / weight
+
+
+def without_noise(
+    trajectories: Trajectories,
+    position_width: float = POSITION_WIDTH,
+    speed_width: float = SPEED_WIDTH,
+    acceleration_width: float = ACCELERATION_WIDTH,
+) -> Trajectories:
+    """Trajectories with averaged positions, along and across, and speeds and accelerations thereof.
+
+    Recorded speeds and accelerations are not used. Tracks of fewer than three rows stay as they
+    are, and so do the instants: rows must be evenly spaced in time.
+
+    Args:
+      trajectories: raw ones.
+      position_width: of the kernel for positions [s].
+      speed_width: of the kernel for speeds [s].
+      acceleration_width: of the kernel for accelerations [s].
+
+    Raises:
+      InputError: a width is negative, or a track is not evenly spaced.
+    """
+    for width in (position_width, speed_width, acceleration_width):
+        if not (math.isfinite(width) and width >= 0.0):
+            raise InputError(f"width {width!r} of the noise filter: must be zero or positive")
+    t = trajectories
+    station, speed, acceleration = t.station.copy(), t.speed.copy(), t.acceleration.copy()
+    across = t.lane + t.offset / t.lane_width
+    for index, name in enumerate(t.ids):
+        rows = t.rows(index)
+        time = t.time[rows]
+        if len(time) < 3:
+            continue
+        if np.ptp(np.diff(time)) > 0.1 * t.step:
+            raise InputError(
+                f"{t.source}: vehicle {name!r} is missing at some instants: the noise filter needs "
+                "evenly spaced rows"
+            )
+        raw_speed = np.gradient(t.station[rows], t.step)
+        raw_acceleration = np.gradient(raw_speed, t.step)
+        station[rows] = exponential_average(t.station[rows], position_width / t.step)
+        across[rows] = exponential_average(across[rows], position_width / t.step)
+        speed[rows] = exponential_average(raw_speed, speed_width / t.step)
+        acceleration[rows] = exponential_average(raw_acceleration, acceleration_width / t.step)
+    return dataclasses.replace(
+        t,
+        station=station,
+        offset=(across - t.lane) * t.lane_width,
+        # Averages of a vehicle that stands may come out a little below zero.
+        speed=np.maximum(speed, 0.0),
+        acceleration=acceleration,
+        notes=(*t.notes, "positions, speeds and accelerations are averaged against noise"),
+    )
+
+
+# --- Whether recorded speeds are those of the recorded positions, as they are in one set of units
+
+# [s] over which a way is compared: positions of raw sets jitter by tenths of a metre from row to
+# row, which is of no account over this time.
+WINDOW = 2.0
+MOVING = 2.0  # [m/s], by position or by speed; who stands tells nothing of units
+ENOUGH = 30  # windows of moving vehicles
+APART = 0.2  # of the speed: the median difference that is refused
+NEAR = 0.05  # of a factor: how near the found one must be to be called by its name
+MILE = 1609.344  # [m]
+FOOT = 0.3048  # [m]
+FACTORS = (
+    (3.6, "3.6, as of km/h taken for m/s"),
+    (1.0 / 3.6, "1/3.6, as of m/s taken for km/h"),
+    (1.0 / FOOT, "1/0.3048, as of ft/s taken for m/s"),
+    (FOOT, "0.3048, as of m/s taken for ft/s"),
+    (MILE / 1000.0, "1.609, as of mph taken for km/h"),
+    (3600.0 / MILE, "2.237, as of mph taken for m/s"),
+    (FOOT * 3600.0 / MILE, "0.682, as of mph taken for ft/s"),
+    (10.0, "10, as of frames of 0.1 s taken for seconds"),
+    (0.1, "0.1, as of seconds taken for frames of 0.1 s"),
+    (100.0, "100, as of cm/s taken for m/s"),
+)
+
+
+def check_speeds(
+    what: str, vehicle: NDArray[np.int64], time: FloatArray, station: FloatArray, speed: FloatArray
+) -> None:
+    """Compares the way that vehicles made with the way that their speeds make.
+
+    Sets with too few moving vehicles pass: they do not tell.
+
+    Args:
+      what: file and column of the speeds, for the message.
+      vehicle: index of the vehicle, shape (k,), in any order.
+      time: shape (k,) [s].
+      station: along the road, shape (k,) [m].
+      speed: along the road, shape (k,) [m/s].
+
+    Raises:
+      InputError: the median difference is more than a fifth of the speed; names the likely factor.
+    """
+    by_way, by_speed = _means(vehicle, time, station, speed)
+    moving = np.maximum(np.abs(by_way), by_speed) > MOVING
+    if int(moving.sum()) < ENOUGH:
+        return
+    by_way, by_speed = by_way[moving], by_speed[moving]
+    driven, said = float(np.median(by_way)), float(np.median(by_speed))
+    if float(np.median(np.abs(by_way - by_speed))) <= APART * abs(driven):
+        return
+    ratio = said / driven if driven else np.inf
+    named = [words for factor, words in FACTORS if abs(ratio / factor - 1.0) < NEAR]
+    likely = f"a factor of {named[0]}" if named else "no usual factor of units: other columns?"
+    raise InputError(
+        f"{what}: the median speed is {said:.3g} m/s where the positions make {driven:.3g} m/s, "
+        f"{likely}"
+    )
+
+
+def _means(
+    vehicle: NDArray[np.int64], time: FloatArray, station: FloatArray, speed: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Mean speeds over the windows, by the positions and by the speeds, shape (w,) each [m/s]."""
+    order = np.lexsort((time, vehicle))
+    gap = np.diff(time[order])
+    again = np.concatenate(([False], (np.diff(vehicle[order]) == 0) & (gap < INSTANT)))
+    order = order[~again]
+    vehicle, time, station, speed = vehicle[order], time[order], station[order], speed[order]
+    gap, same = np.diff(time), np.diff(vehicle) == 0
+    if not same.any():
+        return np.zeros(0), np.zeros(0)
+    step = float(np.median(gap[same]))
+    rows = max(round(WINDOW / step), 1)
+    way = np.concatenate(
+        ([0.0], np.cumsum(np.where(same, 0.5 * (speed[1:] + speed[:-1]) * gap, 0)))
+    )
+    lasted = time[rows:] - time[:-rows]
+    whole = (vehicle[rows:] == vehicle[:-rows]) & (np.abs(lasted - rows * step) < 0.5 * step)
+    lasted = lasted[whole]
+    return (
+        (station[rows:] - station[:-rows])[whole] / lasted,
+        (way[rows:] - way[:-rows])[whole] / lasted,
+    )
+
+
+# --- Smooth motion through recorded points: position, speed and acceleration of one curve ---
+
+DEGREE = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A quantity at n instants, with its first and second derivative, shape (n,) each."""
+
+    value: FloatArray
+    rate: FloatArray
+    bend: FloatArray
+
+    def __add__(self, other: Motion) -> Motion:
+        return Motion(self.value + other.value, self.rate + other.rate, self.bend + other.bend)
+
+    def pick(self, chosen: NDArray[np.bool_]) -> Motion:
+        """The instants of a mask of shape (n,)."""
+        return Motion(self.value[chosen], self.rate[chosen], self.bend[chosen])
+
+
+def fit(time: FloatArray, value: FloatArray, at: FloatArray, spacing: float) -> Motion:
+    """Least-squares cubic spline through points, whose acceleration is continuous.
+
+    C. de Boor, "A practical guide to splines", Springer 1978, chapter XIV. With its knots `spacing`
+    apart the spline follows changes slower than about twice that and averages what is faster, as
+    the rounding and jitter of recorded positions are. Speed and acceleration are its derivatives,
+    so that they belong to the positions exactly.
+
+    Args:
+      time: of the points, increasing, shape (k,) with k >= 2 [s].
+      value: shape (k,).
+      at: instants within the points' time, shape (n,) [s].
+      spacing: between knots [s]; 0 puts a knot at (nearly) every point: the spline passes through.
+    """
+    from scipy.interpolate import make_interp_spline, make_lsq_spline
+
+    degree = min(DEGREE, len(time) - 1)
+    usual = float(np.median(np.diff(time)))
+    every = max(round(spacing / usual), 1)
+    inner = time[every:-every:every]
+    # The last stretch is not to be a short one: few points there would leave its end loose.
+    if len(inner) and time[-1] - inner[-1] < 0.75 * spacing:
+        inner = inner[:-1]
+    if every == 1 or degree < DEGREE or len(inner) + 2 * (degree + 1) > len(time):
+        spline = make_interp_spline(time, value, k=degree)
+    else:
+        ends = [np.full(degree + 1, time[0]), inner, np.full(degree + 1, time[-1])]
+        spline = make_lsq_spline(time, value, np.concatenate(ends), k=degree)
+    zero = np.zeros_like(at)
+    return Motion(
+        spline(at),
+        spline.derivative(1)(at),
+        spline.derivative(2)(at) if degree >= 2 else zero,
+    )
+
+
+def calm(time: FloatArray, value: FloatArray, at: FloatArray, width: float) -> Motion:
+    """Cubic spline through Gaussian averages of points, which never go beyond the points.
+
+    For a quantity that mostly rests: what is averaged with its ends held keeps a rest, and steps
+    from one rest to another without overshoot.
+
+    Args:
+      time: of the points, increasing, shape (k,) with k >= 2 [s].
+      value: shape (k,).
+      at: instants within the points' time, shape (n,) [s].
+      width: standard deviation of the average [s].
+    """
+    from scipy.interpolate import make_interp_spline
+    from scipy.ndimage import gaussian_filter1d
+
+    usual = float(np.median(np.diff(time)))
+    count = max(round((time[-1] - time[0]) / usual), 1) + 1
+    even = np.linspace(time[0], time[-1], count)
+    samples = gaussian_filter1d(np.interp(even, time, value), width / usual, mode="nearest")
+    degree = min(DEGREE, count - 1)
+    spline = make_interp_spline(even, samples, k=degree)
+    bend = spline.derivative(2)(at) if degree >= 2 else np.zeros_like(at)
+    return Motion(spline(at), spline.derivative(1)(at), bend)
+
+
+def split_jumps(
+    time: FloatArray, value: FloatArray, jump: float
+) -> tuple[FloatArray, list[tuple[float, float]]]:
+    """A quantity without its steps, and these.
+
+    Args:
+      time: shape (k,) [s].
+      value: shape (k,).
+      jump: the least change between two neighboring points that is a step.
+
+    Returns:
+      The values less all steps before them, shape (k,), and time and size of every step.
+    """
+    change = np.diff(value)
+    steps = np.flatnonzero(np.abs(change) > jump)
+    found = [(0.5 * float(time[k] + time[k + 1]), float(change[k])) for k in steps.tolist()]
+    stepped = np.concatenate(([0.0], np.cumsum(np.where(np.abs(change) > jump, change, 0.0))))
+    return value - stepped, found
+
+
+def transitions(steps: list[tuple[float, float]], at: FloatArray, duration: float) -> Motion:
+    """Sum of smooth transitions, each centred on a step.
+
+    A transition is the quintic of zero speed and acceleration at both ends (Takahashi et al., IROS
+    1989).
+
+    Args:
+      steps: time and size of each.
+      at: instants, shape (n,) [s].
+      duration: of a transition, positive [s].
+    """
+    value, rate, bend = np.zeros_like(at), np.zeros_like(at), np.zeros_like(at)
+    for middle, size in steps:
+        p = np.clip((at - middle) / duration + 0.5, 0.0, 1.0)
+        value += size * p**3 * (10.0 + p * (6.0 * p - 15.0))
+        rate += size / duration * 30.0 * p**2 * (1.0 - p) ** 2
+        bend += size / duration**2 * 60.0 * p * (1.0 - p) * (1.0 - 2.0 * p)
+    return Motion(value, rate, bend)

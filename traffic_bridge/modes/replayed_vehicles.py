@@ -1,0 +1,124 @@
+"""Replayed vehicles as guests of a running SUMO, for the traffic there to mind."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from iits_mj.road import Route
+from traffic_bridge.modes.teleported_vehicle import END, Beside, PlacedVehicle
+from traffic_bridge.network.lanes import LaneTable, RouteLanes
+from traffic_bridge.recording.replay import Replay
+from traffic_bridge.session import Session
+
+PREFIX = "guest."
+CENTERED = 0.25  # [m] from its lane's centre: nobody there reaches into another one so far
+# Time before a recorded lane change from which a vehicle claims the lane it goes to, as one that
+# indicates [s].
+INDICATED = 3.0
+
+_COLUMNS = ("x", "y", "yaw", "speed", "station", "offset", "length", "width")
+
+
+class _Place(NamedTuple):
+    """Where a guest is after the coming step: lane and the figures named by `_COLUMNS`."""
+
+    lane: int
+    x: float
+    y: float
+    yaw: float
+    speed: float
+    station: float
+    offset: float
+    length: float
+    width: float
+
+    @property
+    def front(self) -> float:
+        """Station of the front bumper, which SUMO goes by [m]."""
+        return self.station + 0.5 * self.length
+
+
+class Guests:
+    """Keeps replayed vehicles in SUMO where they are recorded.
+
+    One that reaches into a second lane stands in both, and does so already before it changes lanes.
+
+    Args:
+      session: the running SUMO.
+      lanes: of the route.
+      route: the ego's road.
+      replay: who is where.
+      step: length of a step [s].
+    """
+
+    def __init__(
+        self, session: Session, lanes: RouteLanes, route: Route, replay: Replay, step: float
+    ) -> None:
+        self._session = session
+        self._lanes = lanes
+        self._route = route
+        self._replay = replay
+        self._step = step
+        self._beside = Beside(session, lanes, route)
+        self._placed: dict[str, PlacedVehicle] = {}
+
+    def place(self, time: float) -> None:
+        """Has everybody at the place of a time [s] after the coming step; who is gone, leaves."""
+        wanted = self._wanted(time)
+        with self._session.guard("placing the replayed vehicles"):
+            for name in sorted(self._placed.keys() - wanted.keys()):
+                self._placed.pop(name).remove()
+            for name, place in wanted.items():
+                if name not in self._placed:
+                    size = place.length, place.width
+                    self._placed[name] = PlacedVehicle(
+                        self._session, self._lanes, name, self._step, size
+                    )
+                self._put(self._placed[name], place)
+
+    def _wanted(self, time: float) -> dict[str, _Place]:
+        """Who stands where, by the name in SUMO."""
+        frame = self._replay.at(time)
+        soon = self._replay.at(min(time + INDICATED, self._replay.duration))
+        ahead = dict(zip(soon.ids, soon.lanes.tolist(), strict=True))
+        wanted: dict[str, _Place] = {}
+        rows = frame.columns(*_COLUMNS).T.tolist()
+        for name, lane, row in zip(frame.ids, frame.lanes.tolist(), rows, strict=True):
+            place = _Place(lane, *row)
+            if lane < 0:
+                wanted[PREFIX + name] = place
+                continue
+            if place.front >= self._route.length - END:
+                continue
+            wanted[PREFIX + name] = place
+            second = self._second_lane(place, ahead.get(name, lane))
+            if second >= 0:
+                wanted[f"{PREFIX}{name}.beside"] = place._replace(lane=second)
+        return wanted
+
+    def _second_lane(self, place: _Place, goal: int) -> int:
+        """The other lane that a vehicle reaches into or is about to go to, -1 for none."""
+        if abs(goal - place.lane) == 1 and goal >= 0 and self._beside.table(goal, place.front):
+            return goal
+        table = self._beside.table(place.lane, place.front)
+        if table is not None and abs(_side(table, place)) < CENTERED:
+            return -1
+        edges = self._beside.edges(place.width, (place.offset,))
+        return self._beside.second(place.lane, place.front, edges)
+
+    def _put(self, placed: PlacedVehicle, place: _Place) -> None:
+        table = self._beside.table(place.lane, place.front) if place.lane >= 0 else None
+        speed = max(place.speed, 0.0)
+        if table is not None:
+            placed.put(table, table.position_of(place.front), _side(table, place), speed)
+            return
+        ahead = 0.5 * place.length
+        x = place.x + ahead * math.cos(place.yaw)
+        y = place.y + ahead * math.sin(place.yaw)
+        placed.move(*self._lanes.to_sumo(x, y), place.yaw, speed)
+
+
+def _side(table: LaneTable, place: _Place) -> float:
+    """Distance of a place from a lane's centre, positive to the left [m]."""
+    return place.offset - table.at(table.position_of(place.front))[1]
