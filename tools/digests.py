@@ -66,7 +66,7 @@ DRIVES = {
     "empty_dense_conservative": "--payload 0 --density dense --decision conservative",
     "empty_medium_neutral": "--payload 0 --density medium --decision neutral --lane-change mobil",
     "empty_keep_j1939": "--payload 0 --density medium --decision keep --commands j1939",
-    "half_map": "--payload 12000 --map {folder}/bends.xodr --start-speed 12 --decision ddqn",
+    "half_map": "--payload 12000 --map bends.xodr --start-speed 12 --decision ddqn",
     "pure_free": "--traffic-mode pure --lane-discipline free --decision ddqn --seed 5",
 }
 DURATION = 25
@@ -147,10 +147,9 @@ def drive(name: str) -> Callable[[Path], Digests]:
 
     def job(folder: Path) -> Digests:
         (folder / "bends.xodr").write_text(MAP)
-        flags = DRIVES[name].format(folder=folder)
         run(
-            f"drive --no-video --duration {DURATION} {flags} --out out --can-log out/can.log "
-            "--bag out/bag",
+            f"drive --no-video --duration {DURATION} {DRIVES[name]} --out out "
+            "--can-log out/can.log --bag out/bag",
             folder,
         )
         out = folder / "out"
@@ -170,7 +169,7 @@ def record(name: str) -> Callable[[Path], Digests]:
 
     def job(folder: Path) -> Digests:
         (folder / "bends.xodr").write_text(MAP)
-        run(f"record --duration {DURATION} {DRIVES[name].format(folder=folder)} r.npz", folder)
+        run(f"record --duration {DURATION} {DRIVES[name]} r.npz", folder)
         return {
             member: digest for member, digest in of_arrays(folder / "r.npz") if member != "meta"
         }
@@ -272,9 +271,11 @@ def model(folder: Path) -> Digests:
         "import hashlib, mujoco, numpy as np, iits_mj\n"
         "from iits_mj import Truck\n"
         "def digest(m):\n"
-        "    buffer = np.zeros(mujoco.mj_sizeModel(m), np.uint8)\n"
-        "    mujoco.mj_saveModel(m, None, buffer)\n"
-        "    return hashlib.sha256(buffer.tobytes()).hexdigest()[:16]\n"
+        "    digest = hashlib.sha256(m.names)\n"
+        "    for name in sorted(dir(m)):\n"
+        "        value = None if name[0] == '_' or 'path' in name else getattr(m, name)\n"
+        "        if isinstance(value, np.ndarray): digest.update(value.tobytes())\n"
+        "    return digest.hexdigest()[:16]\n"
         "for name in ('truck.xml', 'scene.xml'):\n"
         "    m = mujoco.MjModel.from_xml_path(str(iits_mj.mjcf_path(name)))\n"
         "    print(name, digest(m))\n"

@@ -4,10 +4,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from planar_multibody import SIGNALS, PlanarTruck, disagreement, ramp_step
 
 from iits_mj.analytic import Kinematic, YawSideslip
 from iits_mj.parameters import TruckParameters
+from tests.analytic.planar_multibody import SIGNALS, PlanarTruck, disagreement, ramp_step
 
 PARAMETERS = TruckParameters.load()
 LADEN = YawSideslip.from_parameters(PARAMETERS, 36_000.0)

@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from planar_multibody import PlanarTruck
 
 from iits_mj.analytic import (
     Kinematic,
@@ -21,6 +20,7 @@ from iits_mj.analytic import (
 )
 from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
+from tests.analytic.planar_multibody import PlanarTruck
 
 PARAMETERS = TruckParameters.load()
 LADEN = YawSideslip.from_parameters(PARAMETERS, 36_000.0)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scenes import car
 
 from controllers.planning.planner import PlannerConfig
 from controllers.planning.speed_plan import SpeedConfig
@@ -10,6 +9,7 @@ from controllers.stack import Stack
 from iits_mj.core.messages import Decision, Scene, SpeedProfile
 from iits_mj.road import RoadMap, Route
 from iits_mj.truck import Truck
+from tests.controllers.scenes import car
 
 
 def drive(

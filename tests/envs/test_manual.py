@@ -1,5 +1,4 @@
 import re
-from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -9,8 +8,9 @@ from controllers.decision.observation import FEATURES, SCALE
 from iits_mj import suite
 from iits_mj.envs import ENVIRONMENTS, manual
 from iits_mj.envs.platoon import PlatoonEnv
+from tests.paths import ROOT
 
-FOLDER = Path(__file__).resolve().parents[2] / "docs" / "environments"
+FOLDER = ROOT / "docs" / "environments"
 
 
 def test_the_pages_are_those_of_the_code():

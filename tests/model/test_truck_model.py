@@ -23,7 +23,7 @@ AXLE_LOADS_KN = {
 
 
 def build(payload):
-    iits_mj.plugin_library.register()
+    iits_mj.plugin.register()
     return truck_spec(PARAMETERS, payload).compile()
 
 

@@ -3,9 +3,9 @@
 import mujoco
 import numpy as np
 import pytest
-from mirror import Mirror, twin
 
 from iits_mj.truck import Truck
+from tests.model.mirror import Mirror, twin
 
 REFLECT = np.array([1.0, -1.0, 1.0])
 

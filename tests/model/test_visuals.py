@@ -16,13 +16,13 @@ PARAMETERS = TruckParameters.load()
 
 @pytest.fixture(scope="module")
 def model():
-    iits_mj.plugin_library.register()
+    iits_mj.plugin.register()
     return truck_spec(PARAMETERS, 36_000.0).compile()
 
 
 @pytest.fixture(scope="module")
 def bare():
-    iits_mj.plugin_library.register()
+    iits_mj.plugin.register()
     return mujoco.MjModel.from_xml_string(truck_xml(PARAMETERS, 36_000.0))
 
 

@@ -3,10 +3,10 @@
 import mujoco
 import numpy as np
 import pytest
-from vehicle_sled import KMH, PARAMETERS, Sled, sled_xml
 
 import iits_mj
 from iits_mj.core.units import GRAVITY
+from tests.plugin.vehicle_sled import KMH, PARAMETERS, Sled, sled_xml
 
 FULL_PHYSICS = mujoco.mjtState.mjSTATE_FULLPHYSICS
 BRAKE = PARAMETERS.air_brake

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from vehicle_sled import KMH, PARAMETERS, Sled
 
 from iits_mj.core.units import GRAVITY
 from iits_mj.model.air_brake import torque_slope
+from tests.plugin.vehicle_sled import KMH, PARAMETERS, Sled
 
 BRAKE = PARAMETERS.air_brake
 XBR = {"xbr_mode": 2.0}

@@ -3,9 +3,9 @@
 import mujoco
 import numpy as np
 import pytest
-from vehicle_sled import KMH, PARAMETERS, Sled
 
 from iits_mj.core.units import GRAVITY
+from tests.plugin.vehicle_sled import KMH, PARAMETERS, Sled
 
 BRAKE = PARAMETERS.air_brake
 TRAILER = "brake_pressure_trailer"

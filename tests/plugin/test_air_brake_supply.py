@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from vehicle_sled import KMH, PARAMETERS, Sled
+
+from tests.plugin.vehicle_sled import KMH, PARAMETERS, Sled
 
 BRAKE = PARAMETERS.air_brake
 RESERVOIRS = tuple(f"reservoir_pressure_{circuit}" for circuit in ("front", "rear", "trailer"))

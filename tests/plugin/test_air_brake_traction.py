@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from vehicle_sled import KMH, Sled
+
+from tests.plugin.vehicle_sled import KMH, Sled
 
 XBR = {"xbr_demand": -1.5, "xbr_mode": 2.0}
 

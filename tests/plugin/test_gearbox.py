@@ -3,11 +3,11 @@
 import mujoco
 import numpy as np
 import pytest
-from driveline_rig import CONTROLS, PARAMETERS, Case, constant, drive, shifts
-from vehicle_sled import KMH, Sled, sled_xml
 
 from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
+from tests.plugin.driveline_rig import CONTROLS, PARAMETERS, Case, constant, drive, shifts
+from tests.plugin.vehicle_sled import KMH, Sled, sled_xml
 
 ENGINE, GEARBOX = PARAMETERS.engine, PARAMETERS.gearbox
 SHIFTING = GEARBOX.shifting

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from driveline_rig import PARAMETERS, Case, constant, drive, shifts
-from vehicle_sled import KMH
+
+from tests.plugin.driveline_rig import PARAMETERS, Case, constant, drive, shifts
+from tests.plugin.vehicle_sled import KMH
 
 ENGINE, GEARBOX = PARAMETERS.engine, PARAMETERS.gearbox
 EFFICIENCY = GEARBOX.efficiency * GEARBOX.driveline_efficiency

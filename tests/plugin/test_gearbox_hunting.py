@@ -4,11 +4,11 @@ import itertools
 
 import numpy as np
 import pytest
-from driveline_rig import PARAMETERS, RADIUS, Case, constant, drive, reversals, shifts
-from vehicle_sled import KMH
 
 from iits_mj.core.units import GRAVITY
 from iits_mj.model.powertrain import full_load
+from tests.plugin.driveline_rig import PARAMETERS, RADIUS, Case, constant, drive, reversals, shifts
+from tests.plugin.vehicle_sled import KMH
 
 ENGINE, GEARBOX = PARAMETERS.engine, PARAMETERS.gearbox
 MASSES = (19_000.0, 37_000.0, 55_000.0)

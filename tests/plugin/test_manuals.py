@@ -9,7 +9,7 @@ import pytest
 
 import iits_mj
 
-PLUGIN = Path(iits_mj.plugin_library.__file__).parent / "plugin"
+PLUGIN = Path(iits_mj.plugin.__file__).parent
 if not PLUGIN.is_dir():
     pytest.skip("the plugin's sources are not installed", allow_module_level=True)
 MANUALS = sorted(PLUGIN.glob("README*.md"))

@@ -3,10 +3,10 @@
 import mujoco
 import numpy as np
 import pytest
-from vehicle_sled import KMH, PARAMETERS, RPM, Sled, sled_xml
 
 import iits_mj
 from iits_mj.model.powertrain import full_load
+from tests.plugin.vehicle_sled import KMH, PARAMETERS, RPM, Sled, sled_xml
 
 FULL_PHYSICS = mujoco.mjtState.mjSTATE_FULLPHYSICS
 ENGINE, GEARBOX = PARAMETERS.engine, PARAMETERS.gearbox

@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
-from vehicle_sled import KMH, PARAMETERS, Sled
+
+from tests.plugin.vehicle_sled import KMH, PARAMETERS, Sled
 
 ENGINE, GEARBOX = PARAMETERS.engine, PARAMETERS.gearbox
 SUMS = ("engine_work", "driveline_loss", "retarder_work", "driveline_energy")

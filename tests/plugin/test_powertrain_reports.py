@@ -3,7 +3,8 @@
 import mujoco
 import numpy as np
 import pytest
-from vehicle_sled import PARAMETERS, Sled
+
+from tests.plugin.vehicle_sled import PARAMETERS, Sled
 
 NAMES = (
     "gear",

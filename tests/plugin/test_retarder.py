@@ -3,7 +3,8 @@
 import mujoco
 import numpy as np
 import pytest
-from vehicle_sled import KMH, PARAMETERS, Sled
+
+from tests.plugin.vehicle_sled import KMH, PARAMETERS, Sled
 
 ENGINE, GEARBOX, RETARDER = PARAMETERS.engine, PARAMETERS.gearbox, PARAMETERS.retarder
 RADIUS = PARAMETERS.tires["drive"].rolling_radius

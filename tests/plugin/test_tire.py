@@ -3,10 +3,10 @@
 import mujoco
 import numpy as np
 import pytest
-from tire_rig import COMMON, PARAMETERS, drive, rig, road
 
 import iits_mj
 from iits_mj.parameters.tire_law import cornering_stiffness, friction
+from tests.plugin.tire_rig import COMMON, PARAMETERS, drive, rig, road
 
 
 def test_wheel_end_carries_load_by_its_vertical_stiffness():

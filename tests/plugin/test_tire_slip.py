@@ -3,10 +3,10 @@
 import mujoco
 import numpy as np
 import pytest
-from tire_rig import COMMON, PARAMETERS, drive, rig, road
 
 from iits_mj.parameters.tire_law import cornering_stiffness, friction
 from iits_mj.truck import Truck
+from tests.plugin.tire_rig import COMMON, PARAMETERS, drive, rig, road
 
 NOMINAL = 2 * COMMON.nominal_load  # of a dual pair
 STEER_AXIS = '<joint name="steer" type="hinge" axis="0 0 1"/>'

@@ -11,7 +11,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-SHARED_MAPS = Path(__file__).resolve().parents[2] / "../shared/data/xodr"
+from tests.paths import ROOT
+
+SHARED_MAPS = ROOT / "../shared/data/xodr"
 
 
 def shared_maps() -> list[Path]:

@@ -14,7 +14,6 @@ import can
 import cantools
 import numpy as np
 import pytest
-from scripted import DRIVEN, drive, simulation, table, watch
 
 from iits_mj.core.errors import BusError, InputError
 from iits_mj.core.messages import Decision, VehicleCommand
@@ -27,6 +26,7 @@ from iits_mj.simulation.bus import CommandPath
 from iits_mj.simulation.drive_log import BusLog
 from iits_mj.simulation.driver import LogDriver
 from iits_mj.truck import Truck
+from tests.simulation.scripted import DRIVEN, drive, simulation, table, watch
 
 LEFT_AT_3 = {3: Decision.LEFT}
 THERE_AND_BACK = {20: Decision.LEFT, 40: Decision.RIGHT}

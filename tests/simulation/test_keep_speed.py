@@ -7,7 +7,6 @@ import math
 import subprocess
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import can
@@ -16,8 +15,9 @@ import pytest
 from iits_mj.j1939 import Frame, encode, groups
 from iits_mj.j1939.bus import to_can
 from iits_mj.simulation import ServeConfig, Server
+from tests.paths import ROOT
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+EXAMPLES = ROOT / "examples"
 
 
 class Clock:

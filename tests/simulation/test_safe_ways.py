@@ -1,13 +1,12 @@
 """On the MuJoCo truck: who stands is passed, a start fits the bends, turns are waited before."""
 
-from pathlib import Path
-
 import pytest
 
 from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.loop import Simulation
+from tests.paths import ROOT
 
-MAPS = Path(__file__).resolve().parents[2] / "../shared/data/xodr"
+MAPS = ROOT / "../shared/data/xodr"
 STOPPED = """
 [[events]]
 event = "stopped_vehicle"

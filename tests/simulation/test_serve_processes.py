@@ -13,12 +13,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from tests.paths import ROOT
+
+ROOT = ROOT
 GROUP = "239.74.163.2"
 SERVE = [sys.executable, "-m", "iits_mj.cli", "serve", "--json"]
 

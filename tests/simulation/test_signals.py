@@ -1,7 +1,6 @@
 """The drive tells the stack what lights and changing limits say, and the truck obeys."""
 
 import dataclasses
-from pathlib import Path
 
 import pytest
 
@@ -17,12 +16,10 @@ from iits_mj.road import RoadMap, Route
 from iits_mj.simulation import DriveConfig, Simulation
 from iits_mj.simulation.frame import read_signals
 from iits_mj.simulation.summary import SummaryBuilder
+from tests.paths import ROOT
 from traffic_bridge import InterSim, PureSim, Recorder, TrafficConfig
 
-MAP = (
-    Path(__file__).resolve().parents[2]
-    / "../shared/data/xodr/esmini_fabriksgatan_traffic_lights.xodr"
-)
+MAP = ROOT / "../shared/data/xodr/esmini_fabriksgatan_traffic_lights.xodr"
 STOP_LINE = 114.25
 ROUTE = Route.straight(length=2000.0)
 

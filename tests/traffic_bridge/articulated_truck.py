@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scripted_truck import corners, overlap, vehicle_box
 
 from iits_mj.core.messages import EgoState
 from iits_mj.road import Route
+from tests.traffic_bridge.scripted_truck import corners, overlap, vehicle_box
 
 # The combination of `EgoFootprint`: 16.5 m long, 2.55 m wide, front bumper 1.40 m before the axle.
 WIDTH, LENGTH, FRONT = 2.55, 16.5, 1.40

@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 
 import numpy as np
-from scripted_truck import ego_at
 
 from iits_mj.core.messages import VehicleCommand
 from iits_mj.road import Route
+from tests.traffic_bridge.scripted_truck import ego_at
 from traffic_bridge import InterSim, Recorder, TrafficConfig, VehicleFrame
 
 STEPS = 120

@@ -1,0 +1,148 @@
+"""The last layer sees who will be in the way of tractor and trailer, and nobody else."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from controllers.planning.crossing import ALONG, _plainly_along
+from controllers.planning.planner import Planner
+from controllers.planning.predicted_boxes import poses, table_of
+from iits_mj.core.messages import EgoState, PlanMode, RoadSignals, Scene, TrackedVehicle
+from iits_mj.road import Route
+from iits_mj.road.measured import Lanes, measured_route
+from tests.controllers.scenes import car
+
+ROAD = Route.straight(length=3000.0, lanes=2)
+MIDDLE = float(ROAD.lane_offset(0, 500.0))
+EGO = EgoState(station=500.0, offset=MIDDLE, speed=16.67, mass=55e3)
+
+
+def plan(*vehicles, ego=EGO):
+    return Planner(ROAD).plan(Scene(0.0, ego, vehicles))
+
+
+def crossing(station=530.0, aside=-8.0, speed=4.0, **fields):
+    """A car that goes across the road, to the left, with its pose in the map frame."""
+    offset = MIDDLE + aside
+    point = ROAD.evaluate(station, offset)
+    return TrackedVehicle(
+        id="across",
+        x=float(point.x),
+        y=float(point.y),
+        z=float(point.z),
+        yaw=float(point.heading) + 0.5 * math.pi,
+        speed=speed,
+        lateral_speed=speed,
+        station=station,
+        offset=offset,
+        lane=-1,
+        **fields,
+    )
+
+
+def test_who_crosses_30_m_ahead_is_braked_for_as_hard_as_the_truck_can():
+    found = plan(crossing())
+    assert found.mode is PlanMode.EMERGENCY
+    assert found.acceleration[0] < -5.0
+    assert "across" in found.reason
+
+
+def test_who_crosses_is_seen_without_a_pose_too():
+    vehicle = TrackedVehicle(
+        id="x", station=530.0, offset=MIDDLE - 8.0, lane=-1, speed=0.5, lateral_speed=4.0
+    )
+    assert plan(vehicle).mode is PlanMode.EMERGENCY
+
+
+@pytest.mark.parametrize(
+    "vehicle",
+    [
+        crossing(aside=8.0),
+        crossing(aside=-40.0),
+        crossing(acceleration=-3.5),
+        crossing(aside=-8.0, speed=1.0),
+        crossing(station=440.0),
+    ],
+    ids=["has passed", "is far", "brakes", "can stop", "is behind"],
+)
+def test_who_will_not_be_in_the_way_is_not_braked_for(vehicle):
+    found = plan(vehicle)
+    assert found.mode is PlanMode.LANE_KEEPING
+    assert found.acceleration.min() > -0.1
+
+
+def test_a_car_that_stands_across_the_lane_is_stopped_for():
+    # Its middle is beyond the lane's edge, its length reaches in.
+    across = crossing(station=580.0, aside=-3.0, speed=0.0, length=6.0)
+    assert plan(across).acceleration.min() < -1.0
+
+
+def test_a_cut_across_the_trailers_side_is_not_made_worse_by_braking():
+    assert plan(crossing(station=490.0, aside=-4.0)).mode is PlanMode.LANE_KEEPING
+
+
+def bend(radius=9.25, width=3.5):
+    """A quarter turn to the left at 200 m: one lane each way."""
+    station = np.arange(0.0, 500.0, 1.0)
+    arc = 0.5 * np.pi * radius
+    curvature = np.where((station >= 200.0) & (station < 200.0 + arc), 1.0 / radius, 0.0)
+    return measured_route(
+        station, np.zeros_like(station), curvature=curvature, lanes=Lanes(1, width, 14.0)
+    )
+
+
+def test_before_a_turn_in_which_the_trailer_leaves_the_lane_the_truck_waits_until_it_is_free():
+    road = bend()
+    planner = Planner(road)
+    ego = EgoState(station=170.0, offset=float(road.lane_offset(0, 170.0)), speed=5.0, mass=19e3)
+    lane = float(road.lane_offset(0, 220.0))
+    place = road.evaluate(222.0, lane + 3.5)
+    standing = TrackedVehicle(
+        id="oncoming",
+        x=float(place.x),
+        y=float(place.y),
+        z=float(place.z),
+        yaw=float(place.heading) + math.pi,
+        station=222.0,
+        offset=lane + 3.5,
+        lane=-1,
+    )
+    for cycle in range(400):
+        around = (standing,) if cycle < 200 else ()
+        found = planner.plan(Scene(0.1 * cycle, ego, around, signals=RoadSignals()))
+        if cycle == 199:
+            assert ego.speed < 0.05
+            assert 190.0 < ego.station < 201.0
+            assert "oncoming" in found.reason
+        ego = dataclasses.replace(
+            ego,
+            time=0.1 * (cycle + 1),
+            station=float(found.station[1]),
+            offset=float(found.offset[1]),
+            speed=float(found.speed[1]),
+        )
+        if 203.0 < ego.station < 215.0:
+            assert ego.speed < 3.3
+    assert ego.station > 235.0
+
+
+def test_who_stays_beside_the_swept_ground_is_not_waited_for():
+    road = bend()
+    ego = EgoState(station=195.0, offset=float(road.lane_offset(0, 195.0)), speed=3.0, mass=19e3)
+    beside = car(road, "far", 300.0, 0, 0.0)
+    assert "waiting" not in Planner(road).plan(Scene(0.0, ego, (beside,))).reason
+
+
+def test_who_plainly_goes_along_is_within_the_angle_by_its_pose_too():
+    preview, rng = Planner(ROAD).preview, np.random.default_rng(6)
+    plain = 0
+    for yaw, speed, x in rng.uniform((-7.0, -3.0, 0.0), (7.0, 20.0, 900.0), (2000, 3)).tolist():
+        table = table_of([TrackedVehicle(id="a", x=x, station=x, yaw=yaw, speed=speed)])
+        angle = abs(float(poses(table, preview).to_road[0]))
+        along = _plainly_along(table, preview)
+        plain += along
+        assert not along or angle < ALONG
+        assert along or speed < 0.0 or angle > 0.98 * ALONG
+    assert plain > 100

@@ -1,0 +1,66 @@
+"""A truck that stands behind a broken-down vehicle passes it, without touching it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from controllers.planning.crossing import bodies_along
+from controllers.planning.planner import Planner
+from controllers.planning.predicted_boxes import poses, table_of, touching
+from iits_mj.core.messages import Decision, EgoState, LightState, RoadSignals, Scene, TrafficLight
+from iits_mj.parameters import TruckParameters
+from iits_mj.road import Route
+from tests.controllers.scenes import Ideal, car
+
+ROAD = Route.straight(length=3000.0, lanes=2, lane_width=3.75)
+VAN = car(ROAD, "van", 600.0, 0, 0.0, length=6.0, width=2.0)
+
+
+def test_it_stops_with_room_and_passes_when_the_left_lane_is_free():
+    # Nobody decides: a decision maker sees no gain while there is room ahead.
+    run = Ideal(ROAD, 400.0, 0, 14.0).run(100.0, (VAN,))
+    stood = [state.station + 1.4 for state in run.states if state.speed < 0.05]
+    assert len(stood) > 30
+    assert 14.0 < VAN.station - 3.0 - stood[-1] < 18.0
+    assert run.planner.lane_changes == 1
+    assert run.ego.station > 620.0
+    assert run.planner.emergencies == 0
+    # Neither tractor nor trailer touches the van on the way that was driven.
+    way = [(state.station, state.offset) for state in run.states]
+    station, offset = np.array(way).T
+    moved = np.concatenate([[True], np.diff(station) > 1e-3])
+    path = run.planner.preview.follow(0, float(station[0]), 400.0, 150.0)
+    driven = dataclasses.replace(
+        path,
+        shift=np.interp(path.station, station[moved], offset[moved]) - path.offset,
+    )
+    units = bodies_along(
+        TruckParameters.load(), run.planner.preview, driven, None, np.arange(560.0, 640.0, 0.5)
+    )
+    there = poses(table_of([VAN]), run.planner.preview).ahead(np.zeros(1))
+    assert not any(touching(unit, there, 0.2).any() for unit in units)
+
+
+@pytest.mark.parametrize("gap", [4.0, 8.0])
+def test_too_near_behind_it_the_change_is_refused_by_name(gap):
+    station = VAN.station - 3.0 - gap - 1.4
+    ego = EgoState(station=station, offset=float(ROAD.lane_offset(0, station)), mass=55e3)
+    plan = Planner(ROAD).plan(Scene(0.0, ego, (VAN,)), Decision.LEFT)
+    assert plan.refused is Decision.LEFT
+    assert "get past" in plan.reason
+
+
+def test_nobody_pulls_out_before_somebody_who_comes_from_behind():
+    ego = EgoState(station=576.0, offset=float(ROAD.lane_offset(0, 576.0)), mass=55e3)
+    fast = car(ROAD, "fast", 520.0, 1, 16.0)
+    plan = Planner(ROAD).plan(Scene(0.0, ego, (VAN, fast)), Decision.LEFT)
+    assert plan.refused is Decision.LEFT
+    assert "fast" in plan.reason
+
+
+def test_a_queue_at_a_light_is_not_pulled_out_of():
+    ego = EgoState(station=576.0, offset=float(ROAD.lane_offset(0, 576.0)), mass=55e3)
+    light = RoadSignals(light=TrafficLight(station=615.0, state=LightState.RED))
+    plan = Planner(ROAD).plan(Scene(0.0, ego, (VAN,), signals=light), Decision.LEFT)
+    assert plan.refused is Decision.LEFT

@@ -1,0 +1,121 @@
+"""Before and in a bend in which the trailer leaves its lane: who is waited for, and how long."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from controllers.planning.planner import Planner
+from controllers.planning.predicted_boxes import poses, table_of, touching
+from iits_mj.core.messages import (
+    EgoState,
+    LightState,
+    RoadSignals,
+    Scene,
+    TrackedVehicle,
+    TrafficLight,
+)
+from tests.controllers.planning.test_crossing import bend
+
+ROAD = bend()
+FREE = 235.0
+
+
+def oncoming(name, station, speed, **fields):
+    """A car in the opposite lane, 3.5 m beside the truck's."""
+    offset = float(ROAD.lane_offset(0, station)) + 3.5
+    place = ROAD.evaluate(station, offset)
+    return TrackedVehicle(
+        id=name,
+        x=float(place.x),
+        y=float(place.y),
+        z=float(place.z),
+        yaw=float(place.heading) + math.pi,
+        speed=speed,
+        station=station,
+        offset=offset,
+        lane=-1,
+        **fields,
+    )
+
+
+def drive(vehicles, duration, station=190.0, speed=3.0, signals=None):
+    """Planner, states and plans of a truck that does exactly what was planned."""
+    planner, states, plans = Planner(ROAD), [], []
+    offset = float(ROAD.lane_offset(0, station))
+    ego = EgoState(station=station, offset=offset, speed=speed, mass=19e3)
+    for cycle in range(round(10 * duration)):
+        time = 0.1 * cycle
+        signs = signals(time) if signals else RoadSignals()
+        plan = planner.plan(Scene(time, ego, vehicles(time), signals=signs))
+        states.append(ego)
+        plans.append(plan)
+        ego = dataclasses.replace(
+            ego,
+            time=0.1 * (cycle + 1),
+            station=float(plan.station[1]),
+            offset=float(plan.offset[1]),
+            speed=float(plan.speed[1]),
+        )
+    return planner, states, plans
+
+
+def test_turns_are_taken_with_a_stream_that_can_stop_gently():
+    def stream(time):
+        # One after the other: whoever is seen is far enough to stop.
+        return (oncoming(f"c{int(time)}", 290.0 - 6.0 * (time % 1.0), 6.0),)
+
+    _, states, plans = drive(stream, 35.0)
+    stood = [state for state in states if state.speed < 0.05]
+    assert len(stood) > 5
+    assert max(state.station for state in stood) < 202.0
+    assert any("which comes" in plan.reason for plan in plans)
+    assert states[-1].station > FREE
+
+
+def test_nobody_is_made_to_brake_hard_however_long_the_truck_has_waited():
+    def stream(time):
+        return (oncoming(f"c{int(time)}", 275.0 - 14.0 * (time % 1.0), 14.0),)
+
+    _, states, plans = drive(stream, 40.0)
+    assert states[-1].speed < 0.05
+    assert states[-1].station < 202.0
+    assert "which comes" in plans[-1].reason
+
+
+def test_time_at_a_red_light_is_no_waiting_for_others():
+    def light(time):
+        state = LightState.RED if time < 20.0 else LightState.GREEN
+        return RoadSignals(light=TrafficLight(station=199.0, state=state))
+
+    def stream(time):
+        return (oncoming(f"c{int(time)}", 290.0 - 6.0 * (time % 1.0), 6.0),)
+
+    _, _, plans = drive(stream, 21.0, signals=light)
+    assert "which comes" in plans[-1].reason
+
+
+def test_who_stands_on_the_ground_of_the_trailer_is_named_for_as_long_as_it_stands():
+    _, states, plans = drive(lambda time: (oncoming("van", 222.0, 0.0),), 60.0)
+    assert states[-1].station < 202.0
+    assert "van, which stands in the way" in plans[-1].reason
+
+
+@pytest.mark.parametrize("place", [216.0, 219.0, 222.0])
+def test_in_the_bend_the_truck_stops_before_its_trailer_touches_somebody(place):
+    def vehicles(time):
+        # It appears when the truck is in the bend.
+        return (oncoming("late", place, 0.0),) if time > 5.0 else ()
+
+    planner, states, plans = drive(vehicles, 40.0, station=197.0)
+    assert 205.0 < states[-1].station < FREE
+    assert states[-1].speed < 0.05
+    assert "late is where the trailer has to go" in plans[-1].reason
+    (sweep,) = (sweep for sweep in planner._stops.bends._known.values() if sweep is not None)
+    there = poses(table_of([oncoming("late", place, 0.0)]), planner.preview).ahead(np.zeros(1))
+    row = round(states[-1].station - sweep.first)
+    near = np.any([touching(unit, there, 0.1)[:, 0] for unit in sweep.units], axis=0)
+    # Further on the trailer would have been too near, here it is not.
+    assert near[row:].any()
+    assert not near[row]

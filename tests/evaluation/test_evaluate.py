@@ -1,0 +1,296 @@
+"""Trials of decision makers: paired seeds, files that can be resumed, any number of processes."""
+
+import csv
+import functools
+import itertools
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from controllers.decision import trip
+from controllers.decision.policy import SHIPPED, QNetwork
+from iits_mj.core.errors import InputError, TrafficError
+from iits_mj.core.process_pool import TasksError, run_all
+from iits_mj.evaluation import drives, trials
+from iits_mj.evaluation import trials as evaluate_rows
+from iits_mj.evaluation.evaluate import (
+    EvaluateConfig,
+    describe,
+    drive_trials,
+    run,
+    tasks_of,
+    trial_seed,
+)
+from iits_mj.validation.harness import run_cache
+from tests.evaluation.rows_of import die_once, task, trial
+
+CONFIG = EvaluateConfig(trials=2, methods="keep,aggressive", cells="dense-12.5,medium-15")
+
+
+class Fake:
+    """Drives without a world; some trials fail."""
+
+    def __init__(self, faulty=(), order=None):
+        self.driven, self.faulty, self.order = [], faulty, order
+
+    def __call__(self, tasks, jobs, drive, keep):
+        for asked in self.order(tasks) if self.order else tasks:
+            if asked.seed in self.faulty:
+                raise TrafficError("SUMO fell over")
+            self.driven.append(asked)
+            keep(trial(asked, 0.1 + 1e-4 * (asked.seed % 7), code=drives.trial_code(asked.world)))
+
+
+def test_the_code_of_fast_trials_is_every_module_of_the_fast_world(tmp_path):
+    assert drives.trial_code("fast") != drives.trial_code("full")
+    for name in ("__init__.py", "env.py", "changes.py"):
+        (tmp_path / name).write_text("")
+    package = ModuleType("package")
+    package.__path__, package.__file__ = [str(tmp_path)], str(tmp_path / "__init__.py")
+    before = run_cache.drive_digest(package)
+    (tmp_path / "changes.py").write_text("MARGIN = 3.0")
+    assert run_cache.drive_digest(package) != before
+
+
+def test_no_seed_is_of_two_kinds():
+    starts = (trip.TRAINING_SEEDS, trip.VALIDATION_SEEDS, trip.TEST_SEEDS)
+    assert all(b - a >= trip.SEEDS_EACH for a, b in itertools.pairwise(starts))
+    for kind, start in (("validation", starts[1]), ("test", starts[2])):
+        config = EvaluateConfig(seeds=kind, seed=9)
+        assert trial_seed(0, 0, replace(config, seed=0)) == start
+        assert trial_seed(5, 999, config) < start + trip.SEEDS_EACH
+
+
+def test_all_methods_meet_the_same_traffic_trial_by_trial():
+    driven = [t for t in tasks_of(CONFIG) if t.density != "empty"]
+    assert len(driven) == len(set(driven)) == 2 * 2 * 2
+    by_method = {name: [t.seed for t in driven if t.method == name] for name in CONFIG.names()}
+    assert by_method["keep"] == by_method["aggressive"]
+    assert len({t.seed for t in driven}) == 4
+    # All cells and methods of the first trial come before the second.
+    first = driven[:4]
+    assert {(t.density, t.method) for t in first} == {
+        (density, name) for density in ("dense", "medium") for name in CONFIG.names()
+    }
+    assert {t.seed % 1000 for t in first} == {0}
+
+
+def test_the_free_road_is_driven_once_a_speed():
+    free = [t for t in tasks_of(CONFIG) if t.density == "empty"]
+    assert [(t.traffic_speed, t.method) for t in free] == [(12.5, "keep"), (15.0, "keep")]
+
+
+def test_what_is_in_the_file_is_not_driven_again(tmp_path):
+    config = replace(CONFIG, file=tmp_path / "trials.csv")
+    first, second = Fake(), Fake()
+    made = run(config, drive_all=first)
+    assert run(config, drive_all=second) == made
+    assert first.driven == tasks_of(config)
+    assert second.driven == []
+    more = Fake()
+    run(replace(config, trials=3), drive_all=more)
+    assert {t.seed % 1000 for t in more.driven} == {2}
+
+
+def test_what_was_driven_before_a_fault_is_kept(tmp_path):
+    config = replace(CONFIG, file=tmp_path / "trials.csv")
+    bad = tasks_of(config)[-1].seed
+    with pytest.raises(TrafficError, match="SUMO fell over"):
+        run(config, drive_all=Fake(faulty=(bad,)))
+    rest = Fake()
+    assert [t.task for t in run(config, drive_all=rest)] == tasks_of(config)
+    assert {t.seed for t in rest.driven} == {bad}
+
+
+@pytest.mark.parametrize("cut", [1, 3, 17, 60])
+def test_half_a_last_row_is_dropped_with_a_message_and_driven_again(tmp_path, cut):
+    config = replace(CONFIG, file=tmp_path / "trials.csv")
+    run(config, drive_all=Fake())
+    whole = config.file.read_bytes()
+    config.file.write_bytes(whole[:-cut])
+    told, again = [], Fake()
+    run(config, say=told.append, drive_all=again)
+    assert len(again.driven) == 1
+    assert "ended with half a row" in told[0]
+    assert config.file.read_bytes() == whole
+
+
+def test_half_a_header_is_an_empty_file(tmp_path):
+    config = replace(CONFIG, file=tmp_path / "trials.csv")
+    config.file.write_text("world,dens")
+    assert len(run(config, say=lambda text: None, drive_all=Fake())) == len(tasks_of(config))
+
+
+@pytest.mark.parametrize("text", ["a,b\n1,2\n", "a,b", "half a line"])
+def test_a_foreign_file_is_refused_and_left_as_it_is(tmp_path, text):
+    path = tmp_path / "other.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match="not a file of trials"):
+        run(replace(CONFIG, file=path), drive_all=Fake())
+    assert path.read_text() == text
+
+
+def test_the_files_bytes_do_not_tell_the_order(tmp_path):
+    def content(order):
+        path = tmp_path / "trials.csv"
+        path.unlink(missing_ok=True)
+        run(replace(CONFIG, file=path), drive_all=Fake(order=order))
+        return path.read_bytes()
+
+    assert content(lambda tasks: tasks) == content(lambda tasks: tasks[::-1])
+
+
+def test_other_weights_are_driven_and_the_rules_are_kept(tmp_path):
+    config = EvaluateConfig(
+        trials=1, methods="aggressive,ddqn", cells="dense-12.5", file=tmp_path / "trials.csv"
+    )
+    run(config, drive_all=Fake())
+    policy = tmp_path / "policy.npz"
+    QNetwork.random(np.random.default_rng(0)).save(policy)
+    other = Fake()
+    rows = run(replace(config, weights=policy), drive_all=other)
+    assert [(t.method, t.weights) for t in other.driven] == [
+        ("ddqn", trials.weights_digest("ddqn", policy))
+    ]
+    assert {t.method for t in rows} == {"keep", "aggressive", "ddqn"}
+    # The first policy's rows are still there.
+    assert len(evaluate_rows.read_trials(config.file, print)) == 4
+    assert trials.weights_digest("aggressive", policy) == ""
+    assert trials.weights_digest("ddqn", None) == trials.weights_digest("ddqn", SHIPPED)
+
+
+def test_weights_that_cannot_drive_are_refused_before_the_first_trial(tmp_path):
+    policy = tmp_path / "policy.npz"
+    policy.write_bytes(b"no weights")
+    config = EvaluateConfig(trials=1, methods="keep,ddqn", weights=policy, jobs=1)
+    idle = Fake()
+    with pytest.raises(InputError, match=r"policy\.npz.* is not a readable npz"):
+        run(config, drive_all=idle)
+    assert idle.driven == []
+    # Who does not ask for the policy does not need it.
+    assert len(run(replace(config, methods="keep"), drive_all=idle)) == len(idle.driven) > 0
+
+
+def test_weights_that_change_while_trials_are_driven_are_refused(tmp_path):
+    policy = tmp_path / "policy.npz"
+    policy.write_bytes(b"one")
+    asked = task("ddqn", 0, weights=trials.weights_digest("ddqn", policy))
+    policy.write_bytes(b"two")
+    with pytest.raises(InputError, match="not the one that was asked for"):
+        drives.drive(asked, policy)
+
+
+def test_without_driving_the_files_trials_are_all_there_is(tmp_path):
+    config = replace(CONFIG, file=tmp_path / "trials.csv")
+    run(replace(config, trials=1), drive_all=Fake())
+    idle = Fake()
+    assert len(run(replace(config, drive=False), drive_all=idle)) == 2 + 4
+    assert idle.driven == []
+    with pytest.raises(InputError, match="name it by --file"):
+        run(replace(CONFIG, drive=False), drive_all=idle)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"methods": "best"}, "method 'best' is unknown"),
+        ({"cells": "dense-13"}, "cell 'dense-13' is unknown; allowed are: dense-12.5"),
+        ({"seed": 10}, "seed 10 is not allowed; use 0 to 9"),
+        ({"weights": SHIPPED.with_name("none.npz")}, "cannot be read"),
+    ],
+)
+def test_what_cannot_be_is_refused(settings, message):
+    with pytest.raises(InputError, match=message):
+        tasks_of(EvaluateConfig(**settings))
+
+
+def _threads(tasks, drive, keep):
+    run_all(tasks, 2, drive, keep, describe, what="trials", make_pool=ThreadPoolExecutor)
+
+
+def test_a_trial_that_fails_is_left_out_and_named_at_the_end():
+    tasks = [task("keep", seed) for seed in range(6)]
+    kept = []
+
+    def drive(asked):
+        if asked.seed in (1, 4):
+            raise TrafficError("SUMO fell over")
+        return trial(asked, 0.1)
+
+    with pytest.raises(TasksError, match=r"2 trials .* seed 1: SUMO fell over"):
+        _threads(tasks, drive, kept.append)
+    assert sorted(t.seed for t in kept) == [0, 2, 3, 5]
+
+
+def test_many_failures_end_the_run():
+    tasks = [task("keep", seed) for seed in range(50)]
+    count = itertools.count()
+
+    def drive(asked):
+        next(count)
+        time.sleep(0.01)
+        raise TrafficError("SUMO is missing")
+
+    with pytest.raises(TasksError, match="5 trials could not be done"):
+        _threads(tasks, drive, print)
+    assert next(count) < 50
+
+
+def test_a_file_that_cannot_be_written_is_no_fault_of_the_trial():
+    def keep(row):
+        raise InputError("the disk is full")
+
+    with pytest.raises(InputError, match=r"^the disk is full$"):
+        _threads([task("keep", 0)], lambda asked: trial(asked, 0.1), keep)
+
+
+def test_a_process_that_dies_loses_no_trial(tmp_path):
+    kept = []
+    drive_trials(
+        [task("keep", seed) for seed in range(6)],
+        2,
+        functools.partial(die_once, tmp_path / "died"),
+        kept.append,
+    )
+    assert sorted(t.seed for t in kept) == list(range(6))
+    assert (tmp_path / "died").exists()
+
+
+def test_one_file_is_of_one_run_at_a_time(tmp_path):
+    config = replace(CONFIG, file=tmp_path / "trials.csv")
+    with (
+        evaluate_rows.alone(config.file),
+        pytest.raises(InputError, match="in use by another evaluate"),
+    ):
+        run(config, drive_all=Fake())
+    assert len(run(config, drive_all=Fake())) == len(tasks_of(config))
+    assert [path.name for path in tmp_path.iterdir()] == ["trials.csv"]
+
+
+def test_real_trials_in_two_processes_are_those_of_one(tmp_path):
+    def rows(jobs):
+        config = EvaluateConfig(
+            trials=1,
+            methods="ddqn",
+            cells="dense-15",
+            duration=10.0,
+            jobs=jobs,
+            file=tmp_path / f"{jobs}.csv",
+        )
+        run(config)
+        with config.file.open(newline="") as stream:
+            return [row | {"wall_time": ""} for row in csv.DictReader(stream)]
+
+    two = rows(2)
+    assert two == rows(1)
+    assert [row["density"] for row in two] == ["dense", "empty"]
+    loss = [float(row["speed_loss"]) for row in two]
+    # 15 m/s of 16.67 at the start.
+    assert all(0.0 < value < 0.101 for value in loss)
+    assert all(row["ended"] == "reached the end of the time" for row in two)
+    way = [float(row["distance"]) for row in two]
+    assert loss == pytest.approx([1.0 - d / 10.0 / (60.0 / 3.6) for d in way])

@@ -1,0 +1,63 @@
+from __future__ import annotations
+
+import pytest
+
+from iits_mj.core.errors import MapError
+from iits_mj.road.elements import OpenDriveMap
+from iits_mj.road.geometry import Arc, Line, ParamPoly3, Poly3, Spiral
+from iits_mj.road.opendrive import load, parse
+from iits_mj.road.straight import straight_road
+from iits_mj.road.writer import to_xml, write
+from tests.road.map_peers import shared_maps
+from tests.road.opendrive_text import document, road
+from tests.road.test_route import PROFILES, SPIRAL, WIDE
+
+MAPS = [path for path in shared_maps() if "soderleden" not in path.name]
+
+
+def test_written_map_reads_back_equal():
+    lanes = WIDE.replace(
+        '<lane id="-3" type="shoulder"><width sOffset="0" a="2" b="0" c="0" d="0"/>',
+        '<lane id="-3" type="shoulder"><border sOffset="0" a="-9" b="0" c="0" d="0"/>'
+        '<speed sOffset="0" max="no limit"/>',
+    )
+    junction = """<junction id="9"><connection id="0" incomingRoad="1" connectingRoad="5"
+      contactPoint="end"><laneLink from="-1" to="1"/></connection></junction>"""
+    text = document(road(geometry=SPIRAL, lanes=lanes, **PROFILES), extra=junction)
+    content = parse(text.encode(), "x")
+    assert content.roads[0].sections[0].lane(-3).borders
+    assert parse(to_xml(content).encode(), "x") == content
+
+
+def test_every_geometry_is_written_exactly():
+    place = (0.0, 1.0 / 3.0, -2.0, 0.1, 77.7)
+    shapes = (
+        Line(*place),
+        Arc(*place, 1.0 / 7.0),
+        Spiral(*place, 0.1, -0.2),
+        Poly3(*place, (0.0, 0.1, 1e-3, -1e-7)),
+        ParamPoly3(*place, (0.0, 1.0, 0.0, 1e-9), (0.0, 0.0, 1e-3, 0.0), False),
+        ParamPoly3(*place, (0.0, 70.0, 0.0, 1e-9), (0.0, 0.0, 1e-3, 0.0), True),
+    )
+    for shape in shapes:
+        base = straight_road(77.7, 2, 4.0, 20.0, 0.01, 0.7).roads[0]
+        content = OpenDriveMap(roads=(type(base)(**{**vars(base), "geometries": (shape,)}),))
+        assert parse(to_xml(content).encode(), "x") == content
+
+
+@pytest.mark.skipif(not MAPS, reason="the folder ../shared/data/xodr is absent")
+def test_real_maps_read_back_equal():
+    for path in MAPS:
+        content = load(path)
+        assert parse(to_xml(content).encode(), path.name) == content, path.name
+
+
+def test_text_is_escaped():
+    content = straight_road(100.0, 1, 4.0, 20.0, 0.0, 0.8)
+    named = OpenDriveMap(roads=content.roads, name='a "b" <c> & d')
+    assert parse(to_xml(named).encode(), "x").name == 'a "b" <c> & d'
+
+
+def test_unwritable_path_is_a_map_error(tmp_path):
+    with pytest.raises(MapError, match="cannot be written"):
+        write(straight_road(100.0, 1, 4.0, 20.0, 0.0, 0.8), tmp_path / "no" / "map.xodr")

@@ -1,0 +1,281 @@
+import dataclasses
+import math
+import re
+
+import mujoco
+import numpy as np
+import pytest
+
+from controllers.stack import Stack
+from iits_mj import Truck
+from iits_mj.core.messages import TrackedVehicle, VehicleCommand
+from iits_mj.road import Route
+from iits_mj.simulation import DriveConfig, Simulation, gaps
+from tests.traffic_bridge.mirror.test_mirror import scene, vehicle
+from traffic_bridge import Mirror, VehicleFrame
+from traffic_bridge.mirror.bodies import Outline, may_touch, separation
+from traffic_bridge.mirror.mirror import DEFAULT_POOL
+
+
+def test_contact_names_the_pair_and_exerts_no_force(straight):
+    mirror = Mirror({"car": 3, "van": 1}, visuals=False)
+    model, data = scene(mirror)
+    model.opt.gravity[:] = 0.0
+    seen = [
+        vehicle("front", straight, 4.0),
+        vehicle("side", straight, -9.0, 2.0, kind="van"),
+        vehicle("near", straight, 1.0, 2.3),
+        vehicle("touching.each.other", straight, 1.5, 2.9),
+    ]
+    mirror.update(data, seen, (0.0, 0.0))
+    mujoco.mj_step(model, data)
+    assert mirror.contacts(data) == [("front", "tractor"), ("side", "trailer")]
+    assert np.abs(data.qvel).max() == 0.0
+    assert np.abs(data.qfrc_constraint).max() == 0.0
+    mirror.update(data, [], (0.0, 0.0))
+    mujoco.mj_step(model, data)
+    assert mirror.contacts(data) == []
+
+
+def test_a_bridge_over_the_truck_is_no_contact(straight):
+    mirror = Mirror({"car": 1}, visuals=False)
+    model, data = scene(mirror)
+    for height, touched in ((6.0, False), (1.0, True)):
+        car = vehicle("a", straight, 0.0)
+        above = TrackedVehicle("a", "car", x=car.x, y=car.y, z=height)
+        mirror.update(data, [above], (0.0, 0.0))
+        mujoco.mj_forward(model, data)
+        assert bool(mirror.contacts(data)) == touched
+
+
+@pytest.fixture(scope="module")
+def driven():
+    route = Route.straight(length=1000.0)
+    mirror = Mirror(visuals=False)
+    truck = Truck.load(route=route, visuals=False, edit_spec=mirror.add_to)
+    return route, mirror, truck
+
+
+def test_both_units_of_the_truck_meet_cars_and_both_units_of_others(driven):
+    route, mirror, truck = driven
+    mirror.bind(truck.model)
+    truck.reset(station=100.0, offset=0.0)
+    seen = [
+        vehicle("a", route, 102.0),
+        vehicle("b", route, 88.0, 1.5),
+        # Its semitrailer beside the tractor; its tractor behind the semitrailer.
+        vehicle("c", route, 108.0, 2.0, kind="articulated"),
+        vehicle("d", route, 78.2, -1.0, kind="articulated"),
+    ]
+    mirror.update(truck.data, seen, (100.0, 0.0))
+    mujoco.mj_forward(truck.model, truck.data)
+    pairs = mirror.contacts(truck.data)
+    assert {name for name, _ in pairs} == {"a", "b", "c", "d"}
+    assert {("a", "tractor"), ("b", "trailer"), ("c", "tractor"), ("d", "trailer")} <= set(pairs)
+
+
+def test_a_collision_leaves_no_trace_in_the_trucks_motion(driven):
+    route, mirror, truck = driven
+    states = []
+    for crowd in (False, True):
+        mirror.bind(truck.model)
+        ego = truck.reset(station=100.0, offset=0.0, speed=15.0)
+        truck.command(VehicleCommand(accelerator_pedal=0.5, steering_wheel_angle=0.2))
+        trace, touched = [], 0
+        for k in range(100):
+            seen = [
+                vehicle(f"v{i}", route, ego.station + 12.0 * (i - 2), 0.5 * i, kind=kind)
+                for i, kind in enumerate(("car", "van", "truck", "articulated", "car"))
+            ]
+            mirror.update(truck.data, seen if crowd else [], (ego.x, ego.y))
+            truck.step(2)
+            touched += len(mirror.contacts(truck.data))
+            trace.append(np.concatenate((truck.data.qpos, truck.data.qvel, truck.data.act)))
+            ego = truck.observe() if k % 10 == 9 else ego
+        assert (touched > 50) == crowd
+        states.append(np.array(trace))
+    assert np.array_equal(*states)
+
+
+# Looking between traffic steps ----------------------------------------------------------------
+
+
+def rectangle(rng, *, spread=12.0, speed=0.0):
+    yaw = rng.uniform(-math.pi, math.pi)
+    length, width = rng.uniform(0.5, 8.0, 2)
+    x, y, vx, vy = *rng.uniform(-spread, spread, 2), *rng.uniform(-speed, speed + 1e-9, 2)
+    return Outline(x, y, math.cos(yaw), math.sin(yaw), length, width, vx, vy)
+
+
+def corners(box):
+    ahead = box.half_length * np.array([box.ahead_x, box.ahead_y])
+    left = box.half_width * np.array([-box.ahead_y, box.ahead_x])
+    signs = ((1, -1), (1, 1), (-1, 1), (-1, -1))
+    return np.array([np.array([box.x, box.y]) + a * ahead + b * left for a, b in signs])
+
+
+def test_separation_is_a_lower_bound_of_the_distance_and_zero_only_on_overlap():
+    rng = np.random.default_rng(4)
+    tight = apart = 0
+    for _ in range(500):
+        a, b = rectangle(rng), rectangle(rng)
+        true, found = gaps.box_distance(corners(a), corners(b)), separation(a, b)
+        assert found <= true + 1e-9
+        assert (found <= 0.0) == (true == 0.0)
+        apart += true > 0.0
+        tight += true > 0.0 and found > 0.999 * true
+    assert 30 < tight < apart
+
+
+def test_whoever_touches_within_the_time_was_announced():
+    rng = np.random.default_rng(9)
+    within, announced, touching = 0.1, 0, 0
+    for _ in range(300):
+        pair, rates = [], rng.uniform(-0.5, 0.5, 2).tolist()
+        for spread, rate in zip((12.0, 24.0), rates, strict=True):
+            box = rectangle(rng, spread=spread, speed=30.0)
+            spin = abs(rate) * math.hypot(box.half_length, box.half_width)
+            pair.append(dataclasses.replace(box, spin=spin))
+        if separation(*pair) <= 0.0:
+            continue
+        said, met = may_touch(*pair, within), False
+        for t in np.linspace(0.0, within, 21).tolist():
+            moved = []
+            for box, rate in zip(pair, rates, strict=True):
+                yaw = math.atan2(box.ahead_y, box.ahead_x) + rate * t
+                moved.append(
+                    dataclasses.replace(
+                        box,
+                        x=box.x + t * box.velocity_x,
+                        y=box.y + t * box.velocity_y,
+                        ahead_x=math.cos(yaw),
+                        ahead_y=math.sin(yaw),
+                    )
+                )
+            met = met or separation(*moved) <= 0.0
+        assert said or not met
+        announced += said
+        touching += met
+    assert touching > 10
+    assert announced < 200
+
+
+def test_a_full_pool_beside_the_truck_makes_no_contacts_and_needs_no_closer_look(driven):
+    route, mirror, truck = driven
+    mirror.bind(truck.model)
+    ego = truck.reset(station=200.0, offset=0.0, speed=15.0)
+    kinds = [kind for kind, count in DEFAULT_POOL.items() for _ in range(count)]
+    beside = [
+        vehicle(f"v{i:02}", route, 150.0 + 18.0 * (i % 6), 3.5 * (i // 6 + 1), kind, speed=17.0)
+        for i, kind in enumerate(kinds)
+    ]
+    assert mirror.update(truck.data, beside, (ego.x, ego.y)) == 27
+    mujoco.mj_forward(truck.model, truck.data)
+    assert not mirror.may_touch(truck.data, 0.1)
+    assert truck.data.ncon == 0
+    # Oncoming at 30 m/s, 2 m before the bumper: within the next 0.1 s.
+    ahead = vehicle("x", route, 200.0 + 1.4 + 2.0 + 2.35, yaw=math.pi, speed=15.0)
+    mirror.update(truck.data, [*beside, ahead], (ego.x, ego.y))
+    assert mirror.may_touch(truck.data, 0.1)
+
+
+@pytest.mark.parametrize("lasting", [0.01, 0.04])
+def test_a_thin_clip_at_30_meters_a_second_is_seen_between_two_traffic_steps(driven, lasting):
+    route, mirror, truck = driven
+    mirror.bind(truck.model)
+    truck.reset(station=200.0, offset=0.0, speed=20.0)
+    tractor = truck.parameters.tractor
+    # A car crosses from the right, and the last of it does not quite clear the left of the bumper:
+    # the corners overlap from 0.14 s on, while both move at 30 m/s to each other.
+    begin, speed = 0.14, 22.0
+    front = 200.0 + tractor.front_overhang + 20.0 * begin
+
+    def crossing(time):
+        y = 0.5 * tractor.width + 2.35 + speed * (time - begin - lasting)
+        return vehicle("x", route, front + 0.925, y, yaw=0.5 * math.pi, speed=speed)
+
+    at_steps, between = [], []
+    for k in range(4):
+        ego = truck.observe()
+        mirror.update(truck.data, [crossing(0.1 * k)], (ego.x, ego.y))
+        mujoco.mj_forward(truck.model, truck.data)
+        at_steps += mirror.contacts(truck.data)
+        stride = 1 if mirror.may_touch(truck.data, 0.1) else 50
+        for j in range(0, 50, stride):
+            mirror.update(truck.data, None, (ego.x, ego.y), elapsed=0.002 * j)
+            truck.step(stride)
+            between += [(0.1 * k + 0.002 * j, *pair) for pair in mirror.contacts(truck.data)]
+    assert at_steps == []
+    assert {pair[1:] for pair in between} == {("x", "tractor")}
+    assert between[0][0] == pytest.approx(begin, abs=0.006)
+    assert len(between) == pytest.approx(lasting / 0.002, abs=3)
+
+
+class _Crossing:
+    """Traffic of one car that crosses before the truck at a right angle."""
+
+    def __init__(self, route, at, offset, when, speed=20.0):
+        self.route, self.time = route, 0.0
+        self._at, self._offset, self._when, self._speed = at, offset, when, speed
+
+    def reset(self, ego=None):
+        self.time = 0.0
+        return self._car()
+
+    def step(self, ego=None):
+        self.time = ego.time
+        return self._car()
+
+    def close(self):
+        pass
+
+    def _car(self):
+        p = self.route.evaluate(self._at, self._offset)
+        yaw = float(p.heading) + 0.5 * math.pi
+        way = self._speed * (self.time - self._when)
+        car = TrackedVehicle(
+            "crossing",
+            x=float(p.x) + way * math.cos(yaw),
+            y=float(p.y) + way * math.sin(yaw),
+            z=float(p.z),
+            yaw=yaw,
+            speed=self._speed,
+            station=self._at,
+            length=4.7,
+            width=1.85,
+            height=1.5,
+        )
+        return VehicleFrame.of([car])
+
+
+class _Blind(Stack):
+    """Sees nobody, so that it does not brake for who crosses."""
+
+    def plan(self, scene):
+        return super().plan(dataclasses.replace(scene, vehicles=()))
+
+
+def test_a_drive_ends_with_a_clip_between_two_traffic_steps():
+    config = DriveConfig(
+        duration=2.5, traffic_mode="none", speed=16.0, start_speed=16.0, decision="keep"
+    )
+    with Simulation(config, driver=lambda route, truck: _Blind(route), visuals=False) as simulation:
+        while simulation.time < 2.0:
+            ego = simulation.cycle().ego
+        # The car's flank passes before the bumper; its last 0.4 m are caught 0.04 s after a step.
+        overhang = simulation.truck.footprint.front_overhang
+        at = ego.station + overhang + ego.speed * 0.04 + 0.5 * 1.85
+        clear = 0.5 * (simulation.truck.parameters.tractor.width + 4.7) / 20.0
+        simulation.traffic = _Crossing(simulation.route, at, ego.offset, 2.06 - clear)
+        simulation.reset()
+        while not simulation.ended:
+            simulation.cycle()
+        simulation.traffic = None
+    assert simulation.collision
+    assert simulation.failed
+    told = re.fullmatch(
+        r"collision with crossing at the tractor at t = (\d+\.\d+) s", simulation.ended
+    )
+    assert told is not None
+    assert float(told[1]) == pytest.approx(2.045, abs=0.015)
+    assert simulation.time == pytest.approx(2.1)

@@ -1,0 +1,200 @@
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from iits_mj.core.errors import Error, MapError, TrafficError
+from iits_mj.road import RoadMap, Route
+from iits_mj.road.writer import to_xml
+from tests.paths import ROOT
+from traffic_bridge import MapNetwork, PureSim, TrafficConfig, build_network, cache_dir
+from traffic_bridge.network.lanes import RouteLanes
+from traffic_bridge.session import Session, load_libsumo
+
+XODR = ROOT / "../shared/data/xodr"
+LOCATION = "<location netOffset='0,0' convBoundary='0,0,9,9' origBoundary='0,0,9,9'/>"
+LANE = "<edge id='a' from='x' to='y'><lane id='a_0' length='9' speed='9' shape='0,0 9,0'/></edge>"
+MAPS = ("e6mini", "curves_elevation", "crest-curve", "velodrome", "fabriksgatan_traffic_lights")
+
+
+def esmini(name):
+    path = XODR / f"esmini_{name}.xodr"
+    if not path.is_file():
+        pytest.skip(f"{path.name} is not here")
+    return path
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_lanes_of_a_foreign_map_lie_on_the_route(name):
+    route = RoadMap.from_opendrive(esmini(name)).route()
+    network = build_network(route)
+    session = Session(network.path)
+    try:
+        lanes = RouteLanes(session, network, route)
+        reached = 0.0
+        for edge in lanes.edges:
+            for table in lanes.of_edge(edge):
+                assert np.all(np.diff(table.station) > 0.0)
+                middle = len(table.station) // 2
+                station = float(table.station[middle])
+                center = route.lane_offset(table.lane, station)
+                assert abs(table.offset[middle] - center) < 0.05
+                # Back and forth between SUMO's position and the station.
+                assert abs(table.position_of(station) - middle * table.spacing) < 1e-6
+                reached = max(reached, float(table.station[-1]))
+        assert reached > route.length - 1.0
+    finally:
+        session.close()
+
+
+def test_shipped_net_of_the_highway_is_used_and_covers_it(highway):
+    network = build_network(highway)
+    assert network.path.parent == highway.road_map.path.parent
+    session = Session(network.path)
+    try:
+        lanes = RouteLanes(session, network, highway)
+        stations = np.concatenate([lanes.of_edge(edge)[0].station for edge in lanes.edges])
+        assert stations[0] < 1.0
+        assert stations[-1] > highway.length - 1.0
+        for station in (500.0, 5_000.0, 12_000.0):
+            for lane in range(highway.lane_count(station)):
+                table = lanes.find(lane, station)
+                assert table is not None
+                limit = session.api.lane.getMaxSpeed(table.id)
+                middle = float(table.station[len(table.station) // 2])
+                assert limit == pytest.approx(min(highway.speed_limit(middle, lane), 70.0))
+    finally:
+        session.close()
+
+
+def test_nets_are_made_once_and_kept_by_content(straight):
+    first = build_network(straight)
+    stamp = first.path.stat().st_mtime_ns
+    assert first.path.is_relative_to(cache_dir())
+    assert build_network(Route.straight(length=4000.0)).path == first.path
+    assert first.path.stat().st_mtime_ns == stamp
+    assert build_network(Route.straight(length=4100.0)).path != first.path
+
+
+@pytest.mark.parametrize("damage", ["cut", "changed", "emptied"])
+def test_a_damaged_net_is_made_again(damage):
+    route = Route.straight(length=3300.0)
+    path = build_network(route).path
+    whole = path.read_bytes()
+    bad = {
+        "cut": whole[: len(whole) // 2],
+        "changed": whole.replace(b'speed="25.000"', b'speed="99.000"'),
+        "emptied": b"",
+    }
+    assert bad[damage] != whole
+    path.write_bytes(bad[damage])
+    assert build_network(route).path == path
+    assert path.read_bytes() == whole
+
+
+def test_two_processes_may_make_one_net_at_once(tmp_path):
+    code = (
+        "from iits_mj.road import Route; from traffic_bridge import build_network;"
+        "print(build_network(Route.straight(length=2900.0)).path.read_bytes()[-80:])"
+    )
+    environment = os.environ | {"IITS_MJ_CACHE": str(tmp_path)}
+    both = [
+        subprocess.Popen([sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE)
+        for _ in range(2)
+    ]
+    said = [process.communicate()[0] for process in both]
+    assert [process.returncode for process in both] == [0, 0]
+    assert said[0] == said[1] != b""
+    assert len(list((tmp_path / "nets").iterdir())) == 1
+
+
+def test_a_turn_is_driven_no_faster_than_its_bend_allows():
+    network = MapNetwork.of(RoadMap.from_opendrive(esmini("fabriksgatan_traffic_lights")))
+    turns = {link.via: link.turn for link in network.connections if link.via}
+    speeds = {turn: [network.lanes[via].speed for via, t in turns.items() if t == turn]
+              for turn in "lrs"}  # fmt: skip
+    # On 6 m of radius 3 m/s2 is 4.2 m/s; SUMO takes the mean bend of the whole turn.
+    assert max(speeds["r"]) < 6.0
+    assert max(speeds["l"]) < 8.0
+    assert min(speeds["s"]) == pytest.approx(13.89)
+
+
+def test_an_empty_junction_means_none(tmp_path):
+    path = tmp_path / "map.xodr"
+    text = to_xml(Route.straight(length=500.0).road_map.content)
+    path.write_text(text.replace('junction="-1"', 'junction=""'))
+    network = MapNetwork.of(RoadMap.from_opendrive(path))
+    assert network.entrances == network.exits == ("-1",)
+    assert network.roads["1"].junction == ""
+
+
+def test_a_map_that_netconvert_refuses_gives_one_error_and_leaves_no_sumo():
+    with pytest.raises(Error) as caught:
+        PureSim(RoadMap.from_opendrive(esmini("soderleden")).route()).reset()
+    assert "direct junction" in str(caught.value)
+    assert not load_libsumo().isLoaded()
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("<net", "loading"),
+        ("<net></net>", "loading"),
+        ("this is no net", "loading"),
+        (f"<net version='1.2'>{LOCATION}<edge id='a'/></net>", "no lanes"),
+        (f"<net version='1.2'>{LANE}</net>", "no complete"),
+        (f"<net>{LOCATION}{LANE}</net>", "no version"),
+        (f"<net version='1.2'>{LOCATION}{LANE}</net>", "node 'x'"),
+    ],
+)
+def test_a_malformed_net_gives_one_error_and_leaves_no_sumo(tmp_path, text, expected):
+    net = tmp_path / "bad.net.xml"
+    net.write_text(text)
+    with pytest.raises(TrafficError, match=expected):
+        Session(net)
+    assert not load_libsumo().isLoaded()
+    with pytest.raises(TrafficError, match=r"bad\.net\.xml"):
+        Session(tmp_path / "missing_bad.net.xml")
+
+
+def test_a_net_of_another_map_is_refused(straight, highway):
+    session = Session(build_network(straight).path)
+    with pytest.raises(TrafficError, match="no edge for road"):
+        RouteLanes(session, build_network(highway), highway)
+    assert not session.is_open
+
+
+def test_a_broken_netconvert_run_says_why(straight, tmp_path):
+    from traffic_bridge.network.nets import run_netconvert
+
+    bad = tmp_path / "bad.xodr"
+    bad.write_text("<OpenDRIVE><road id='1'/></OpenDRIVE>")
+    with pytest.raises(MapError, match=r"bad\.xodr: .*netconvert"):
+        run_netconvert(["--opendrive", str(bad), "-o", str(tmp_path / "x.net.xml")], str(bad))
+
+
+def test_a_cache_folder_that_cannot_be_made_is_named(straight, monkeypatch, tmp_path):
+    blocker = tmp_path / "file"
+    blocker.write_text("")
+    monkeypatch.setenv("IITS_MJ_CACHE", str(blocker / "cache"))
+    with pytest.raises(TrafficError, match="IITS_MJ_CACHE"):
+        build_network(straight)
+
+
+def test_oncoming_traffic_runs_on_the_opposite_lanes():
+    route = RoadMap.from_opendrive(esmini("e6mini")).route()
+    config = TrafficConfig(density=0.1, scope="both")
+    with PureSim(route, config, seed=1) as traffic:
+        before = {v.id: v for v in traffic.reset()}
+        for _ in range(10):
+            after = {v.id: v for v in traffic.step()}
+    oncoming = [v for v in after.values() if v.lane == -1]
+    assert oncoming
+    for v in oncoming:
+        assert v.offset > 0.0
+        if v.id in before:
+            assert v.station < before[v.id].station
+            heading = float(route.evaluate(v.station).heading)
+            assert np.cos(v.yaw - heading) < -0.95

@@ -1,0 +1,233 @@
+import pytest
+
+from iits_mj.core.errors import InputError, TrafficError
+from iits_mj.road import RoadMap
+from tests.paths import ROOT
+from traffic_bridge import LightPhase, LightProgramRun, LightState, PureSim, TrafficConfig
+
+MAP = ROOT / "../shared/data/xodr/esmini_fabriksgatan_traffic_lights.xodr"
+STOP_LINE = 114.25  # [m], where the road of the map ends before its junction
+
+
+@pytest.fixture(scope="module")
+def junction():
+    if not MAP.is_file():
+        pytest.skip(f"{MAP.name} is not here")
+    return RoadMap.from_opendrive(MAP).route()
+
+
+@pytest.fixture
+def traffic(junction):
+    with PureSim(junction, TrafficConfig(density="empty")) as running:
+        running.reset()
+        yield running
+
+
+def run(traffic, seconds):
+    for _ in range(round(10 * seconds)):
+        traffic.step()
+
+
+def test_the_light_ahead_is_told_with_its_stop_line_and_the_time_to_its_change(traffic):
+    signals = traffic.signals
+    (light,) = signals.lights()
+    ahead = signals.light_ahead(20.0)
+    assert (ahead.name, ahead.letter, ahead.is_open) == (light, "r", False)
+    assert ahead.station == pytest.approx(STOP_LINE, abs=0.5)
+    assert signals.state(light)[ahead.link] == "r"
+    # The change comes when it was foretold, to the letter that was foretold.
+    run(traffic, ahead.next_switch - 0.2)
+    assert signals.light_ahead(20.0).letter == "r"
+    run(traffic, 0.3)
+    found = signals.light_ahead(20.0)
+    assert found.letter == ahead.next_letter
+    assert found.is_open
+    assert signals.light_ahead(STOP_LINE + 1.0) is None
+
+
+def test_a_program_of_ones_own_runs_through_its_phases(traffic):
+    signals = traffic.signals
+    (light,) = signals.lights()
+    links = len(signals.state(light))
+    former = signals.programs(light)
+    phases = [LightPhase(4.0, "r" * links), LightPhase(2.0, "G" * links)]
+    signals.define_program(light, "mine", phases)
+    assert signals.programs(light) == (*former, "mine")
+    assert signals.traffic_lights.program(light) == former[0]
+    signals.run_program(light, "mine")
+    assert signals.phases(light) == tuple(phases)
+    seen = []
+    for _ in range(120):
+        traffic.step()
+        seen.append(signals.light_ahead(0.0).letter)
+    assert "".join(seen).replace("G" * 20, "+").replace("r" * 40, "-") == "-+-+"
+    signals.run_program(light, former[0])
+    assert signals.phases(light) == signals.phases(light, former[0])
+
+
+def test_a_phase_can_be_chosen_and_stretched(traffic):
+    signals = traffic.signals
+    (light,) = signals.lights()
+    signals.traffic_lights.set_phase(light, 2, duration=7.0)
+    assert signals.phase(light) == 2
+    assert signals.light_ahead(0.0).next_switch == pytest.approx(7.0)
+    run(traffic, 6.8)
+    assert signals.phase(light) == 2
+    run(traffic, 0.4)
+    assert signals.phase(light) == 3
+
+
+def test_nobody_foretells_a_light_that_is_set_by_hand(traffic):
+    signals = traffic.signals
+    (light,) = signals.lights()
+    signals.set_state(light, "G")
+    ahead = signals.light_ahead(0.0)
+    assert (ahead.letter, ahead.next_switch, ahead.next_letter) == ("G", None, None)
+    assert signals.traffic_lights.program(light) is None
+    with pytest.raises(InputError, match="was set by hand"):
+        signals.phases(light)
+    run(traffic, 100.0)
+    assert signals.light_ahead(0.0).letter == "G"
+
+
+def test_lights_follow_events_and_go_back_to_their_program(junction):
+    red = LightState(light="4", state="r", at_time=2.0, until=5.0)
+    mine = LightProgramRun(
+        light="4", program="short", phases=((1.0, "G" * 12), (1.0, "y" * 12)), at_time=7.0
+    )
+    seen = ""
+    with PureSim(junction, TrafficConfig(density="empty", events=(red, mine))) as traffic:
+        traffic.reset()
+        programs = []
+        for _ in range(100):
+            traffic.step()
+            programs.append(traffic.signals.traffic_lights.program("4"))
+            seen += traffic.signals.state("4")[0]
+    assert programs == ["0"] * 20 + [None] * 30 + ["0"] * 20 + ["short"] * 30
+    assert {seen[k] for k in range(20, 50)} == {"r"}
+    assert {seen[k] for k in range(70, 100)} == {"G", "y"}
+
+
+def test_vehicles_stop_before_the_stop_line_of_a_red_light(junction):
+    config = TrafficConfig(
+        density=0.2, speed_limit=10.0, events=(LightState(light="4", state="r"),)
+    )
+    with PureSim(junction, config, seed=1) as traffic:
+        traffic.reset()
+        for _ in range(400):
+            vehicles = traffic.step()
+            line = traffic.signals.light_ahead(0.0).station
+        front = max(v.station + 0.5 * v.length for v in vehicles if v.speed < 0.1)
+    assert line - 3.0 < front <= line
+
+
+@pytest.mark.parametrize(
+    ("event", "text"),
+    [
+        (LightState(light="9", state="r"), "event light_state: no traffic light '9' in the net"),
+        (LightState(light="4", state="rr"), "state 'rr' of traffic light '4': 1 or 12 letters"),
+        (LightProgramRun(light="4", program="night"), "program 'night' of traffic light '4'"),
+    ],
+)
+def test_events_of_lights_that_are_not_there_are_refused(junction, event, text):
+    with (
+        PureSim(junction, TrafficConfig(density="empty", events=(event,))) as traffic,
+        pytest.raises(InputError, match=text),
+    ):
+        traffic.reset()
+
+
+def test_wrong_use_of_a_light_is_refused_with_what_is_allowed(traffic):
+    lights = traffic.signals.traffic_lights
+    for wrong, text in [
+        (lambda: lights.set_state("4", "xy"), "12 letters of"),
+        (lambda: lights.set_phase("4", 9), "phase 9 .*: allowed is 0 to 3"),
+        (lambda: lights.run_program("4", "9"), "program '9' .*: there are 0"),
+        (lambda: lights.define_program("4", "0", [LightPhase(1.0, "r" * 12)]), "has a program"),
+        (lambda: lights.define_program("4", "a", []), "has no phase"),
+        (lambda: lights.define_program("4", "a", [LightPhase(1.0, "r")]), "12 letters"),
+        (lambda: LightPhase(float("nan"), "r"), "nan: allowed is 0.1 to 3600"),
+        (lambda: LightPhase(1.0, "z"), "letters of"),
+        (lambda: lights.ahead(float("inf")), "must be a finite number"),
+    ]:
+        with pytest.raises(InputError, match=text):
+            wrong()
+
+
+def test_a_route_without_lights_has_none_ahead(straight):
+    with PureSim(straight, TrafficConfig(density="empty")) as running:
+        running.reset()
+        assert running.signals.lights() == ()
+        assert running.signals.light_ahead(0.0) is None
+
+
+def test_a_light_held_by_two_events_shows_the_newer_one_and_ends_with_its_program(junction):
+    nested = (
+        LightState(light="4", state="G", at_time=0.5, until=1.0),
+        LightState(light="4", state="y", at_time=0.6, until=0.8),
+    )
+    events = (
+        *nested,
+        LightState(light="4", state="r", at_time=2.0, until=4.0),
+        LightState(light="4", state="G", at_time=3.0, until=6.0),
+        LightProgramRun(
+            light="4", program="short", phases=((1.0, "o" * 12),), at_time=5.0, until=7.0
+        ),
+        LightState(light="4", state="u", at_time=6.5, until=8.0),
+    )
+    with PureSim(junction, TrafficConfig(density="empty", events=events)) as traffic:
+        traffic.reset()
+        lights = traffic.signals.traffic_lights
+        seen = ""
+        for _ in range(90):
+            traffic.step()
+            seen += "-" if lights.program("4") == "0" else lights.state("4")[0]
+    early = "-----GyyGG" + 10 * "-"
+    assert seen == early + 10 * "r" + 20 * "G" + 15 * "o" + 15 * "u" + 10 * "-"
+
+
+def test_a_light_set_by_hand_stays_when_an_event_before_it_ends(traffic):
+    lights = traffic.signals.traffic_lights
+    end = lights.hold_state("4", "r")
+    lights.set_state("4", "G")
+    end()
+    assert lights.state("4") == "G" * 12
+
+
+def test_the_phases_of_a_light_are_read_and_set_and_go_on_in_their_order(traffic):
+    signals = traffic.signals
+    phases = signals.phases("4")
+    for number, phase in enumerate(phases):
+        signals.set_phase("4", number, duration=0.4)
+        assert (signals.phase("4"), signals.state("4")) == (number, phase.state)
+        run(traffic, 0.5)
+        assert signals.phase("4") == (number + 1) % len(phases)
+    signals.set_state("4", "r")
+    with pytest.raises(InputError, match="set by hand"):
+        signals.phase("4")
+
+
+@pytest.mark.parametrize("lane", ["a", 0.5, -1, True])
+def test_a_light_ahead_is_asked_for_by_a_lane_that_can_be(traffic, lane):
+    with pytest.raises(InputError, match="must be a whole number from 0"):
+        traffic.signals.light_ahead(0.0, lane=lane)
+
+
+def test_lights_of_an_ended_run_are_neither_read_nor_set(junction):
+    with PureSim(junction, TrafficConfig(density="empty")) as traffic:
+        traffic.reset()
+        signals = traffic.signals
+        end = signals.traffic_lights.hold_state("4", "r")
+        traffic.reset()
+        for call in (
+            end,
+            lambda: signals.state("4"),
+            lambda: signals.set_state("4", "r"),
+            lambda: signals.phases("4"),
+            lambda: signals.set_phase("4", 2),
+            lambda: signals.run_program("4"),
+            lambda: signals.light_ahead(0.0),
+        ):
+            with pytest.raises(TrafficError, match="belongs to a simulation that has ended"):
+                call()
+        assert traffic.signals.phase("4") == 0
