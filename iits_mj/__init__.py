@@ -9,7 +9,7 @@ import importlib
 import warnings
 from typing import TYPE_CHECKING, Any
 
-import iits_mj.envs
+import iits_mj.envs  # noqa: F401 (registers the environments)
 from iits_mj.assets import mjcf_path
 from iits_mj.errors import Error, PluginError
 from iits_mj.plugin_library import register as _register_plugin

@@ -1,4 +1,9 @@
-"""Makes the built-in highway: `python -m iits_mj.road.highway` writes the map and its SUMO net."""
+"""Writes the map of the built-in highway and its SUMO net from `tools/highway.toml`.
+
+    python tools/highway_map.py
+
+A test compares the map and the net with the design table.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +21,8 @@ from iits_mj.road.design_build import build
 from iits_mj.road.elements import OpenDriveMap
 from iits_mj.road.writer import write
 
-TABLE = Path(__file__).resolve().parent / "highway.toml"
-MAPS = Path(__file__).resolve().parent / "maps"
+TABLE = Path(__file__).resolve().with_name("highway.toml")
+MAPS = Path(__file__).resolve().parents[1] / "iits_mj" / "road" / "maps"
 # Metres between shape points of the net.
 CURVE_RESOLUTION = 1.0
 
