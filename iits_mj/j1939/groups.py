@@ -1,4 +1,4 @@
-"""The typed messages, made by `python -m iits_mj.j1939`: change `iits_mj.dbc` instead.
+"""The typed messages. `python tools/j1939_groups.py` makes them from `iits_mj.dbc`.
 
 Numbers are in the units of the signals; a field that is left out says "not available".
 """

@@ -1,4 +1,4 @@
-"""A road designer's table: alignment, grades, lanes, limits, structures; see `highway.toml`."""
+"""A road designer's table: alignment, grades, lanes, limits and structures."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ class ExtraLane:
 
 @dataclass(frozen=True)
 class Design:
-    """A one-way road; see `highway.toml` for the table it is read from. SI units.
+    """A one-way road; see `tools/highway.toml` for the table it is read from. SI units.
 
     Attributes:
       alignment: (length, curvature at start, at end, cross slope at start, at end) of each element.

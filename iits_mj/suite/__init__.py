@@ -9,7 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from dm_control.rl import control
+try:
+    from dm_control.rl import control
+except ImportError as error:
+    raise ImportError(
+        "the tasks need dm_control: pip install --no-deps dm-control==1.0.50"
+    ) from error
 
 from iits_mj.core.errors import InputError
 from iits_mj.suite import truck

@@ -1,28 +1,26 @@
 import re
 
+import environment_manual as manual
 import gymnasium
 import numpy as np
 import pytest
 
 from controllers.decision.observation import FEATURES, SCALE
 from iits_mj import suite
-from iits_mj.envs import ENVIRONMENTS, manual
+from iits_mj.envs import ENVIRONMENTS
 from iits_mj.envs.platoon import PlatoonEnv
-from tests.paths import ROOT
-
-FOLDER = ROOT / "docs" / "environments"
 
 
 def test_the_pages_are_those_of_the_code():
     for name, page in manual.pages().items():
-        assert (FOLDER / name).read_text(encoding="utf-8") == page, (
-            f"{name} is not what the code makes: python -m iits_mj.envs"
+        assert (manual.FOLDER / name).read_text(encoding="utf-8") == page, (
+            f"{name} is not what the code makes: python tools/environment_manual.py"
         )
-    assert {path.name for path in FOLDER.glob("*.md")} == set(manual.pages())
+    assert {path.name for path in manual.FOLDER.glob("*.md")} == set(manual.pages())
 
 
 def test_every_environment_and_task_has_its_page():
-    index = (FOLDER / "README.md").read_text(encoding="utf-8")
+    index = (manual.FOLDER / "README.md").read_text(encoding="utf-8")
     assert all(f"`{name}`" in index for name in ENVIRONMENTS)
     assert all(f"`{domain}`, `{task}`" in index for domain, task in suite.ALL_TASKS)
 

@@ -5,13 +5,13 @@ import re
 import mujoco
 import numpy as np
 import pytest
+from export_model import model_files, readme_text
 
 import iits_mj
 from iits_mj.core.assets import mjcf_dir
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import VehicleCommand
 from iits_mj.model.builder import truck_spec
-from iits_mj.model.export import model_files, readme_text
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import laden_trailer, static_axle_loads
 
@@ -45,7 +45,7 @@ def axle_loads(model, data):
 def test_shipped_files_are_what_the_builder_makes():
     for name, text in model_files().items():
         shipped = (mjcf_dir() / name).read_text(encoding="utf-8")
-        assert shipped == text, f"{name} is stale: run `python -m iits_mj.model`"
+        assert shipped == text, f"{name} is stale: run `python tools/export_model.py`"
 
 
 def test_meshes_have_no_signed_zeros():
@@ -56,7 +56,7 @@ def test_meshes_have_no_signed_zeros():
 
 def test_provenance_table_of_the_readme_is_current():
     text = (mjcf_dir() / "README.md").read_text(encoding="utf-8")
-    assert text == readme_text(text), "run `python -m iits_mj.model`"
+    assert text == readme_text(text), "run `python tools/export_model.py`"
     assert "| engine.idle_speed | 62.83 | rad/s | R |" in text
 
 

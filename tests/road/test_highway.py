@@ -5,12 +5,12 @@ import re
 
 import numpy as np
 import pytest
+from highway_map import MAPS, TABLE, highway, main
 
 from iits_mj.core.errors import InputError
 from iits_mj.road import RoadMap
 from iits_mj.road.design import Design
 from iits_mj.road.geometry import Arc
-from iits_mj.road.highway import MAPS, TABLE, highway, main
 from iits_mj.road.writer import to_xml
 from tests.road.map_peers import netconvert, read_net
 

@@ -1,4 +1,4 @@
-"""RLlib makes the environments by name, in processes that import nothing of ours."""
+"""RLlib makes the environments by name, in processes that import iits_mj by that name only."""
 
 import os
 
@@ -18,7 +18,7 @@ def test_ppo_of_rllib_trains_on_the_highway():
     try:
         config = (
             ppo.PPOConfig()
-            .environment("iits_mj/HighwayFast-v0", env_config={"duration": 30.0})
+            .environment("iits_mj:iits_mj/HighwayFast-v0", env_config={"duration": 30.0})
             .env_runners(num_env_runners=1, rollout_fragment_length=64)
             .training(train_batch_size=128, minibatch_size=64, num_epochs=2)
         )

@@ -11,7 +11,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.model.scenery.corridor import Corridor
@@ -43,6 +42,9 @@ class Landscape:
     """Ground heights about a route; one instance serves one scene."""
 
     def __init__(self, route: Route, corridor: Corridor, seed: int = 11) -> None:
+        # Here, because SciPy takes longer to import than a truck on a plane needs in all.
+        from scipy.spatial import cKDTree
+
         self.route = route
         station = np.arange(-400.0, route.length + 400.0, 4.0)
         line = Corridor.sample(route, station)

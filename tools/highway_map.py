@@ -1,23 +1,27 @@
-"""Makes the built-in highway: `python -m iits_mj.road.highway` writes the map and its SUMO net."""
+"""Writes the map of the built-in highway and its SUMO net from `tools/highway.toml`.
+
+    python tools/highway_map.py
+
+A test compares the map and the net with the design table.
+"""
 
 from __future__ import annotations
 
 import argparse
 import re
-import shutil
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
-from iits_mj.core.errors import Error, MapError
+from iits_mj.core.errors import Error
 from iits_mj.road.design import Design
 from iits_mj.road.design_build import build
 from iits_mj.road.elements import OpenDriveMap
 from iits_mj.road.writer import write
+from traffic_bridge.network.nets import run_netconvert
 
-TABLE = Path(__file__).resolve().parent / "highway.toml"
-MAPS = Path(__file__).resolve().parent / "maps"
+TABLE = Path(__file__).resolve().with_name("highway.toml")
+MAPS = Path(__file__).resolve().parents[1] / "iits_mj" / "road" / "maps"
 # Metres between shape points of the net.
 CURVE_RESOLUTION = 1.0
 
@@ -27,24 +31,20 @@ def highway() -> OpenDriveMap:
     return build(Design.load(TABLE))
 
 
-def convert(xodr: Path, net: Path, resolution: float = CURVE_RESOLUTION) -> Path:
+def convert(xodr: Path, net: Path) -> Path:
     """Runs SUMO's netconvert on a map and returns the net's path.
 
     Raises:
-      MapError: netconvert is missing, fails or reports an error.
+      Error: netconvert is missing, or refuses the map.
     """
-    beside = Path(sys.executable).with_name("netconvert")
-    program = str(beside) if beside.is_file() else shutil.which("netconvert")
-    if program is None:
-        raise MapError("netconvert is not installed; 'pip install eclipse-sumo' brings it")
-    command = [
-        program, "--opendrive", str(xodr), "--output-file", str(net), "--no-turnarounds",
-        "--opendrive.curve-resolution", str(resolution), "--geometry.max-grade", "30",
-        "--junctions.limit-turn-speed", "-1", "--precision", "3", "--output.original-names",
-    ]  # fmt: skip
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
-    if result.returncode != 0 or "Error" in result.stderr:
-        raise MapError(f"netconvert refused {xodr}: {result.stderr.strip().splitlines()[0]}")
+    run_netconvert(
+        [
+            "--opendrive", str(xodr), "--output-file", str(net), "--no-turnarounds",
+            "--opendrive.curve-resolution", str(CURVE_RESOLUTION), "--geometry.max-grade", "30",
+            "--junctions.limit-turn-speed", "-1", "--precision", "3", "--output.original-names",
+        ],
+        name=xodr.name,
+    )  # fmt: skip
     # The leading comment holds date and paths: the net must not change with them.
     text = net.read_text(encoding="utf-8")
     net.write_text(re.sub(r"<!--.*?-->\s*", "", text, count=1, flags=re.DOTALL), encoding="utf-8")

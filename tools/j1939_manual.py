@@ -1,6 +1,8 @@
-"""The tables of the manual page (`README.md`), made from the DBC and `signals.csv`.
+"""Writes the tables of `iits_mj/j1939/README.md` from the DBC and `signals.csv`.
 
-`python -m iits_mj.j1939` writes them between the page's markers; a test holds the page to them.
+    python tools/j1939_manual.py
+
+The tables lie between the page's markers; a test compares them with the DBC.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from iits_mj.j1939.mapping import Mapping, commands, reports, sender
 
 # More sensors than this are named by the first and the last.
 _MOST_NAMES = 3
-PAGE = Path(__file__).with_name("README.md")
+PAGE = Path(__file__).resolve().parents[1] / "iits_mj" / "j1939" / "README.md"
 
 
 def tables() -> dict[str, str]:
@@ -139,3 +141,12 @@ def _step(row: Mapping) -> str:
 
 def _signal(row: Mapping) -> cantools.database.can.Signal:
     return layouts().get_message_by_name(row.message).get_signal_by_name(row.signal)
+
+
+def main() -> None:
+    """Writes the page."""
+    PAGE.write_text(fill(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,4 +1,9 @@
-"""The model as files: the static MJCF with its meshes, and the provenance table of its README."""
+"""Writes the shipped model from `mjcf/truck.toml`: MJCF, meshes, the README's provenance table.
+
+    python tools/export_model.py
+
+A test compares the files with the builder.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +12,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from iits_mj.core.assets import mjcf_dir
 from iits_mj.core.errors import InputError
 from iits_mj.model.builder import truck_spec
 from iits_mj.parameters import TruckParameters
@@ -15,10 +21,10 @@ from iits_mj.plugin import register
 
 XML_HEADER = (
     "<!-- The 12-wheel tractor-semitrailer, laden to 55 t. Made from truck.toml by "
-    "`python -m iits_mj.model`: change the figures there, not here. -->\n"
+    "`python tools/export_model.py`: change the figures there, not here. -->\n"
 )
 MESH_FOLDER = "assets"
-TABLE_START = "<!-- provenance: made by `python -m iits_mj.model` -->"
+TABLE_START = "<!-- provenance: made by `python tools/export_model.py` -->"
 TABLE_END = "<!-- end of provenance -->"
 
 
@@ -49,7 +55,7 @@ def model_files(
 
 
 def write_model(folder: Path) -> None:
-    """Writes the model's files into `folder` and renews its README's provenance table."""
+    """Writes the model's files and the provenance table of the README into `folder`."""
     (folder / MESH_FOLDER).mkdir(exist_ok=True)
     for name, text in model_files().items():
         (folder / name).write_text(text, encoding="utf-8")
@@ -82,3 +88,7 @@ def _wavefront(mesh: mujoco.MjsMesh) -> str:
     lines = [f"v {x:z.4f} {y:z.4f} {z:z.4f}" for x, y, z in vertices]
     lines += [f"f {a} {b} {c}" for a, b, c in faces]
     return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    write_model(mjcf_dir())

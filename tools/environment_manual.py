@@ -1,6 +1,8 @@
-"""The manual pages of tasks and environments, made from the code.
+"""Writes the manual pages of tasks and environments from the code to `docs/environments`.
 
-`python -m iits_mj.envs` writes them to `docs/environments`; a test holds the pages to the code.
+    python tools/environment_manual.py
+
+A test compares the pages with the code.
 """
 
 from __future__ import annotations
@@ -8,6 +10,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -39,7 +42,8 @@ OTHERS: dict[str, type[gymnasium.Env[Any, Any]]] = {
     "HighwayFast": HighwayFastEnv,
     "SpeedPlanning": SpeedPlanningEnv,
 }
-_NOTE = "<!-- made from the code by `python -m iits_mj.envs` -->"
+FOLDER = Path(__file__).resolve().parents[1] / "docs" / "environments"
+_NOTE = "<!-- made from the code by `python tools/environment_manual.py` -->"
 
 
 def pages() -> dict[str, str]:
@@ -69,10 +73,10 @@ def _driving(task: str, env: str) -> str:
             ("", ""),
             [
                 ("dm_control", f'`suite.load("truck", "{task}")`: {limit}'),
-                ("Gymnasium", f'`gymnasium.make("iits_mj/{env}-v0")`'),
+                ("Gymnasium", f'`gymnasium.make("iits_mj:iits_mj/{env}-v0")`'),
                 (
                     "many at once",
-                    f'`gymnasium.make_vec("iits_mj/{env}-v0", num_envs=64, threads=8)`',
+                    f'`gymnasium.make_vec("iits_mj:iits_mj/{env}-v0", num_envs=64, threads=8)`',
                 ),
                 ("scripted driver", f'`suite.DRIVERS["{task}"]`'),
             ],
@@ -98,6 +102,7 @@ def _highway() -> str:
         "# Highway",
         _NOTE,
         _picture("highway", "Highway"),
+        '`gymnasium.make("iits_mj:iits_mj/Highway-v0")`',
         _body(HighwayEnv),
         _decision_observation(),
         "## Arguments\n\n" + _arguments(HighwayEnv),
@@ -119,7 +124,7 @@ def _other(name: str) -> str:
         f"# {name}",
         _NOTE,
         shown,
-        f'`gymnasium.make("iits_mj/{name}-v0")`',
+        f'`gymnasium.make("iits_mj:iits_mj/{name}-v0")`',
         _body(kind),
         _decision_observation() if issubclass(kind, DecisionEnv) else "",
         "## Arguments\n\n" + _arguments(kind),
@@ -183,9 +188,10 @@ def _index(envs: dict[str, str]) -> str:
     return _joined(
         "# Tasks and environments",
         _NOTE,
-        "The same truck, tasks and rewards for dm_control and Gymnasium. Gymnasium knows the "
-        "environments without an import; observations are one vector there, each number divided by "
-        "its scale and clipped to [-5, 5].",
+        "The same truck, tasks and rewards for dm_control and Gymnasium. "
+        '`gymnasium.make("iits_mj:iits_mj/LaneKeep-v0")` imports the package and makes the '
+        "environment; after `import iits_mj.envs` the id alone is enough. In Gymnasium, an "
+        "observation is one vector, each number divided by its scale and clipped to [-5, 5].",
         _table(("", "dm_control", "Gymnasium", "actions", ""), rows),
         "How to train on them, roll out thousands at once and put several trucks into one scene: "
         "[reinforcement learning and rollouts](../learning.md).",
@@ -332,3 +338,14 @@ def _snake(name: str) -> str:
 
 def _joined(*parts: str) -> str:
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def main() -> None:
+    """Writes the pages."""
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    for name, page in pages().items():
+        (FOLDER / name).write_text(page, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,4 +1,9 @@
-"""The pictures of the manual pages: each task some seconds into its scripted driver's episode."""
+"""Draws the pictures of the environments' manual pages; needs OpenGL.
+
+    python tools/environment_pictures.py
+
+Each picture shows a task some seconds into an episode of its scripted driver.
+"""
 
 from __future__ import annotations
 
@@ -26,10 +31,11 @@ SHOTS = {
     "dock": (10.0, "side"),
 }
 SIZE = (640, 360)
+FOLDER = Path(__file__).resolve().parents[1] / "docs" / "environments" / "images"
 
 
 def draw(folder: Path) -> None:
-    """Writes a PNG for each page."""
+    """Writes a PNG file for each page."""
     folder.mkdir(parents=True, exist_ok=True)
     for task, (time, camera) in SHOTS.items():
         _save(folder / f"{task}.png", _driven(task, time, camera))
@@ -57,7 +63,7 @@ def _driven(task: str, time: float, camera: str) -> Any:
 
 
 def _stepped(name: str, steps: int, seed: int, **settings: Any) -> Any:
-    environment = gymnasium.make(f"iits_mj/{name}-v0", render_mode="rgb_array", **settings)
+    environment = gymnasium.make(f"iits_mj:iits_mj/{name}-v0", render_mode="rgb_array", **settings)
     environment.reset(seed=seed)
     discrete = isinstance(environment.action_space, gymnasium.spaces.Discrete)
     for _ in range(steps):
@@ -69,3 +75,7 @@ def _stepped(name: str, steps: int, seed: int, **settings: Any) -> Any:
 
 def _save(path: Path, picture: Any) -> None:
     Image.fromarray(picture).quantize(128).save(path, optimize=True)
+
+
+if __name__ == "__main__":
+    draw(FOLDER)

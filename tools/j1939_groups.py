@@ -1,6 +1,8 @@
-"""Writes `groups.py`, the typed messages, from the DBC: the layouts stand in one place.
+"""Writes the typed messages, `iits_mj/j1939/groups.py`, from the DBC.
 
-`python -m iits_mj.j1939` calls it; a test holds the file to the DBC.
+    python tools/j1939_groups.py
+
+A test compares the file with the DBC.
 """
 
 from __future__ import annotations
@@ -12,9 +14,9 @@ import cantools.database.can
 from iits_mj.j1939.frame import Frame
 from iits_mj.j1939.group import class_name, layouts
 
-PATH = Path(__file__).with_name("groups.py")
+PATH = Path(__file__).resolve().parents[1] / "iits_mj" / "j1939" / "groups.py"
 _WIDTH = 100
-_HEAD = '''"""The typed messages, made by `python -m iits_mj.j1939`: change `iits_mj.dbc` instead.
+_HEAD = '''"""The typed messages. `python tools/j1939_groups.py` makes them from `iits_mj.dbc`.
 
 Numbers are in the units of the signals; a field that is left out says "not available".
 """
@@ -70,3 +72,12 @@ def _wrapped(text: str, indent: str) -> list[str]:
         lines.append(line[:cut])
         line = indent + line[cut + 1 :]
     return [*lines, line]
+
+
+def main() -> None:
+    """Writes the file."""
+    PATH.write_text(source(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
