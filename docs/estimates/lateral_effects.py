@@ -1,8 +1,8 @@
-"""What each effect that the yaw-sideslip model leaves out is worth in a step steer at 80 km/h.
+"""Size of each effect that the yaw-sideslip model omits, in a step steer at 80 km/h.
 
 `python docs/estimates/lateral_effects.py` prints the tables of docs/analytic.md: the fit of the
 simulated truck (`iits_mj.validation.step_steer`) with the yaw-sideslip model, with the yaw-roll
-model, and with the yaw-roll model less one effect.
+model, and with the yaw-roll model without one effect.
 """
 
 from __future__ import annotations
