@@ -1,12 +1,12 @@
-"""Somebody's own controller: keeps a speed and its place in the lane over a CAN bus.
+"""An independent controller: keeps speed and lateral position over a CAN bus.
 
-It knows python-can, cantools and the DBC file, and nothing of the package that serves the truck:
+It uses python-can, cantools and the DBC file, and no code of the package that serves the truck:
 
     iits-mj serve --bus udp_multicast --start-speed 16.67
     python examples/keep_speed.py --duration 60
 
-Speed comes from CCVS1, the yaw rate from VDC2, the distance from the road's reference line from
-IITS_ROUTE; pedal (EEC2), brake (XBR) and steering wheel (IITS_COMMAND) go out.
+It receives the speed in CCVS1, the yaw rate in VDC2 and the distance from the road's reference line
+in IITS_ROUTE. It sends pedal (EEC2), brake (XBR) and steering wheel (IITS_COMMAND).
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ import cantools.database.can
 DBC = Path(__file__).resolve().parents[1] / "iits_mj" / "j1939" / "iits_mj.dbc"
 # Our source address: the one that J1939 prefers for a headway controller.
 ADDRESS = 0x2A
-# Priority and source address are no part of a message's name.
+# Selects the PGN: without priority and source address.
 PGN_MASK = 0x03FFFF00
 STEP = 0.02
-# What must be heard, from whom the DBC says, and how long each may be silent or not available [s].
+# Required messages and signals, and how long each may be silent or not available [s].
 NEEDED = {
     "CCVS1": ("wheel_based_speed_kph", 0.5),
     "VDC2": ("yaw_rate", 0.5),
     "IITS_ROUTE": ("route_offset", 0.5),
     "CVW": ("gross_combination_weight_kg", 5.0),
 }
-# Of the truck's maker: steering ratio, wheelbase to the middle of the drive axles, how much more
-# it must be steered as it gets faster, how far its drive axles slip sideways then, and its power.
+# Data of the truck: steering ratio, wheelbase to the middle of the drive axles, understeer and
+# sideslip of the drive axles (both per speed squared), and engine power.
 RATIO = 21.0
 WHEELBASE = 3.9
 UNDERSTEER = 0.004  # s2/m
@@ -47,23 +47,23 @@ POWER = 330e3  # W
 
 
 class SpeedKeeper:
-    """Pedal and braking demand from the speed error [m/s]: an acceleration, shared out by mass."""
+    """Converts the speed error [m/s] to a pedal position and a braking demand."""
 
     GAIN = 1.0  # 1/s
     INTEGRAL = 0.3  # 1/s2
-    COAST = 0.02  # m/s2 of holding back that is not worth a brake
-    FULL = 0.94  # of the pedal's travel: beyond is kick-down, which costs time for its shifts
+    COAST = 0.02  # m/s2: smaller decelerations do not use the brakes
+    FULL = 0.94  # share of the pedal's travel; beyond it a kick-down causes slow shifts
 
     def __init__(self) -> None:
         self.grade = 0.0
 
     def step(self, error: float, speed: float, mass: float, elapsed: float) -> tuple[float, float]:
         """Pedal, 0 to 1, and acceleration demand [m/s2], zero or negative."""
-        # The pedal gives so much, and a level road takes so much of it: rolling and air.
+        # The acceleration at full pedal, and the share for rolling and air on a level road.
         full = POWER / (mass * max(speed, 3.0))
         level = 0.05 + 3.6 * speed**2 / mass
         wanted = level + self.GAIN * error + self.grade
-        # What no road asks for is no grade: the integral stands still at the pedal's stop.
+        # The integral estimates the grade; it stops at the pedal's limit.
         if wanted < self.FULL * full or error < 0.0:
             self.grade = min(max(self.grade + self.INTEGRAL * error * elapsed, -1.0), 1.0)
         demand = max(wanted + self.COAST, -3.0)
@@ -71,16 +71,17 @@ class SpeedKeeper:
 
 
 class LaneKeeper:
-    """Steering-wheel angle from the distance to the left of the wanted line, and the yaw rate.
+    """Steering-wheel angle from the offset to the left of the desired line, and the yaw rate.
 
-    An observer finds the heading against the road and the road's curvature, which no sensor tells.
-    The distance is that of the steer axle, which yawing moves, too. Slowly driven the truck needs
-    the same way, not the same time, to come back: all is quick as its speed allows, up to a limit.
+    An observer estimates the heading relative to the road and the road's curvature, which no sensor
+    measures. The offset is that of the steer axle, which yaw moves too. At low speed the truck
+    needs the same distance to return to the line, not the same time, so the bandwidth is
+    proportional to the speed, up to a limit.
     """
 
-    OBSERVER = 3.0, 0.25  # rad/s at most, rad/m
-    PATH = 0.8, 1.0 / 15.0  # rad/s at most, rad/m
-    TRIM = 0.3  # of the path's quickness
+    OBSERVER = 3.0, 0.25  # bandwidth: maximum [rad/s], per distance [rad/m]
+    PATH = 0.8, 1.0 / 15.0  # the same for the path control
+    TRIM = 0.3  # share of the path bandwidth
 
     def __init__(self) -> None:
         self.offset: float | None = None
@@ -93,13 +94,13 @@ class LaneKeeper:
         if self.offset is None:
             self.offset = offset
         surprise = offset - self.offset
-        # The point of the truck that runs along its heading is so far behind the steer axle.
+        # Distance from the steer axle back to the point that moves along the truck's heading.
         arm = WHEELBASE - SLIP * v**2
         sideways = v * self.heading + arm * yaw_rate
         self.offset += elapsed * (sideways + 3.0 * w * surprise)
         self.heading += elapsed * (yaw_rate - v * self.curvature + 3.0 * w**2 / v * surprise)
         self.curvature -= elapsed * w**3 / v**2 * surprise
-        # In a steady bend the steer axle runs along the line and the truck's heading does not.
+        # In a steady bend the steer axle follows the line, and the heading differs from it.
         heading = self.heading + arm * self.curvature
         back = (path / v) ** 2 * self.offset + 1.8 * path / v * heading
         wanted = self.curvature - back
@@ -110,11 +111,11 @@ class LaneKeeper:
 
 
 class Controller:
-    """Reads the truck's frames, sends commands, keeps account."""
+    """Reads the truck's frames, sends commands, and records the errors."""
 
     def __init__(self, bus: can.BusABC, speed: float) -> None:
         self.bus, self.speed = bus, speed
-        # Of J1939 the DBC's identifiers are matched without priority and source.
+        # The DBC's identifiers are matched without priority and source address.
         self.dbc = cantools.database.can.Database(frame_id_mask=PGN_MASK)
         self.dbc.add_dbc_file(str(DBC))
         self.heard: dict[str, float] = {}
@@ -126,19 +127,19 @@ class Controller:
         self.line_errors: list[float] = []
 
     def listen(self, until: float) -> None:
-        """Takes what comes until a time of the monotonic clock."""
+        """Receives messages until a time of the monotonic clock."""
         while (left := until - time.monotonic()) > 0.0:
             message = self.bus.recv(timeout=left)
             if message is not None:
                 self.take(message)
 
     def take(self, message: can.Message) -> None:
-        """Keeps what we need of a message, if it is a number and from the unit that measures it."""
+        """Stores a required signal if it is valid and from the unit that measures it."""
         if not message.is_extended_id or message.is_error_frame or message.is_remote_frame:
             return
         try:
             layout = self.dbc.get_message_by_frame_id(message.arbitration_id)
-            # The priority is free, the sender is not: the DBC's identifier ends with its address.
+            # Any priority is accepted, but only the sender in the DBC's identifier (its last byte).
             if layout.name not in NEEDED or (layout.frame_id ^ message.arbitration_id) & 0xFF:
                 return
             raw = layout.decode(message.data, decode_choices=False, scaling=False)
@@ -146,13 +147,13 @@ class Controller:
             return
         name, _ = NEEDED[layout.name]
         signal = layout.get_signal_by_name(name)
-        # J1939: above 0xFA in the highest byte stand "error" and "not available".
+        # J1939: values above 0xFA in the highest byte mean "error" or "not available".
         if raw[name] >> signal.length - 8 <= 0xFA:
             self.heard[name] = raw[name] * signal.scale + signal.offset
             self.heard_at[name] = time.monotonic()
 
     def missing(self) -> list[str]:
-        """What is not known or too old, as "message signal"."""
+        """Signals that are missing or too old, as "message signal"."""
         now = time.monotonic()
         return [
             f"{message} {name}"
@@ -161,11 +162,11 @@ class Controller:
         ]
 
     def control(self, step: int) -> None:
-        """One 20 ms cycle: commands from what was heard."""
+        """One 20 ms cycle: computes and sends the commands."""
         speed = self.heard["wheel_based_speed_kph"] / 3.6
         offset = self.heard["route_offset"]
         if self.line is None:
-            # Wherever the truck is when we come is where it is to stay.
+            # The desired line is the truck's offset at the start.
             self.line = offset
         error = self.speed - speed
         mass = self.heard["gross_combination_weight_kg"]
@@ -196,7 +197,7 @@ class Controller:
         self.counter += 1
 
     def send(self, name: str, **signals: float) -> None:
-        """Sends a message; signals left out are all ones, which is "not available"."""
+        """Sends a message; omitted signals are all ones, which means "not available"."""
         layout = self.dbc.get_message_by_name(name)
         frame_id = layout.frame_id & ~0xFF | ADDRESS
         raw = {s.name: (1 << s.length) - 1 for s in layout.signals}
@@ -205,18 +206,18 @@ class Controller:
                 raw[signal.name] = round((signals[signal.name] - signal.offset) / signal.scale)
         data = bytearray(layout.encode(raw, scaling=False, padding=True, strict=False))
         if name != "EEC2":
-            # The checksum: bytes 1 to 7, the counter and the identifier's bytes.
+            # The checksum covers bytes 1 to 7, the counter and the identifier's bytes.
             total = sum(data[:7]) + (data[7] & 0x0F) + sum(frame_id.to_bytes(4, "little"))
             data[7] = ((total >> 4) + total & 0x0F) << 4 | data[7] & 0x0F
         self.bus.send(can.Message(arbitration_id=frame_id, data=data, is_extended_id=True))
 
     def result(self, settled: float) -> tuple[str, bool]:
-        """The result in words, and whether speed and line were kept once it had settled."""
+        """The result as text, and whether speed and line were kept after the settling time [s]."""
         skip = round(settled / STEP)
         speed = [3.6 * error for error in self.speed_errors[skip:]]
         line = self.line_errors[skip:]
         if not speed:
-            return "stopped before anything could be said", False
+            return "stopped before the end of the settling time", False
         rms = math.sqrt(sum(error**2 for error in speed) / len(speed))
         worst, off = max(map(abs, speed)), max(map(abs, line))
         text = (
@@ -227,7 +228,7 @@ class Controller:
 
 
 def wait_for_truck(controller: Controller, patience: float) -> list[str]:
-    """Listens until all that is needed was heard; what is missing still after a time [s]."""
+    """Receives until all required signals are there; returns those missing after a time [s]."""
     end = time.monotonic() + patience
     while (missing := controller.missing()) and time.monotonic() < end:
         controller.listen(time.monotonic() + STEP)
@@ -235,7 +236,7 @@ def wait_for_truck(controller: Controller, patience: float) -> list[str]:
 
 
 def drive(controller: Controller, duration: float) -> list[str]:
-    """Drives for a time [s]; what was missing when it had to be given up, usually nothing."""
+    """Drives for a time [s]; returns the signals whose loss ended the drive, usually none."""
     start = time.monotonic()
     for step in range(round(duration / STEP)):
         controller.control(step)
@@ -246,7 +247,7 @@ def drive(controller: Controller, duration: float) -> list[str]:
 
 
 class Parser(argparse.ArgumentParser):
-    """Wrong use is one line on stderr and exit code 2."""
+    """Reports wrong use in one line on stderr, with exit code 2."""
 
     def error(self, message: str) -> NoReturn:
         """Ends the program."""
@@ -254,14 +255,14 @@ class Parser(argparse.ArgumentParser):
 
 
 def number(low: float, high: float, kind: Callable[[str], float] = float) -> Callable[[str], float]:
-    """Type of an argument: a number of a range."""
+    """Type of an argument: a number within a range."""
 
     def parse(text: str) -> float:
         try:
             value = kind(text)
         except ValueError:
             value = math.nan
-        # Not a number is in no range.
+        # NaN fails this comparison.
         if not low <= value <= high:
             raise argparse.ArgumentTypeError(f"{text!r}: use a number, {low:g} to {high:g}")
         return value
@@ -289,9 +290,9 @@ def arguments() -> argparse.Namespace:
 
 
 def main() -> int:
-    """Command line; exit code 0 when speed and line were kept."""
+    """Runs the command line; returns exit code 0 if speed and line were kept."""
     given = arguments()
-    # What python-can has to say of a bus that could not be opened is said below.
+    # Silences python-can: errors in opening the bus are reported below.
     logging.getLogger("can").addHandler(logging.NullHandler())
     settings: dict[str, Any] = {"interface": given.interface, "channel": given.channel}
     if given.interface == "udp_multicast":
@@ -312,7 +313,7 @@ def main() -> int:
 
 
 def fail(reason: str) -> int:
-    """Tells on one line why nothing can be done; the exit code."""
+    """Prints the reason of a failure in one line; returns the exit code."""
     print(f"keep_speed: {reason}", file=sys.stderr)
     return 2
 

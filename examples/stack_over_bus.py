@@ -1,9 +1,9 @@
-"""Our own controller drives a truck that it knows only through its bus.
+"""This package's controllers drive a truck that they know only through its bus.
 
     iits-mj serve --bus udp_multicast --start-speed 15
     python examples/stack_over_bus.py --duration 60
 
-The same program drives a real truck: `--interface socketcan --channel can0`, with that road's map.
+For a real truck use `--interface socketcan --channel can0` and that road's map.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ NEEDED = ("IITS_ROUTE", "IITS_POSE", "IITS_ATTITUDE", "IITS_MOTION", "VDC2", "EE
 
 @dataclass(slots=True)
 class Figures:
-    """What the drive came to; SI units."""
+    """Errors of the drive; SI units."""
 
     steps: int = 0
     squares: float = 0.0
@@ -41,7 +41,7 @@ class Figures:
     offset: float = 0.0
 
     def add(self, speed_error: float, offset_error: float) -> None:
-        """Takes one step into account."""
+        """Adds the errors of one step."""
         self.steps += 1
         self.squares += speed_error**2
         self.worst = max(self.worst, abs(speed_error))
@@ -49,17 +49,17 @@ class Figures:
 
 
 class BusDriver:
-    """The stack at one end of a bus."""
+    """Connects the controllers to the bus."""
 
     def __init__(self, link: Link, stack: Stack) -> None:
         self.link, self.stack = link, stack
-        # No mass is known until CVW has told it.
+        # The mass is unknown until CVW arrives.
         self.receiver, self.sender = StateReceiver(mass=math.nan), CommandSender()
         self.heard: set[int] = set()
         self.start = self.heard_at = time.monotonic()
 
     def listen(self) -> EgoState:
-        """Everything that has come, and the state that it tells."""
+        """Receives all pending frames and returns the state."""
         now = time.monotonic()
         for frame in self.link.receive(now - self.start):
             if self.receiver.receive(frame):
@@ -68,20 +68,20 @@ class BusDriver:
         return replace(self.receiver.state(), time=now - self.start)
 
     def meet(self, patience: float) -> bool:
-        """Waits for a truck that tells all that the stack needs; False when none does."""
+        """Waits for a truck that sends all required messages; returns False if there is none."""
         needed = {pgn_of(name) for name in NEEDED}
         while time.monotonic() - self.start < patience:
             self.listen()
             if needed <= self.heard:
                 return True
-            # What comes once a second only can be asked for.
+            # Requests messages that are sent only once a second.
             for pgn in needed - self.heard:
                 self.link.send(request(pgn, CONTROLLER))
             time.sleep(0.1)
         return False
 
     def drive(self, duration: float, settle: float) -> Figures:
-        """Drives for a time [s]; ends early when the truck falls silent."""
+        """Drives for a time [s]; ends early if the truck stops sending."""
         figures, begin = Figures(), time.monotonic()
         for step in range(round(duration / STEP)):
             ego = self.listen()
@@ -101,7 +101,7 @@ class BusDriver:
 
 
 class Parser(argparse.ArgumentParser):
-    """Wrong use is one line on stderr and exit code 2."""
+    """Reports wrong use in one line on stderr, with exit code 2."""
 
     def error(self, message: str) -> NoReturn:
         """Ends the program."""
@@ -109,14 +109,14 @@ class Parser(argparse.ArgumentParser):
 
 
 def number(low: float, high: float) -> Callable[[str], float]:
-    """Type of an argument: a number of a range."""
+    """Type of an argument: a number within a range."""
 
     def parse(text: str) -> float:
         try:
             value = float(text)
         except ValueError:
             value = math.nan
-        # Not a number is in no range.
+        # NaN fails this comparison.
         if not low <= value <= high:
             raise argparse.ArgumentTypeError(f"{text!r}: use a number, {low:g} to {high:g}")
         return value
@@ -142,7 +142,7 @@ def arguments() -> argparse.Namespace:
 
 
 def main() -> int:
-    """Command line; exit code 0 when speed and lane were kept."""
+    """Runs the command line; returns exit code 0 if speed and lane were kept."""
     given = arguments()
     try:
         road = RoadMap.builtin() if given.map is None else RoadMap.from_opendrive(given.map)
@@ -159,12 +159,12 @@ def main() -> int:
         print(f"stack_over_bus: {error}", file=sys.stderr)
         return 2
     if not figures.steps:
-        print("stopped before anything could be said")
+        print("stopped before the end of the settling time")
         return 1
     rms = 3.6 * math.sqrt(figures.squares / figures.steps)
     print(
         f"{given.speed:.1f} km/h for {figures.steps * STEP:.1f} s: speed error rms {rms:.2f} km/h, "
-        f"worst {3.6 * figures.worst:.2f} km/h; off the lane's middle at most "
+        f"worst {3.6 * figures.worst:.2f} km/h; off the lane's center at most "
         f"{figures.offset:.2f} m"
     )
     return 0 if 3.6 * figures.worst < 3.0 and figures.offset < 0.5 else 1

@@ -30,7 +30,7 @@ COMMANDS = {
     "record": "run traffic and store what it did",
     "replay": "drive in stored traffic",
     "replay-stage": "run one module of a recorded drive again and compare what it says",
-    "lay": "lay a data set of recorded trajectories on a map, to be replayed",
+    "import-trajectories": "place a data set of recorded trajectories on a map, for replay",
     "serve": "the truck on a CAN bus in real time, for somebody's own controller",
     "replay-can": "drive the truck with the commands of a CAN log, or decode it",
     "bench": "measure what a step costs",

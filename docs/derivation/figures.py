@@ -1,4 +1,4 @@
-"""The figures of the page on the analytic models, and its door to the independent multibody."""
+"""Draws the figures of docs/analytic.md; imports the independent multibody model."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from yaw_sideslip import STEP, V80, system
 from iits_mj.analytic import YawSideslip, simulate
 from iits_mj.parameters import TruckParameters
 
-# The independent multibody lives with the tests that it serves.
+# The independent multibody model is part of the tests.
 sys.path.append(str(Path(__file__).resolve().parents[2] / "tests" / "analytic"))
 from planar_multibody import PlanarTruck, agreement_table, ramp_step
 

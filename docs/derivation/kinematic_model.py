@@ -1,4 +1,4 @@
-"""The paper's kinematic model and its tire-ground balance, derived and compared with the print."""
+"""The paper's kinematic model and its tire-ground balance, derived and compared with its print."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sympy as sp
 v, L, L_2 = sp.symbols("v L L_2", positive=True)
 L_1, theta, phi, psi, omega = sp.symbols("L_1 theta phi psi omega", real=True)
 
-# Tire-ground balance: forces ahead and across at the front and rear wheel, sideslip angle beta.
+# Tire-ground balance: longitudinal and lateral forces at front and rear wheel, sideslip beta.
 F_xf, F_xr, F_yf, F_yr, beta, d_v, turn = sp.symbols("F_xf F_xr F_yf F_yr beta dv turn", real=True)
 L_f, L_r, m = sp.symbols("L_f L_r m", positive=True)
 
@@ -19,7 +19,7 @@ def printed() -> sp.Matrix:
 
 
 def derived() -> sp.Matrix:
-    """The same from three wheels that do not slip sideways, (5, 1).
+    """The same rates derived from three wheels without lateral slip, (5, 1).
 
     The fixed axle is at (x, y) and moves along the heading; the steered wheel, L ahead, moves along
     its own plane; the trailer's axle, L_2 behind a hitch that is L_1 behind the fixed axle, moves
@@ -38,7 +38,7 @@ def derived() -> sp.Matrix:
 
 
 def balance() -> sp.Matrix:
-    """Forces ahead, across and moment about the CG, less inertia, of a bicycle, (3, 1).
+    """Longitudinal and lateral force and yaw moment minus inertia of a bicycle model, (3, 1).
 
     `turn` stands for the turning rate of the velocity, `theta' + beta'`; the paper's F_c is
     `m v turn` and its `J theta''` the derived moment.

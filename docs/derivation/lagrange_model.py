@@ -1,8 +1,8 @@
-"""The yaw-sideslip model of tractor and semitrailer by Lagrange's equations, step by step.
+"""Derives the yaw-sideslip model of tractor and semitrailer by Lagrange's equations.
 
 Ground coordinates `q = [X, Y, beta_c, beta_t]` (tractor's CG, headings of tractor and trailer) are
-true coordinates: Lagrange's equation holds for them as it stands, without the extra terms that
-velocities in a turning frame need. Every step is exact until the last one, which linearizes.
+true coordinates: Lagrange's equation holds for them without the extra terms that velocities in a
+rotating frame need. Every step is exact except the last one, which linearizes.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import sympy as sp
 
 t = sp.symbols("t", real=True)
 
-# The paper's symbols. i_2: half the tandem's spacing; i_3: spacing of neighbours of the tri-axle.
+# The paper's symbols. i_2: half the tandem's spacing; i_3: axle spacing of the tri-axle.
 m_c, m_t, I_c, I_t, v = sp.symbols("m_c m_t I_c I_t v", positive=True)
 L_c1, L_c2, L_h, L_t1, L_t2, i_2, i_3 = sp.symbols("L_c1 L_c2 L_h L_t1 L_t2 i_2 i_3", positive=True)
 v_yc, omega_c, omega_t, gamma, delta = sp.symbols("v_yc omega_c omega_t gamma delta", real=True)
@@ -22,7 +22,7 @@ F_1, F_2f, F_2r, F_3f, F_3m, F_3r = FORCES = sp.symbols("F_1 F_2f F_2r F_3f F_3m
 C_1, C_2f, C_2r, C_3f, C_3m, C_3r = STIFFNESSES = sp.symbols(
     "C_1 C_2f C_2r C_3f C_3m C_3r", positive=True
 )
-# Not the paper's: pneumatic trails of the three axle groups, and the drive force.
+# Not in the paper: pneumatic trails of the three axle groups, and the drive force.
 t_1, t_2, t_3 = TRAILS = sp.symbols("t_1 t_2 t_3", nonnegative=True)
 F_x = sp.symbols("F_x", real=True)
 
@@ -47,7 +47,7 @@ class Matrices:
 
 @dataclass(frozen=True)
 class Derivation:
-    """What each step gave.
+    """Results of the steps.
 
     Attributes:
       balance: step 3, exact `inertia - force` along the tractor's x and y and about beta_c and
@@ -115,7 +115,7 @@ def generalized_forces() -> sp.Matrix:
     work = sp.zeros(4, 1)
     steers = (delta, sp.S.Zero, sp.S.Zero)
     for force, (ahead, trail), steer in zip(FORCES[:3], TRACTOR_AXLES, steers, strict=True):
-        # The steered wheel's trail turns with it: it lies along the wheel, not along the tractor.
+        # The pneumatic trail of the steered wheel lies along the wheel, not along the tractor.
         point = tractor_point(ahead) - trail * _along(B_c + steer)
         work += _virtual_work(force * _across(B_c + steer), point)
     for force, (behind, trail) in zip(FORCES[3:], TRAILER_AXLES, strict=True):
@@ -128,10 +128,10 @@ def _virtual_work(force: sp.Matrix, point: sp.Matrix) -> sp.Matrix:
 
 
 def _in_tractor_frame(expression: sp.Matrix | sp.Expr) -> sp.Matrix | sp.Expr:
-    """Puts the tractor's own velocities and the hitch angle in place of the ground coordinates."""
+    """Replaces the ground coordinates by the tractor's own velocities and the hitch angle."""
     along, across = _along(heading), _across(heading)
     velocity = v_x * along + v_yc * across
-    # Of the acceleration, `omega_c v` and `-omega_c v_yc` come from the turning of the frame.
+    # The terms `omega_c v` and `-omega_c v_yc` come from the rotation of the frame.
     acceleration = (dv_x - omega_c * v_yc) * along + (dv_yc + omega_c * v_x) * across
     values = [
         *zip([q.diff(t, 2) for q in COORDINATES], [*acceleration, domega_c, domega_t], strict=True),
@@ -186,9 +186,9 @@ def linear(expression: sp.Expr) -> sp.Expr:
 
 @cache
 def derive() -> Derivation:
-    """All steps."""
+    """Runs all steps."""
     balance = exact_balance()
-    # Step 4: only the first equation knows the drive force. It says what holds the speed.
+    # Step 4: only the first equation has the drive force, and determines it.
     if balance[1:, :].has(F_x):
         raise AssertionError("the drive force must act along the tractor only")
     (drive_force,) = sp.solve(balance[0].subs({v_x: v, dv_x: 0}), F_x)

@@ -1,4 +1,4 @@
-"""The paper's lateral equations as they are printed, and what they turn into term by term."""
+"""The paper's lateral equations as printed, with a choice for each wrong term."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ DISPLACEMENTS = (d_x, d_y, d_c, d_t) = sp.symbols("Dx_c Dy_c Dbeta_c Dbeta_t", r
 
 @dataclass(frozen=True)
 class Reading:
-    """How the inertial and tire terms are taken; the defaults are the corrected ones.
+    """Choices for the inertial and tire terms; the defaults are the corrected ones.
 
     Attributes:
-      label: for tables.
+      label: name in tables.
       sign: of the inertial terms in the virtual work; the paper prints +1.
       trailer_rate: yaw rate in the trailer's inertial term; the paper prints omega_t.
-      hitch_angle: whether the trailer's slip angles hold gamma. The paper prints no tire law.
+      hitch_angle: whether the trailer's slip angles contain gamma. The paper prints no tire law.
     """
 
     label: str
@@ -83,7 +83,7 @@ def virtual_work(reading: Reading) -> sp.Expr:
 def generalized_forces(reading: Reading) -> sp.Matrix:
     """`Q`, the gradient of the virtual work along y_c, beta_c, beta_t, (3, 1)."""
     work = virtual_work(reading)
-    # The first line is a product of two displacements as printed; at Dx_c = 0 it says nothing.
+    # As printed, the first line is a product of two displacements; at Dx_c = 0 it vanishes.
     return sp.Matrix([sp.expand(work.diff(d).subs(d_x, 0)) for d in (d_y, d_c, d_t)])
 
 
@@ -96,7 +96,7 @@ def printed_inertia() -> sp.Matrix:
 
 @cache
 def matrices(reading: Reading) -> Matrices:
-    """H, A_h and B_h of a reading of the print, with the derived slip angles."""
+    """H, A_h and B_h of a reading of the printed equations, with the derived slip angles."""
     slips = derive().slips
     if not reading.hitch_angle:
         slips = tuple(slip.subs(gamma, 0) for slip in slips)

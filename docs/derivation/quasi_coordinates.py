@@ -1,7 +1,7 @@
-"""The same inertial terms a second way: Boltzmann-Hamel, with velocities in the tractor's frame.
+"""Derives the inertial terms again by Boltzmann-Hamel, with velocities in the tractor's frame.
 
-This is the paper's own route. It shows where the inertial terms of the virtual work come from, and
-that the kinetic energy must be right to second order: the printed one leaves a term out.
+The paper uses this approach. It shows the origin of the inertial terms of the virtual work, and
+that the kinetic energy must be correct to second order: the printed one omits a term.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from lagrange_model import (
 
 _dgamma = RATES[3]
 
-# The lateral velocity of the trailer's CG in the tractor's frame; as the paper has it, and right.
+# The lateral velocity of the trailer's CG in the tractor's frame; the paper's form is correct.
 V_YT = v_yc - L_h * omega_c - L_t1 * omega_t
 
 
 def printed_energy() -> sp.Expr:
-    """The paper's T: the trailer's CG moves ahead as fast as the tractor's."""
+    """The paper's T, in which the trailer's CG has the tractor's forward velocity."""
     return (
         I_c * omega_c**2 + I_t * omega_t**2 + m_c * (v_x**2 + v_yc**2) + m_t * (v_x**2 + V_YT**2)
     ) / 2

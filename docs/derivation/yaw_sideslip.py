@@ -1,10 +1,10 @@
-"""Derives the yaw-sideslip model, compares it with the package and with the paper's print.
+"""Derives the yaw-sideslip model, compares it with the package and the printed equations.
 
-    python docs/derivation/yaw_sideslip.py                          # the derivation, step by step
-    python docs/derivation/yaw_sideslip.py --plot docs/images       # and the figures
-    python docs/derivation/yaw_sideslip.py --page docs/analytic.md  # and its tables
+    python docs/derivation/yaw_sideslip.py                          # the derivation
+    python docs/derivation/yaw_sideslip.py --plot docs/images       # also the figures
+    python docs/derivation/yaw_sideslip.py --page docs/analytic.md  # also the tables
 
-Every claim is asserted: the script ends with an error where one fails.
+Every claim is asserted: the script ends with an error if one fails.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def _compiled(derived: Matrices, names: tuple[sp.Symbol, ...]) -> Callable[..., 
 
 
 def greatest_difference(model: YawSideslip, speed: float) -> float:
-    """Derived matrices against the package's, relative to each matrix' greatest element."""
+    """Difference of derived and package matrices, relative to each matrix's greatest element."""
     derived = numeric(derive().matrices, model, speed)
     ours = (model.H(), model.A_h(speed), model.B_h())
     return max(
@@ -75,21 +75,21 @@ def greatest_difference(model: YawSideslip, speed: float) -> float:
 
 
 def system(reading: Reading, model: YawSideslip, speed: float) -> LateralSystem:
-    """State space of a reading of the print, with the model's numbers."""
+    """State space of a reading of the printed equations, with the model's numbers."""
     H, A_h, B_h = numeric(matrices(reading), model, speed)
     return replace(model.at(speed), A=np.linalg.solve(H, A_h), B=np.linalg.solve(H, B_h))
 
 
 @dataclass(frozen=True)
 class Effect:
-    """What a reading does at one speed, in the paper's step of 15 deg at the steering wheel.
+    """Behavior of a reading at one speed, in the paper's step of 15 deg at the steering wheel.
 
     Attributes:
       label: of the reading; payload: [kg].
-      growth: greatest real part of the eigenvalues [1/s], positive when unstable.
-      unstable_from: lowest speed at which it is positive [m/s], inf when there is none.
-      yaw_rate: after 10 s, over the corrected model's.
-      articulation: likewise.
+      growth: greatest real part of the eigenvalues [1/s], positive if unstable.
+      unstable_from: lowest speed at which it is positive [m/s], inf if there is none.
+      yaw_rate: after 10 s, relative to the corrected model's.
+      articulation: the same for the hitch angle.
     """
 
     label: str
@@ -107,13 +107,13 @@ def _growth(found: LateralSystem) -> float:
 def unstable_from(reading: Reading, model: YawSideslip) -> float:
     """Lowest speed to 60 m/s at which an eigenvalue's real part is positive [m/s], to 0.1 m/s."""
     speeds = np.arange(2.0, 60.0, 0.1)
-    # A zero eigenvalue drifts and does not grow.
+    # A zero eigenvalue means drift, not growth.
     growing = [v for v in speeds if _growth(system(reading, model, float(v))) > 1e-6]
     return float(growing[0]) if growing else float("inf")
 
 
 def effects(parameters: TruckParameters, speed: float = V80) -> list[Effect]:
-    """Every reading, laden and empty; without pneumatic trail, as the paper has it."""
+    """Effects of every reading, laden and empty, without pneumatic trail as in the paper."""
     rows = []
     for payload in (parameters.payload.mass_max, 0.0):
         model = YawSideslip.from_parameters(parameters, payload, pneumatic_trail=False)
@@ -159,7 +159,7 @@ def show(title: str, expression: sp.Basic) -> None:
 
 
 def show_derivation() -> None:
-    """Prints the steps and asserts what is claimed about the print."""
+    """Prints the steps and asserts the claims about the printed equations."""
     steps = derive()
     names = ("along the tractor", "across the tractor", "about beta_c", "about beta_t")
     for name, row in zip(names, steps.balance, strict=True):
@@ -176,7 +176,7 @@ def show_derivation() -> None:
     show("B_h =", steps.matrices.B_h)
 
     bare = dict.fromkeys(TRAILS, 0)
-    print("\nThe paper's print less the derivation, without pneumatic trail:")
+    print("\nThe printed matrices minus the derived ones, without pneumatic trail:")
     for reading in READINGS:
         found = matrices(reading)
         pairs = zip(
@@ -198,13 +198,13 @@ def show_derivation() -> None:
 
     kinematic = kinematic_model.derived() - kinematic_model.printed()
     assert kinematic.applyfunc(sp.simplify).is_zero_matrix, "the printed kinematics must be right"
-    print("\nThe printed kinematic model is right.")
+    print("\nThe printed kinematic model is correct.")
     ground = kinematic_model.balance() - kinematic_model.printed_balance()
     show("Tire-ground balance: derived less printed:", ground.applyfunc(sp.factor))
 
 
 def check_package(parameters: TruckParameters) -> float:
-    """The greatest difference to the package over payloads, speeds and both trail settings."""
+    """Greatest difference to the package over payloads, speeds and both trail settings."""
     worst = max(
         greatest_difference(
             YawSideslip.from_parameters(parameters, payload, pneumatic_trail=trail), speed
@@ -218,7 +218,7 @@ def check_package(parameters: TruckParameters) -> float:
 
 
 def write_block(page: Path, name: str, text: str) -> None:
-    """Replaces what stands between the page's markers `<!-- name -->` and `<!-- end -->`."""
+    """Replaces the text between the page's markers `<!-- name -->` and `<!-- end -->`."""
     head, found, rest = page.read_text(encoding="utf-8").partition(f"<!-- {name} -->\n")
     _, end, tail = rest.partition("<!-- end -->")
     if not (found and end):
@@ -242,7 +242,7 @@ def main() -> None:
     assert growth[PRINTED.label, laden] > 0.0 > growth[CORRECTED.label, laden]
     print(f"\nAt 80 km/h, step of 15 deg at the steering wheel:\n\n{effects_table(rows)}")
     if arguments.page or arguments.plot:
-        # Only these need matplotlib and the multibody.
+        # Only these need matplotlib and the multibody model.
         import figures
 
         if arguments.page:

@@ -1,9 +1,9 @@
-"""Writes the table of drivers fitted one by one to recorded leader-follower pairs.
+"""Fits each driver of recorded leader-follower pairs and prints the table of parameters.
 
-`python docs/estimates/traffic_calibrated_drivers.py FILE` prints what is kept as
-docs/validation/traffic_calibrated_drivers.csv; FILE is the reconstructed NGSIM set that
-docs/traffic_fidelity.md speaks of. Parameters only: no trajectory can be had from them. Takes some
-minutes.
+`python docs/estimates/traffic_calibrated_drivers.py FILE` prints the content of
+docs/validation/traffic_calibrated_drivers.csv. FILE is the reconstructed NGSIM set of
+docs/traffic_fidelity.md. The table has only parameters, from which no trajectory can be restored.
+The fits take some minutes.
 """
 
 from __future__ import annotations

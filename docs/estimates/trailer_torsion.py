@@ -1,10 +1,11 @@
-"""What torsion of the semitrailer would change: the tilt table with a trailer in two halves.
+"""Effect of trailer torsion on the roll-over threshold: a tilt table with a trailer in two halves.
 
-Run `python docs/estimates/trailer_torsion.py`; the table of docs/model.md is its output.
+`python docs/estimates/trailer_torsion.py` prints the table of docs/model.md.
 
-The trailer is cut between kingpin and axles, the halves joined by a torsion spring at the height of
-the frame. Frame and load go to the halves as their centres of gravity lie between kingpin and
-bogie, each lump over its own support: static loads stay, and a uniform twist does the same work.
+The trailer is divided between kingpin and axles; a torsion spring at the height of the frame joins
+the halves. The position of the centers of gravity between kingpin and bogie divides frame and load
+among the halves, and each part lies above its own support. So static loads stay the same, and a
+uniform twist does the same work.
 """
 
 from __future__ import annotations
@@ -19,14 +20,14 @@ import iits_mj
 from iits_mj.core.units import GRAVITY
 from iits_mj.model.builder import truck_xml
 
-FRAME_HEIGHT = 1.15  # [m] above the road, where a ladder frame twists about
+FRAME_HEIGHT = 1.15  # [m] above the road, axis about which a ladder frame twists
 TILT_RATE = math.radians(0.1)  # [rad/s] of the table
-FALLING = math.radians(9.0)  # roll on the table from which there is no return
+FALLING = math.radians(9.0)  # roll on the table beyond which the truck falls
 KNM_PER_DEG = 1e3 * 180.0 / math.pi
 
 
 def lump(inertial: ET.Element, share: float, position: float) -> ET.Element:
-    """A share of an inertial, moved along to `position` [m] behind the kingpin."""
+    """A share of an inertial, moved to `position` [m] behind the kingpin."""
     _, y, z = inertial.get("pos", "").split()
     inertia = [share * float(value) for value in inertial.get("diaginertia", "").split()]
     return ET.Element(
@@ -38,7 +39,7 @@ def lump(inertial: ET.Element, share: float, position: float) -> ET.Element:
 
 
 def in_two_halves(xml: str, parameters: iits_mj.TruckParameters, stiffness: float) -> str:
-    """MJCF of the truck with its trailer cut; torsional stiffness [N m/rad]."""
+    """MJCF of the truck with the divided trailer; torsional stiffness [N m/rad]."""
     root = ET.fromstring(xml)
     trailer = root.find(".//body[@name='trailer']")
     assert trailer is not None

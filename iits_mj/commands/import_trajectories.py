@@ -20,7 +20,7 @@ from traffic_bridge.recording.file import target
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Flags of `iits-mj lay`."""
+    """Flags of `iits-mj import-trajectories`."""
 
     data: Path = option(help="data set to lay", metavar="FILE", positional=True)
     file: Path = option(help="recording to write", metavar="OUT.npz")

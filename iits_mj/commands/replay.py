@@ -28,7 +28,7 @@ class Options(drive.Options):
     """Flags of `iits-mj replay`: those of `iits-mj drive`, and the recording."""
 
     recording: Path | None = option(
-        help="recording made by 'iits-mj record' or 'iits-mj lay'",
+        help="recording made by 'iits-mj record' or 'iits-mj import-trajectories'",
         metavar="FILE.npz",
         positional=True,
     )
