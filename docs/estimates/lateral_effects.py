@@ -1,8 +1,8 @@
 """Size of each effect that the yaw-sideslip model omits, in a step steer at 80 km/h.
 
 `python docs/estimates/lateral_effects.py` prints the tables of docs/analytic.md: the fit of the
-simulated truck (`iits_mj.validation.handling.step_steer`) with the yaw-sideslip model, with the yaw-roll
-model, and with the yaw-roll model without one effect.
+simulated truck (`iits_mj.validation.handling.step_steer`) with the yaw-sideslip model, with the
+yaw-roll model, and with the yaw-roll model without one effect.
 """
 
 from __future__ import annotations
@@ -11,9 +11,8 @@ import numpy as np
 
 from iits_mj.analytic import YawRoll, YawSideslip, simulate
 from iits_mj.parameters import TruckParameters
-from iits_mj.validation.harness.recorder import fit
-from iits_mj.validation.harness.recorder import Recording
 from iits_mj.validation.handling.step_steer import step_steers
+from iits_mj.validation.harness.recorder import Recording, fit
 
 EFFECTS = {
     "roll": "roll",

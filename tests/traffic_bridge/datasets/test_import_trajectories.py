@@ -10,7 +10,8 @@ from traffic_bridge import Recording
 def test_lay_writes_a_recording_and_says_what_it_did(tmp_path, capsys):
     table = sets.write_ngsim(tmp_path / "table.csv")
     out, fcd = tmp_path / "deep" / "laid.npz", tmp_path / "laid.xml"
-    words = ["import-trajectories", str(table), "--file", str(out), "--start-station", "2900", "--fcd", str(fcd)]
+    words = ["import-trajectories", str(table), "--file", str(out), "--start-station", "2900"]
+    words += ["--fcd", str(fcd)]
     assert main([*words, "--begin", "5", "--filter-noise"]) == 0
     assert "4 vehicles in 15.0 s" in capsys.readouterr().out
     assert len(Recording.load(out).ids) == 4
@@ -39,7 +40,9 @@ def test_lay_writes_a_recording_and_says_what_it_did(tmp_path, capsys):
 )
 def test_wrong_use_is_one_line_and_exit_code_2(tmp_path, capsys, flags, words):
     table = sets.write_ngsim(tmp_path / "table.csv")
-    assert main(["import-trajectories", str(table), "--file", str(tmp_path / "laid.npz"), *flags]) == 2
+    assert (
+        main(["import-trajectories", str(table), "--file", str(tmp_path / "laid.npz"), *flags]) == 2
+    )
     shown = capsys.readouterr().err
     assert words in shown
     assert shown.count("\n") == 1
