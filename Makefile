@@ -7,7 +7,7 @@ OUT    ?= out
 FLAGS  ?=
 JOBS   ?= 2
 
-PLUGIN  := $(wildcard iits_mj/plugin/*.cc iits_mj/plugin/*.h)
+PLUGIN  := $(wildcard iits_mj/plugin/*.cc iits_mj/plugin/*.h iits_mj/plugin/laws/*.h)
 BUILD   := pyproject.toml CMakeLists.txt
 
 .PHONY: help drive validation test test-slow lint check check-mujoco4 format build clean
