@@ -77,7 +77,7 @@ lint: $(VENV)/installed-test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/clang-format --dry-run -Werror $(PLUGIN)
+	$(BIN)/clang-format --dry-run -Werror $(PLUGIN) tests/plugin/laws.cc
 
 check: $(VENV)/installed-test
 	$(BIN)/pytest -m "not slow" -n $(JOBS)
@@ -97,7 +97,7 @@ check-mujoco4: $(BIN)/cmake
 format: $(VENV)/installed-test
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
-	$(BIN)/clang-format -i $(PLUGIN)
+	$(BIN)/clang-format -i $(PLUGIN) tests/plugin/laws.cc
 
 clean:
 	rm -rf build $(VENV)

@@ -47,7 +47,7 @@ def test_example_of_the_air_brake_stops():
     assert abs(data.qvel[0]) < 1e-3
 
 
-# A row of a plugin's attribute table in C++, such as `Number("ratio", ...)` or `{"shift_strategy", ...`.
+# A row of an attribute table in C++: `Number("ratio", ...)`, `{"shift_strategy", text(...)}`.
 ROW = re.compile(
     r'(?:Number|Axis|Values|Ordered|per_axle|common)\("(\w+)"|\{"(\w+)",\s*(?:text|\[)'
 )
