@@ -1,4 +1,4 @@
-// What every plugin has: registration with MuJoCo, and look-up of what belongs to an instance.
+// Registration of a plugin with MuJoCo, and look-up of the elements that belong to an instance.
 #ifndef IITS_MJ_PLUGIN_PLUGIN_H_
 #define IITS_MJ_PLUGIN_PLUGIN_H_
 

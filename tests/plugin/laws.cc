@@ -1,4 +1,4 @@
-// Calls every law of the plugin with double and with dual numbers, without MuJoCo, and prints
+// Calls every law of the plugin with double, float and dual numbers, without MuJoCo, and prints
 // `name value` lines. test_laws.py compiles it, runs it and knows what the values must be.
 #include <cmath>
 #include <cstdio>
@@ -56,8 +56,10 @@ using dual::Dual;
 using namespace iits;
 
 double Value(double x) { return x; }
+float Value(float x) { return x; }
 double Value(Dual x) { return x.v; }
 void Print(const char* name, double value) { std::printf("%s %.17g\n", name, value); }
+void Print(const char* name, float value) { std::printf("%s.float %.9g\n", name, value); }
 void Print(const char* name, Dual x) {
   std::printf("%s.dual %.17g\n%s.slope %.17g\n", name, x.v, name, x.d);
 }
@@ -381,6 +383,7 @@ void All() {
 
 int main() {
   All<double>();
+  All<float>();
   All<Dual>();
   TirePair();
   for (double mass : {18999., 19001.}) Drive<double>("tables", mass);

@@ -1,4 +1,4 @@
-"""The plugin's laws stand alone: without MuJoCo, with double and with dual numbers."""
+"""The plugin's laws stand alone: without MuJoCo, with double, float and dual numbers."""
 
 import math
 import os
@@ -41,6 +41,14 @@ def test_dual_numbers_have_the_values_of_doubles(values):
     assert len(duals) > 30
     for name in duals:
         assert values[name] == values[name.removesuffix(".dual")], name
+
+
+def test_floats_have_the_values_of_doubles_within_their_precision(values):
+    floats = [n for n in values if n.endswith(".float") and not n.startswith(("drive", "stop"))]
+    assert len(floats) > 25
+    for name in floats:
+        value = values[name.removesuffix(".float")]
+        assert values[name] == pytest.approx(value, rel=1e-4, abs=1e-4), name
 
 
 def test_slope_of_the_lateral_force_at_zero_slip_is_the_cornering_stiffness(values):

@@ -202,8 +202,8 @@ struct BrakeControl {
   }
 
   // Braking force of the shaft when friction has had time to respond: its present and its greatest
-  // force, both extrapolated by their recent change. So friction is there when a gear change
-  // begins, ahead of a retarder that fades out, and gone when one has filled.
+  // force, both extrapolated by their recent change. So friction acts when a gear change
+  // begins, before a retarder fades out, and ends when one has filled.
   T ShaftForce(const Demand& demand, T h, State* s) const {
     auto ahead = [this, &h](T now, T* past) {
       const T change = now - *past;
@@ -265,7 +265,7 @@ struct BrakeControl {
     s->trim = Clamp(s->trim + change, -limit, limit);
   }
 
-  // Moves a supply valve to the pressure that shall act in the brakes. On the way down the brakes'
+  // Moves a supply valve to the pressure wanted in the brakes. On the way down the brakes'
   // hysteresis holds pressure back: the supply goes lower, until a model of them has reached the
   // target. In released brakes it waits at the push-out pressure, from which they act without
   // delay.

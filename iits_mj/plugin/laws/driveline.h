@@ -96,7 +96,7 @@ struct DrivelineState {
 // h T (w + w') / 2 is exactly what the torque adds to the kinetic energy of a constant inertia.
 template <class T>
 struct StepWork {
-  T engine_work, clutch_work;  // flywheel to clutch; clutch to gears, less what is stored
+  T engine_work, clutch_work;  // flywheel to clutch; clutch to gears, less the stored energy
   T gear_torque, retarder_torque, shaft_torque;  // at the propeller shaft [N m]
   T shaft_speed;                                 // at the step's start [rad/s]
 

@@ -10,8 +10,8 @@ namespace iits {
 // From the brakes to the powertrain; all zero: no demand.
 template <class T>
 struct EnduranceDemand {
-  // ABS works on the driven wheels: engine brake and retarder release, also what the driver's
-  // levers ask for. Any negative torque means this.
+  // ABS works on the driven wheels: engine brake and retarder release, even if the driver's
+  // levers ask for them. Any negative torque means this.
   static constexpr double kRelease = -1;
 
   T shaft_torque;  // retarding torque wanted at the propeller shaft [N m]
@@ -43,7 +43,7 @@ struct EnduranceGearing {
 template <class T>
 struct EnduranceCommand {
   T pedal;            // accelerator, as far as the brakes allow it, 0 to 1
-  T engine_brake;     // of what is available, 0 to 1
+  T engine_brake;     // share of the available torque, 0 to 1
   T retarder_torque;  // [N m]
 };
 

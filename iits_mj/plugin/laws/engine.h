@@ -26,7 +26,7 @@ struct EnginePoint {
   T brake_max;  // of the engine brake, >= 0 [N m]
 };
 
-// What pedal and gearbox demand of the engine in this step.
+// Demand of pedal and gearbox on the engine in this step.
 template <class T>
 struct EngineRequest {
   enum Mode {
@@ -36,7 +36,7 @@ struct EngineRequest {
   };
   Mode mode;
   T pedal;               // 0 to 1
-  T engine_brake;        // fraction of what is available, 0 to 1
+  T engine_brake;        // share of the available torque, 0 to 1
   T time_left;           // kCut [s]
   T target_speed;        // kSpeed [rad/s]
   T inertia;             // kSpeed: of everything that turns with the crankshaft [kg m2]
@@ -180,7 +180,7 @@ struct Engine {
     return Min(1.0, (speed - brake_speed_min) / brake_fade) * brake_torque(speed);
   }
 
-  // Indicated torques: what the charge pressure lacks until it has risen from `boost` to `reached`,
+  // Indicated torques: deficit of the charge pressure until it has risen from `boost` to `reached`,
   // behind a demand that goes from `demand` toward `wanted` >= `reached`.
   TorqueRecovery<T> BoostRecovery(T demand, T boost, T wanted, T reached) const {
     if (reached <= demand) return {0, 0};
@@ -195,7 +195,7 @@ struct Engine {
     }
     const T steady = Max(0.0, Min(gap, linear) - rest);
     impulse += 0.5 * steady * steady / rise_rate;
-    return {Max(0.0, impulse), time + steady / rise_rate};
+    return {T(Max(0.0, impulse)), time + steady / rise_rate};
   }
 
   // PI idle governor about the friction torque; indicated torque.

@@ -1,5 +1,4 @@
-// What gearbox and shift strategy share: the gears, the state between steps, the controller's
-// input.
+// Types that gearbox and shift strategy share: the gears, the state, the controller's input.
 #ifndef IITS_MJ_PLUGIN_LAWS_GEARS_H_
 #define IITS_MJ_PLUGIN_LAWS_GEARS_H_
 

@@ -25,7 +25,7 @@ struct PowertrainCore {
   EnergyAccount<T> energy;
 };
 
-// What sensors read, one number a signal; sums are those of before the step.
+// Values for sensors, one number a signal; sums are those before the step.
 template <class T>
 struct PowertrainOutput {
   T gear, shift_in_process, engine_speed, engine_torque;

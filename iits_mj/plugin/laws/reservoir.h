@@ -41,7 +41,7 @@ struct Reservoirs {
     if (low) s->pumping = 1;
     if (s->pumping == 0) return;
     const T delivered = kAtmosphere * displacement * Max(0.0, engine_speed) * h;
-    // Each reservoir takes air in proportion to what it lacks: all are full at the same time.
+    // Each reservoir takes air in proportion to its deficit: all are full at the same time.
     const T share = delivered >= lack ? T(1) : delivered / lack;
     for (T& pressure : s->pressure) pressure += share * Max(0.0, cut_out - pressure);
     if (share == 1) s->pumping = 0;

@@ -1,4 +1,4 @@
-// What the gearbox controller knows of the vehicle, and its prediction of a gear change.
+// The gearbox controller's estimate of the vehicle's state, and its prediction of a gear change.
 #ifndef IITS_MJ_PLUGIN_LAWS_SHIFT_PREDICTION_H_
 #define IITS_MJ_PLUGIN_LAWS_SHIFT_PREDICTION_H_
 
@@ -129,8 +129,8 @@ struct ShiftSituation {
   Dip DipOf(int next, T from) const {
     const T after = next == gear ? from : SpeedAfterChange(from);
     if (in.pedal <= engine.pedal_up) {
-      // Braked: the gear shall do for a while.
-      return {after, after + p.recovery_horizon * Min(0.0, state.acceleration), 0};
+      // Braked: the gear must last for a while.
+      return {after, T(after + p.recovery_horizon * Min(0.0, state.acceleration)), 0};
     }
     const T speed = gears.Ratio(next) * after;
     const T transmission = ShaftTorque(next, 1);

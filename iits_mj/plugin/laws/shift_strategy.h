@@ -52,7 +52,7 @@ struct ShiftStrategy : ShiftParameters<T> {
   }
 
  private:
-  // Driven beyond what the governor, or the engine brake, is made for.
+  // Driven beyond the limit of the governor, or of the engine brake.
   static bool TooFast(const Situation& now) {
     T limit = now.p.overspeed * now.engine.governed_speed;
     if (now.Braking()) limit = now.p.overspeed_braking * now.engine.brake_speed;
@@ -146,7 +146,7 @@ struct ShiftStrategy : ShiftParameters<T> {
     return next;
   }
 
-  // The more engine brake the driver asks for, the faster the engine shall turn; friction brakes
+  // The more engine brake the driver asks for, the faster the engine turns; friction brakes
   // that slow the truck down anyway need no help.
   static int BrakeGear(const Situation& now) {
     const ShiftParameters<T>& p = now.p;

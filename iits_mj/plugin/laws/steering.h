@@ -31,7 +31,8 @@ struct Steering {
     const T follow = time_constant > 0 ? 1 - exp(-h / time_constant) : T(1);
     const T change = Clamp(follow * (demand - s.wheel_angle), -h * rate_max, h * rate_max);
     const T wheel = s.wheel_angle + change;
-    return {wheel, Clamp(s.pitman_angle, wheel - 0.5 * dead_band, wheel + 0.5 * dead_band)};
+    const T half = 0.5 * dead_band;
+    return {wheel, Clamp(s.pitman_angle, wheel - half, wheel + half)};
   }
 };
 
