@@ -71,6 +71,7 @@ struct AirBrake {
       if (place == lines_.end()) lines_.push_back({wheel.circuit, wheel.dead_time});
       rates_.push_back(wheel.Rates(h));
     }
+    sample_spacing_ = dead_time_max_ / (DeadTimeLine<T>::kSlots - 2);
     control.response_time = response;
   }
 
@@ -126,7 +127,7 @@ struct AirBrake {
   void Commit(T h, const WheelSpeed& wheel_speed, State* s) const {
     if (s->next_is_fresh != 0) {
       Copy(s->next, &s->now);
-      s->line.Push(s->now.control.supply, h, dead_time_max_ / (DeadTimeLine<T>::kSlots - 2));
+      s->line.Push(s->now.control.supply, h, sample_spacing_);
       s->endurance = s->next_endurance;
     }
     if (s->next_wind_up_is_fresh != 0) {
@@ -226,6 +227,7 @@ struct AirBrake {
   std::vector<WheelBrakeRates<T>> rates_;  // of each wheel, for the model's time step
   std::vector<Line> lines_;
   std::vector<int> line_of_wheel_;
+  T sample_spacing_ = 0;             // of the dead-time line [s]
   T dead_time_max_ = 0;              // [s]
   T spring_volume_[kCircuits] = {};  // of the spring brakes' chambers [m3]
 };

@@ -100,12 +100,15 @@ class Sampled {
     }
   }
 
-  // The sampled y(x); beyond the grid, and for NaN, the function `f` itself.
-  template <class T, class Function>
-  T operator()(T x, const Function& f) const {
-    if (!All((x >= low_) & (x < high_))) {
-      return Each<T>([&f, x](int k) { return f(Lane(x, k)); });
-    }
+  // False outside the grid, and for NaN: there the function itself must be called.
+  template <class T>
+  bool Holds(T x) const {
+    return All((x >= low_) & (x < high_));
+  }
+
+  // The sampled y(x), where the grid holds x.
+  template <class T>
+  T operator()(T x) const {
     const T u = (x - low_) * inverse_step_;
     const R* c[kLanes<T>];
     const T t = u - Each<T>([&](int k) {
@@ -115,6 +118,12 @@ class Sampled {
                 });
     auto of = [&c](int n) { return Each<T>([&c, n](int k) { return c[k][n]; }); };
     return of(0) + t * (of(1) + t * (of(2) + t * of(3)));
+  }
+
+  // The sampled y(x), or the function `f` outside the grid.
+  template <class T, class Function>
+  T operator()(T x, const Function& f) const {
+    return Holds(x) ? (*this)(x) : Each<T>([&f, x](int k) { return f(Lane(x, k)); });
   }
 
  private:

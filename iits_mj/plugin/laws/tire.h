@@ -140,8 +140,10 @@ struct Tire {
     const T qx = linear_x * inverse_friction * inverse_friction_x;
     const T qy = linear_y * inverse_friction * inverse_friction_y;
     const T rho = sqrt(qx * qx + qy * qy);
-    const T sampled_x = share_x(rho, [this](auto at) { return ShareX(at); });
-    const T sampled_y = share_y(rho, [this](auto at) { return ShareY(at); });
+    // Both grids have the same bounds.
+    const bool held = share_x.Holds(rho);
+    const T sampled_x = held ? share_x(rho) : Each<T>([&](int k) { return ShareX(Lane(rho, k)); });
+    const T sampled_y = held ? share_y(rho) : Each<T>([&](int k) { return ShareY(Lane(rho, k)); });
     T fx = load * linear_x * sampled_x, fy = load * linear_y * sampled_y;
     if (Any(rho > kTurnBegin)) {  // seldom
       // The tread sticks with its stiffnesses, but slides straight against the sliding velocity.
