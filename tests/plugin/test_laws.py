@@ -10,7 +10,7 @@ import pytest
 
 import iits_mj
 
-PACKAGE = Path(iits_mj.plugin.__file__).parent
+PACKAGE = Path(iits_mj.plugin.__file__).parents[1]
 if not (PACKAGE / "plugin" / "laws").is_dir():
     pytest.skip("the plugin's sources are not installed", allow_module_level=True)
 COMPILER = next(filter(None, map(shutil.which, (os.environ.get("CXX", "c++"), "g++"))), None)
