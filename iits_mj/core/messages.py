@@ -8,14 +8,13 @@ Lanes are counted from the right, 0 being the rightmost driving lane of the rout
 from __future__ import annotations
 
 import enum
-import numbers
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.errors import InputError
+from iits_mj.core.checks import in_range
 
 
 class Decision(enum.IntEnum):
@@ -262,7 +261,7 @@ class EgoFootprint:
       length: 1 to 100 m, road trains have 53.5 m; width, height: 0.5 to 10 m, what roads carry.
 
     Raises:
-      InputError: a size is no number or out of its range.
+      InputError: a size is not a number or is out of its range.
     """
 
     front_overhang: float = 1.40
@@ -272,19 +271,10 @@ class EgoFootprint:
 
     def __post_init__(self) -> None:
         """Checks every size and keeps it as Python's own number."""
-        for name, least, most in (
-            ("length", 1.0, 100.0),
-            ("width", 0.5, 10.0),
-            ("height", 0.5, 10.0),
-            ("front_overhang", 0.0, self.length),
-        ):
-            value = getattr(self, name)
-            is_number = isinstance(value, numbers.Real) and not isinstance(value, bool)
-            if not is_number or not least <= value <= most:
-                raise InputError(
-                    f"footprint: {name} = {value!r} m: allowed is {least:g} to {most:g}"
-                )
-            object.__setattr__(self, name, float(value))
+        bounds = {"length": (1.0, 100.0), "width": (0.5, 10.0), "height": (0.5, 10.0)}
+        for name, (low, high) in (bounds | {"front_overhang": (0.0, self.length)}).items():
+            size = in_range(f"footprint: {name}", getattr(self, name), low, high, "m")
+            object.__setattr__(self, name, size)
 
 
 class LightState(enum.Enum):

@@ -7,16 +7,12 @@ from collections.abc import Mapping
 
 from iits_mj.core.units import GRAVITY
 from iits_mj.model import air_brake, powertrain
+from iits_mj.model.attributes import plugin_attributes, text
 from iits_mj.parameters import Axle, TruckParameters
-from iits_mj.parameters.mass_state import axle_loads_by_name, kingpin_load
+from iits_mj.parameters.mass_state import axle_loads_by_name, group_center, kingpin_load
 from iits_mj.parameters.tire_law import nominal_cornering_coefficient
 
 SIDES = ("left", "right")
-
-
-def text(*numbers: float) -> str:
-    """Numbers as an MJCF attribute."""
-    return " ".join(f"{number:.10g}" for number in numbers)
 
 
 def _instance(plugin: ET.Element, name: str, config: Mapping[str, str]) -> None:
@@ -43,16 +39,16 @@ def add_extension(root: ET.Element, p: TruckParameters, payload: float) -> None:
 
     tire = plugin("tire")
     for kind in p.tires:
-        figures = tire_config(p, kind)
-        _instance(tire, f"tire_{kind}", {key: text(value) for key, value in figures.items()})
+        values = tire_config(p, kind)
+        _instance(tire, f"tire_{kind}", {key: text(value) for key, value in values.items()})
     steer, tandem = p.tractor.axles[0], p.tractor.axles[1:]
-    wheelbase = sum(axle.position for axle in tandem) / len(tandem) - steer.position
-    of_steering = ("ratio", "dead_band", "angle_max", "rate_max", "stiffness", "time_constant")
-    steering = {name: text(getattr(p.steering, name)) for name in of_steering}
+    wheelbase = group_center(tandem) - steer.position
+    # What a section has besides belongs to MuJoCo's own joints.
+    steering = plugin_attributes(p.steering, "damping", "knuckle_inertia")
     steering |= {"wheelbase": text(wheelbase), "track": text(steer.track)}
     _instance(plugin("steering"), "steering", steering)
-    of_coupling = ("roll_stiffness", "roll_damping", "roll_lash", "plate_width", "yaw_friction")
-    fifth_wheel = {name: text(getattr(p.fifth_wheel, name)) for name in of_coupling}
+    of_joints = ("position", "height", "yaw_limit", "pitch_min", "pitch_max")
+    fifth_wheel = plugin_attributes(p.fifth_wheel, *of_joints)
     fifth_wheel["kingpin_load"] = text(kingpin_load(p, payload))
     _instance(plugin("fifth_wheel"), "fifth_wheel", fifth_wheel)
     air = plugin("aerodynamics")

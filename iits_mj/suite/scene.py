@@ -7,8 +7,7 @@ import math
 import mujoco
 
 from iits_mj.road import RoadMap, Route
-from iits_mj.road.design import Design
-from iits_mj.road.design_build import build
+from iits_mj.road.design import Design, build
 from iits_mj.suite.physics import Physics
 
 # --- The roads of the tasks ---

@@ -20,8 +20,7 @@ from xml.etree.ElementTree import Element
 from iits_mj.core.errors import InputError, MapError, TrafficError
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.elements import Lane, LaneSection, Road
-from iits_mj.road.road_map import MAPS
-from iits_mj.road.route import USABLE_LANE_WIDTH
+from iits_mj.road.route import MAPS, USABLE_LANE_WIDTH
 from iits_mj.road.writer import to_xml
 from iits_mj.road.xml_input import content_hash, parse_xml, read_file
 

@@ -10,8 +10,7 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import EgoState, VehicleCommand, XbrMode
 from iits_mj.road import RoadMap, Route
-from iits_mj.road.design import Design
-from iits_mj.road.design_build import build
+from iits_mj.road.design import Design, build
 from iits_mj.truck import Truck
 from iits_mj.validation.harness.recorder import PERIOD, sampled, wheel_slips
 

@@ -12,8 +12,7 @@ from iits_mj.core.messages import Decision, EgoState, VehicleCommand, XbrMode
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
-from iits_mj.road.design import Design
-from iits_mj.road.design_build import build
+from iits_mj.road.design import Design, build
 from iits_mj.truck import Truck
 from iits_mj.validation.handling.side_wind import SideWind
 from iits_mj.validation.planning.path_run import PERIOD, Override, PathRun, drive_path
