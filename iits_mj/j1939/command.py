@@ -13,11 +13,11 @@ from dataclasses import dataclass, fields
 
 from iits_mj.core.errors import BusError, InputError
 from iits_mj.core.messages import VehicleCommand
-from iits_mj.j1939.addresses import CONTROLLER, DRIVELINE_RETARDER, ENGINE_RETARDER, checked_sources
-from iits_mj.j1939.broadcasts import Schedule
-from iits_mj.j1939.database import DataMaker, FieldOf, cycle_time, identifier
+from iits_mj.j1939.database import cycle_time, identifier
 from iits_mj.j1939.frame import Frame, tsc1_checksum, with_byte8, xbr_checksum
-from iits_mj.j1939.mapping import commands
+from iits_mj.j1939.mapping import DataMaker, FieldOf, commands
+from iits_mj.j1939.network import CONTROLLER, DRIVELINE_RETARDER, ENGINE_RETARDER, checked_sources
+from iits_mj.j1939.schedule import Schedule
 
 # SPN 2920's operational range is +/-10 m/s2; this truck takes decelerations only.
 XBR_DEMAND_MIN = -10.0

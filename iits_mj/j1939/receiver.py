@@ -12,21 +12,20 @@ from typing import NamedTuple
 
 from iits_mj.core.errors import BusError, InputError
 from iits_mj.core.messages import TransmissionMode, VehicleCommand, XbrMode
-from iits_mj.j1939.addresses import (
-    BRAKES,
-    DRIVELINE_RETARDER,
-    ENGINE_RETARDER,
-    checked_sources,
-    everybody_else,
-)
-from iits_mj.j1939.codec import Codec
-from iits_mj.j1939.database import codec_of, pgn_of
+from iits_mj.j1939.database import Codec, codec_of, pgn_of
 from iits_mj.j1939.frame import (
     GLOBAL_ADDRESS,
     Frame,
     counter_and_checksum,
     tsc1_checksum,
     xbr_checksum,
+)
+from iits_mj.j1939.network import (
+    BRAKES,
+    DRIVELINE_RETARDER,
+    ENGINE_RETARDER,
+    checked_sources,
+    everybody_else,
 )
 from iits_mj.j1939.requests import (
     BODY_SIGNALS,

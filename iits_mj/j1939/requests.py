@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from iits_mj.core.errors import BusError
 from iits_mj.core.messages import TransmissionMode, XbrEbiMode, XbrMode
 from iits_mj.j1939.command import STEERING_ON, TORQUE_CONTROL, XBR_DEMAND_MIN
-from iits_mj.j1939.group import NOT_AVAILABLE, Status, Value
+from iits_mj.j1939.groups import NOT_AVAILABLE, Status, Value
 
 # Zero of SPN 2920 lies 12 um/s2 off its grid of 1/2048.
 _DEMAND_SLACK = 1e-3
