@@ -119,9 +119,9 @@ format: $(VENV)/installed-test
 
 # --- generated files ------------------------------------------------------------------------
 
-# j1939_groups comes first: the others import the messages. Tests compare the files with the code.
+# Tests compare the files with the code.
 generate: $(VENV)/installed-test
-	for tool in j1939_groups j1939_manual export_model highway_map environment_manual; do \
+	for tool in j1939_manual export_model highway_map environment_manual; do \
 	  $(BIN)/python tools/$$tool.py || exit; done
 
 pictures: $(VENV)/installed-test

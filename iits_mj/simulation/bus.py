@@ -9,8 +9,7 @@ from iits_mj.core.context import Closing
 from iits_mj.core.errors import BusError
 from iits_mj.core.messages import EgoState, TruckReport, VehicleCommand
 from iits_mj.j1939 import CommandReceiver, CommandSender, Frame, Link, LogWriter
-from iits_mj.j1939.addresses import truck_addresses
-from iits_mj.j1939.network import ControlUnits, unit_names
+from iits_mj.j1939.network import ControlUnits, truck_addresses, unit_names
 from iits_mj.j1939.receiver import STEERING_ANGLE_MAX
 from iits_mj.j1939.state import TruckSender
 from iits_mj.parameters import TruckParameters

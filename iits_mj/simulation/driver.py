@@ -14,7 +14,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision, EgoState, Scene, Trajectory, VehicleCommand
 from iits_mj.j1939 import CommandReceiver, command_to_frames, pgn_of
 from iits_mj.j1939 import Frame as BusFrame
-from iits_mj.j1939.addresses import CONTROLLER
+from iits_mj.j1939.network import CONTROLLER
 from iits_mj.j1939.receiver import STEERING_ANGLE_MAX
 from iits_mj.road import Route
 from iits_mj.simulation.frame import Frame

@@ -18,7 +18,7 @@ from iits_mj.core.context import Closing
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import EgoState, VehicleCommand
 from iits_mj.j1939 import CommandReceiver, Link, LinkState, LogWriter
-from iits_mj.j1939.link import LinkChange
+from iits_mj.j1939.bus import LinkChange
 from iits_mj.j1939.receiver import UNIT_NAMES, Heard, Loss
 from iits_mj.simulation.bus import TruckBus
 from iits_mj.simulation.config import ServeConfig

@@ -18,7 +18,7 @@ import pytest
 from iits_mj.core.errors import BusError, InputError
 from iits_mj.core.messages import Decision, VehicleCommand
 from iits_mj.j1939 import Frame, command_to_frames, database_path, read_log
-from iits_mj.j1939.addresses import CONTROLLER
+from iits_mj.j1939.network import CONTROLLER
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, Simulation, Telemetry
 from iits_mj.simulation import driver as log_driver

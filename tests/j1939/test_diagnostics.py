@@ -44,7 +44,7 @@ def test_software_identification_has_as_many_fields_as_it_says():
 
 def test_text_that_is_none_does_not_get_through():
     assert read_group(65260, b"A\x07B\xe9C*").vehicle_identification_number == "A?B?C"
-    with pytest.raises(BusError, match="vehicle identification number"):
+    with pytest.raises(BusError, match="vehicle_identification_number"):
         VehicleIdentification("A*B").to_bytes()
     with pytest.raises(BusError, match="at most 200"):
         VehicleIdentification("A" * 201).to_bytes()
