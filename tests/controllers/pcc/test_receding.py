@@ -202,7 +202,7 @@ def test_a_truck_is_held_back_by_a_price_below_zero_and_then_by_a_top_speed(plan
 # A vehicle ahead ----------------------------------------------------------------------------------
 
 
-def test_fence_of_a_slow_vehicle_ahead_is_never_passed(planner):
+def test_constraint_of_a_slow_vehicle_ahead_is_kept(planner):
     leader = Leader(rear=1150.0, speed=14.0)
     found = planner.plan(1000.0, 18.0, 0.0, leader)
     assert found.status == "optimal"
