@@ -190,14 +190,14 @@ def checks(case: Case, config: PccCommandConfig, elements: Elements) -> list[Che
             "<= 0.001",
         ),
         Check("price of a second of trip time", 1e3 * solution.time_price, "g/s"),
-        Check("fit of the fuel model, rms", 100.0 * solution.willans.error, "%", None, "<= 3"),
+        Check("fit of the fuel model, rms", 100.0 * case.vehicle.fuel.error, "%", None, "<= 3"),
         *energy_checks(case),
     ]
     rows += bound_checks(case, gap_max=1.0)
     if config.step > FINE_STEP:
         rows += convergence_checks(case, load_profile(replace(config, step=FINE_STEP)))
     rows += element_checks(case, elements)
-    seconds = solution.build_time + solution.solve_time
+    seconds = solution.optimum.solve_time
     return [*rows, Check("plan: set-up and solve", seconds, "s", PAPER_SECONDS)]
 
 

@@ -17,10 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from controllers.pcc.fuel import FuelMap
-from controllers.pcc.planner import Drive, PccConfig, evaluate, make_vehicle
+from controllers.pcc.planner import Drive, PccConfig, evaluate, make_vehicle, on_finer_road
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.schedule import Schedule, make_schedule
-from controllers.pcc.solver import on_finer_road
 from controllers.pcc.vehicle import PointMass, brakeable, cruise, durations, fastest_below
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError, PlanningError

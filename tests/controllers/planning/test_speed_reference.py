@@ -9,7 +9,7 @@ import pytest
 
 from controllers.decision.base import DecisionContext
 from controllers.pcc import Appointment, PccConfig, PccReference, RecedingConfig
-from controllers.pcc.solver import Solver
+from controllers.pcc.solver import METHODS
 from controllers.planning.planner import PlannerConfig
 from controllers.planning.speed_plan import SpeedConfig
 from controllers.planning.speed_reference import (
@@ -244,10 +244,10 @@ def test_the_trajectory_stays_the_safety_layer_behind_a_standing_vehicle(route):
 
 
 def test_a_failing_optimizer_does_not_stop_the_stack(route, monkeypatch):
-    def fail(self, task, guess):
+    def fail(task, guess, **settings):
         raise PlanningError("time is up")
 
-    monkeypatch.setattr(Solver, "solve", fail)
+    monkeypatch.setitem(METHODS, "interior_point", fail)
     reference = PccReference(route, PCC, PARAMETERS, RECEDING)
     stack = stack_of(route, reference=reference)
     planned = stack.plan(Scene(0.0, ego(route)))

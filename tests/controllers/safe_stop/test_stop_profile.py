@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controllers.safe_stop.profile import StopLimits, StopStart, roll_to_stop, stop_distance
+from controllers.safe_stop.stop import StopLimits, StopStart, roll_to_stop, stop_distance
 from iits_mj.core.errors import InputError
 
 STEP = 0.05

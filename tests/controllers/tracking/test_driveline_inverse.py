@@ -1,4 +1,6 @@
-"""Who brakes: shares of engine brake, retarder and friction, and what XBR is asked for."""
+"""Inverse powertrain: shares of the brakes, XBR demand, interpolation."""
+
+import math
 
 import numpy as np
 import pytest
@@ -6,6 +8,7 @@ import pytest
 from controllers.tracking.driveline_inverse import (
     DrivelineInverse,
     EnduranceForces,
+    interpolate,
     share_out,
     xbr_deceleration,
 )
@@ -94,3 +97,18 @@ def test_the_pedal_has_the_bits_of_the_maps_arrays():
         torques = torques + 1e-6 * np.arange(len(torques))
         assert INVERSE.drag_torque(speed) == drag
         assert INVERSE.pedal(torque, speed) == float(np.interp(torque, torques, table.columns))
+
+
+def test_one_number_has_the_bits_of_numpys_interpolation() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(3000):
+        count, digits = rng.integers(1, 70), rng.integers(1, 16)
+        # Rounded, so that some places are there twice and some are asked for exactly.
+        places, values = np.sort(rng.normal(size=count).round(digits)), rng.normal(size=count)
+        for x in (float(rng.normal()), float(rng.choice(places)), float(places[0]), 9.0, -9.0):
+            expected = float(np.interp(x, places, values))
+            assert interpolate(x, places.tolist(), values.tolist()) == expected
+
+
+def test_not_a_number_stays_none() -> None:
+    assert math.isnan(interpolate(math.nan, [0.0, 1.0], [2.0, 3.0]))
