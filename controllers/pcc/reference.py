@@ -23,11 +23,11 @@ from controllers.planning.config import PlannerConfig
 from controllers.planning.road_preview import LanePath, RoadPreview
 from controllers.planning.rollover_limits import RollMargins
 from controllers.planning.speed_caps import SpeedCaps, with_zones
-from controllers.planning.surroundings import Neighbor
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import require_positive
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Scene, SpeedProfile, TrackedVehicle
+from iits_mj.core.neighbors import Neighbor
 from iits_mj.parameters import TruckParameters
 
 if TYPE_CHECKING:
@@ -307,12 +307,11 @@ def _leader_of(ego: EgoState, neighbor: Neighbor) -> Leader:
     Raises:
       InputError: the gap is more negative than the vehicle is long, so it is not ahead.
     """
-    vehicle = neighbor.vehicle
-    if not neighbor.gap >= -vehicle.length:
+    if not neighbor.gap >= -neighbor.length:
         raise InputError(
-            f"vehicle {vehicle.id!r}: gap {neighbor.gap:g} m is not that of a vehicle ahead; use "
-            f"{-vehicle.length:g} m (its length) or more"
+            f"vehicle {neighbor.id!r}: gap {neighbor.gap:g} m is not that of a vehicle ahead; use "
+            f"{-neighbor.length:g} m (its length) or more"
         )
     return Leader(
-        ego.station + max(neighbor.gap, 0.0), max(vehicle.speed, 0.0), vehicle.acceleration
+        ego.station + max(neighbor.gap, 0.0), max(neighbor.speed, 0.0), neighbor.acceleration
     )

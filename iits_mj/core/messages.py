@@ -8,6 +8,7 @@ Lanes are counted from the right, 0 being the rightmost driving lane of the rout
 from __future__ import annotations
 
 import enum
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -15,6 +16,8 @@ import numpy as np
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import in_range
+from iits_mj.core.neighbors import Neighbors
+from iits_mj.core.vehicles import TrackedVehicle as TrackedVehicle
 
 
 class Decision(enum.IntEnum):
@@ -216,43 +219,6 @@ class TruckReport:
 
 
 @dataclass(frozen=True, slots=True)
-class TrackedVehicle:
-    """Another road user. Pose is that of the bounding box's centre, on the ground.
-
-    Attributes:
-      id: stable name.
-      kind: "car", "van", "truck" (rigid) or "articulated".
-      x, y, z, yaw: [m], [rad].
-      pitch, roll: of the road under it, in its own direction [rad], pitch positive nose down.
-      yaw_rate: [rad/s].
-      speed: along its heading [m/s]; acceleration: [m/s2].
-      lateral_speed: across the lane, positive to the left [m/s].
-      station, offset: of the box's centre on the ego route [m].
-      lane: index from the right on the ego route; -1 when it is not on it.
-      length, width, height: [m].
-    """
-
-    id: str
-    kind: str = "car"
-    x: float = 0.0
-    y: float = 0.0
-    z: float = 0.0
-    yaw: float = 0.0
-    speed: float = 0.0
-    acceleration: float = 0.0
-    lateral_speed: float = 0.0
-    station: float = 0.0
-    offset: float = 0.0
-    lane: int = 0
-    length: float = 4.8
-    width: float = 1.9
-    height: float = 1.5
-    pitch: float = 0.0
-    roll: float = 0.0
-    yaw_rate: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
 class EgoFootprint:
     """Size of the combination about its pose point (the steer axle centre) [m].
 
@@ -328,15 +294,24 @@ class RoadSignals:
     zones: tuple[SpeedZone, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Scene:
-    """What the stack sees at one instant: the ego truck, the traffic and the signs around it."""
+    """What the stack sees at one instant: the truck, the traffic and the signs around it."""
 
     time: float
     ego: EgoState
     vehicles: Sequence[TrackedVehicle] = ()
     footprint: EgoFootprint = EgoFootprint()
     signals: RoadSignals = RoadSignals()
+
+    @functools.cached_property
+    def neighbors(self) -> Neighbors:
+        """The traffic around the truck as columns; made on first use.
+
+        Raises:
+          InputError: a number of a vehicle is not finite.
+        """
+        return Neighbors(self.ego, self.vehicles, self.footprint)
 
 
 @dataclass(frozen=True, slots=True)

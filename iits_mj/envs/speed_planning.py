@@ -10,10 +10,10 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.planning.surroundings import Neighbor
 from iits_mj.core.checks import read_action
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Scene, SpeedProfile
+from iits_mj.core.neighbors import Neighbor
 from iits_mj.envs.picture import RENDER_MODES, Picture
 from iits_mj.simulation import DriveConfig, Simulation
 from iits_mj.simulation.parts import load_map

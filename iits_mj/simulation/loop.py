@@ -16,7 +16,6 @@ from iits_mj.core.context import Closing
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import EgoFootprint, EgoState, Scene, VehicleCommand
 from iits_mj.road import Route
-from iits_mj.simulation import gaps
 from iits_mj.simulation.bus import CommandPath
 from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.drive_log import DriveLog
@@ -29,6 +28,7 @@ from iits_mj.simulation.frame import (
     find_ending,
     read_signals,
 )
+from iits_mj.simulation.gaps import nearest_box_distance
 from iits_mj.simulation.parts import check_start, load_map, make_stack, make_traffic
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
 from iits_mj.truck import Truck
@@ -359,7 +359,7 @@ class Simulation(Closing):
         route = self.route
         lane = int(route.lane_at(ego.station, ego.offset))
         point = route.evaluate(ego.station, ego.offset)
-        ahead, behind = gaps.lane_gaps(ego, lane, self.vehicles, self.truck.footprint)
+        ahead, behind = self.scene.neighbors.corridor_gaps(lane)
         return Frame(
             time=self.time,
             ego=ego,
@@ -375,7 +375,7 @@ class Simulation(Closing):
             reference_speed=self.driver.reference_speed(ego.station),
             gap_ahead=ahead,
             gap_behind=behind,
-            box_distance=gaps.nearest_box_distance(ego, self.vehicles, self.truck.parameters),
+            box_distance=nearest_box_distance(ego, self.vehicles, self.truck.parameters),
             distance=self._distance,
             lane_changes=self.driver.lane_changes,
             refused=self.driver.refused,

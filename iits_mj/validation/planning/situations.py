@@ -10,10 +10,9 @@ import math
 
 import numpy as np
 
-from controllers.planning.placement import lane_shift
 from controllers.planning.planner import PlannerConfig
 from controllers.planning.predicted_boxes import swept_path
-from controllers.planning.road_preview import RoadPreview
+from controllers.planning.road_preview import RoadPreview, lane_shift
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import (
     Decision,
