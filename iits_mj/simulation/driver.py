@@ -12,6 +12,7 @@ import numpy as np
 from controllers.stack import Stack
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision, EgoState, Scene, Trajectory, VehicleCommand
+from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.j1939 import CommandReceiver, command_to_frames, pgn_of
 from iits_mj.j1939 import Frame as BusFrame
 from iits_mj.j1939.addresses import CONTROLLER
@@ -95,7 +96,7 @@ class LogDriver:
       heard: frames read so far; lane_changes: changes of the lane, from one to another.
     """
 
-    period = 0.1
+    period = CYCLE_PERIOD
     last_decision = Decision.KEEP
     refused = 0
 

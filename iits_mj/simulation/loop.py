@@ -15,6 +15,7 @@ from controllers.stack import Stack
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import EgoFootprint, EgoState, Scene, VehicleCommand
+from iits_mj.core.timing import CONTROL_PERIOD, CYCLE_PERIOD, TIMESTEP
 from iits_mj.road import Route
 from iits_mj.simulation import gaps
 from iits_mj.simulation.bus import CommandPath
@@ -33,9 +34,6 @@ from iits_mj.simulation.parts import check_start, load_map, make_stack, make_tra
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
 from iits_mj.truck import Truck
 from traffic_bridge import Mirror, MixedSim, Recorder, RepSim, Traffic, VehicleFrame
-
-TIMESTEP = 0.002
-CONTROL_PERIOD, CYCLE_PERIOD = 0.02, 0.1
 
 
 class Simulation(Closing):

@@ -17,13 +17,13 @@ from controllers.safe_stop.stop import SafeStop
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import EgoState, VehicleCommand
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.j1939 import CommandReceiver, Link, LinkState, LogWriter
 from iits_mj.j1939.link import LinkChange
 from iits_mj.j1939.receiver import UNIT_NAMES, Heard, Loss
 from iits_mj.simulation.bus import TruckBus
 from iits_mj.simulation.config import ServeConfig
 from iits_mj.simulation.frame import Ending, check_finite, find_ending, find_leaving
-from iits_mj.simulation.loop import TIMESTEP
 from iits_mj.simulation.parts import check_start, load_map
 from iits_mj.simulation.summary import ServeSummary
 from iits_mj.truck import Truck

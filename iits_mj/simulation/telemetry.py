@@ -22,6 +22,7 @@ from controllers.stack import Stack
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError
 from iits_mj.core.results import Line, Panel
+from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.core.units import RPM
 from iits_mj.simulation.driver import Driver
 from iits_mj.simulation.frame import Frame
@@ -105,7 +106,7 @@ class Telemetry(Closing):
       InputError: the table cannot be written, on construction.
     """
 
-    period = 0.1
+    period = CYCLE_PERIOD
 
     def __init__(self, path: Path | None) -> None:
         self.path = path
