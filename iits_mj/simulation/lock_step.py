@@ -227,21 +227,26 @@ class LockStep(Closing):
         return self._steps * self.timestep
 
     def stop(self, reason: str) -> None:
-        """Ends the drive after the present cycle, or control step of a plain lock-step."""
+        """Ends the drive after the present cycle."""
         self.ended = self.ended or reason
 
-    def advance(self, duration: float) -> None:
-        """Drives for a duration [s], or until `stop` is called."""
-        for _ in range(round(duration / CONTROL_PERIOD)):
-            if self.ended:
-                return
-            self._control_step()
+    def advance(self, duration: float, until: Callable[[EgoState], bool] = lambda _: False) -> bool:
+        """Drives for a duration, or to the end of the control step whose state ends the drive.
+
+        Args:
+          duration: at most [s].
+          until: whether the state that a command answered is the last one.
+
+        Returns:
+          Whether a state ended the drive.
+        """
+        return any(until(self._control_step()) for _ in range(round(duration / CONTROL_PERIOD)))
 
     def close(self) -> None:
         """Releases what the drive holds; may be called again."""
 
-    def _control_step(self) -> None:
-        """Advances 20 ms; see the class for the order."""
+    def _control_step(self) -> EgoState:
+        """Advances 20 ms and returns the state at their start; see the class for the order."""
         ego = self._observe()
         if self._steps >= self._plan_due:
             self._plan(ego)
@@ -252,6 +257,7 @@ class LockStep(Closing):
             observer.commanded(ego, wanted, self.command)
         self.truck.command(self.command)
         self._advance_physics(self._control_steps)
+        return ego
 
     def _plan(self, ego: EgoState) -> None:
         """Plans in the scene of a state; the next plan is due 100 ms later."""

@@ -257,4 +257,4 @@ def test_a_drive_that_fails_leaves_no_bag(tmp_path):
     ):
         raise ZeroDivisionError
     assert not (tmp_path / "bag").exists()
-    assert simulation._taps == []
+    assert simulation.observers == ()

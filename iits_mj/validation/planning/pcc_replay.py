@@ -15,6 +15,7 @@ from controllers.pcc.planner import FuelMap, evaluate
 from controllers.pcc.vehicle import PointMass, cruise, durations
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Check, Line, Panel, Results
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.core.units import KMH
 from iits_mj.validation.harness.config import ValidateConfig
 from iits_mj.validation.harness.run_cache import runs_folder
@@ -123,7 +124,7 @@ def explanation(replay: Replay) -> list[Check]:
     for kind, trip, model in parts:
         record = trip.record
         power = record["engine_torque"] * record["engine_speed"]
-        work = float(np.maximum(power, 0.0).sum()) * closed_loop.CONTROL_PERIOD
+        work = float(np.maximum(power, 0.0).sum()) * CONTROL_PERIOD
         planned = float((np.maximum(model.power, 0.0) * _durations(replay, model.speed)).sum())
         fuel = float(model.map_fuel.sum())
         rows += [

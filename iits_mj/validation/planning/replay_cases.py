@@ -20,7 +20,7 @@ from iits_mj.validation.harness.config import (
     ValidateConfig,
     find_road,
 )
-from iits_mj.validation.planning.closed_loop import Task
+from iits_mj.validation.planning.closed_loop import DriveTask
 from iits_mj.validation.planning.pcc_savings import BAND, MPH, PAPER_LENGTH, STEP
 from iits_mj.validation.planning.replay_drives import RUN_IN, RUN_OUT, Case
 
@@ -43,7 +43,7 @@ def paper_case(
     config: ValidateConfig,
     settings: PccConfig = BAND,
     payload: float = LADEN,
-    timestep: float = Task.timestep,
+    timestep: float = DriveTask.timestep,
     by_load: bool = False,
     must: bool = False,
 ) -> Case | None:
@@ -78,11 +78,11 @@ def cycle_case(config: ValidateConfig, name: str, payload: float = LADEN) -> Cas
     cycle = read_cycle(path, STEP)
     settings = PccConfig(v_ref=cycle.speed, v_min=cycle.speed - _BELOW, v_max=cycle.speed + _ABOVE)
     title = {CYCLE_55: "EPA GEM 55 mph", CYCLE_65: "EPA GEM 65 mph"}.get(name, name)
-    return _bare(title, cycle.road, cycle.road, settings, payload, Task.timestep)
+    return _bare(title, cycle.road, cycle.road, settings, payload, DriveTask.timestep)
 
 
 def highway_case(
-    payload: float = LADEN, length: float | None = None, timestep: float = Task.timestep
+    payload: float = LADEN, length: float | None = None, timestep: float = DriveTask.timestep
 ) -> Case:
     """Our own highway with its limits and curves, cruised at 72 km/h or what the limit is."""
     return _along(RoadMap.builtin().route(), "our highway", payload, length, timestep)
@@ -118,7 +118,7 @@ def full_cases(config: ValidateConfig) -> list[Case]:
         cycle_case(config, CYCLE_55),
         cycle_case(config, CYCLE_65),
     ]
-    step = Task.timestep if config.timestep is None else config.timestep
+    step = DriveTask.timestep if config.timestep is None else config.timestep
     wanted = [case for case in cases if case is not None]
     if config.payload is not None:
         wanted = [case for case in wanted if case.payload == config.payload]
@@ -130,7 +130,7 @@ def _along(
     name: str,
     payload: float,
     length: float | None = None,
-    timestep: float = Task.timestep,
+    timestep: float = DriveTask.timestep,
 ) -> Case:
     """A route with its limits and curves, from behind the run-in to before its end."""
     wanted = route.length - RUN_IN - _LEFT if length is None else length

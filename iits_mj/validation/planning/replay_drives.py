@@ -25,9 +25,10 @@ from controllers.pcc.vehicle import PointMass, brakeable, cruise, durations, fas
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.core.messages import SpeedProfile
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from iits_mj.validation.planning.closed_loop import CONTROL_PERIOD, Record, Task, drive
+from iits_mj.validation.planning.closed_loop import DriveTask, Record, drive
 
 # --- What a cruise on the truck tells the planner: power that is left on climbs, speed to be set
 # Gear changes interrupt the pull, the turbocharger must catch up after them, and the gearbox shifts
@@ -394,7 +395,7 @@ def _driven(case: Case, profile: SpeedProfile | None, folder: Path | None) -> Re
     path = None if folder is None else folder / _file_name(case, profile)
     if path is not None and path.is_file():
         return Record.load(path)
-    task = Task(
+    task = DriveTask(
         route=case.route,
         start=case.first - RUN_IN + _START,
         end=case.last + RUN_OUT,

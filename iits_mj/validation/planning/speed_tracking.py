@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import SpeedProfile
 from iits_mj.core.results import Check, Line, Panel, Results
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.validation.harness.config import ValidateConfig
 from iits_mj.validation.longitudinal.runs import HILLS_LENGTH, hills, sloping
-from iits_mj.validation.planning.closed_loop import CONTROL_PERIOD, Record, Task, drive
+from iits_mj.validation.planning.closed_loop import DriveTask, Record, drive
 
 # --- How pedal, brakes and gearbox were used on a drive, and how well the speed was kept ---
 
@@ -128,7 +129,7 @@ class Ride:
 def run_speed_tracking(config: ValidateConfig) -> Results:
     """Drives hills, changes of speed between 0 and 90 km/h, and starts on a hill."""
     results = Results("planning speed tracking")
-    timestep = max(config.step, Task.timestep)
+    timestep = max(config.step, DriveTask.timestep)
     for ride in _rides(config):
         record = _drive(ride, timestep)
         results.checks += _checks(ride, record)
@@ -172,7 +173,7 @@ def _steps() -> SpeedProfile:
 def _drive(ride: Ride, timestep: float) -> Record:
     start = ride.speed if ride.start_speed is None else ride.start_speed
     return drive(
-        Task(
+        DriveTask(
             route=ride.route,
             start=_START,
             end=_START + ride.length,
@@ -212,7 +213,7 @@ def _hill_start(payload: float, timestep: float) -> list[Check]:
     """From standstill on 5 %: the way lost backwards, and the time to be under way."""
     name = f"start on 5 %, {TruckParameters.load().gross_mass(payload) / 1e3:.0f} t"
     route = Route.straight(length=1_000.0, grade=_STEEP, speed_limit=_UNLIMITED)
-    task = Task(route, _START, _START + 25.0, 0.0, 8.0, None, payload, timestep=timestep,
+    task = DriveTask(route, _START, _START + 25.0, 0.0, 8.0, None, payload, timestep=timestep,
                 time_limit=120.0)  # fmt: skip
     record = drive(task)
     under_way = int(np.argmax(record["speed"] >= _UNDER_WAY))
