@@ -21,7 +21,7 @@ from iits_mj.validation.harness.config import ValidateConfig
 from iits_mj.validation.harness.run_cache import runs_folder
 from iits_mj.validation.planning import closed_loop, replay_drives, speed_tracking
 from iits_mj.validation.planning import replay_drives as replay_match
-from iits_mj.validation.planning.pcc_command import PAPER_SAVING_PERCENT
+from iits_mj.validation.planning.pcc_case import PAPER_SAVING_PERCENT
 from iits_mj.validation.planning.replay_cases import full_cases, valley_case
 from iits_mj.validation.planning.replay_drives import Case, Replay, Trip, reference_profile
 
