@@ -25,7 +25,7 @@ from iits_mj.validation.planning.closed_loop import DriveTask, Record, drive
 # --- How pedal, brakes and gearbox were used on a drive, and how well the speed was kept ---
 
 # Positions that count as pressed, and as floored [1].
-_PRESSED, _FLOORED = 0.02, 0.99
+_PRESSED, FLOORED = 0.02, 0.99
 # The planned speed leads a truck at full pedal: such samples say nothing on tracking. So long after
 # the pedal has come back from the floor, and around a gear change, neither [s].
 _SETTLING = 3.0
@@ -69,7 +69,7 @@ def gear_changes(record: Record) -> int:
 
 def full_load_share(record: Record) -> float:
     """Share of the time with the accelerator on the floor [1]."""
-    return float(np.mean(record["pedal"] >= _FLOORED))
+    return float(np.mean(record["pedal"] >= FLOORED))
 
 
 def gained(record: Record, counter: str) -> float:
@@ -80,7 +80,7 @@ def gained(record: Record, counter: str) -> float:
 
 def within_power(record: Record) -> NDArray[np.bool_]:
     """Samples in which the truck could follow: the accelerator was off the floor, shape (n,)."""
-    floored = record["pedal"] >= _FLOORED
+    floored = record["pedal"] >= FLOORED
     width = round(_SETTLING / CONTROL_PERIOD)
     recent = np.convolve(floored.astype(float), np.ones(width), "full")[: floored.size] > 0.5
     return np.asarray(~recent)
