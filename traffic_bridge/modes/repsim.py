@@ -85,6 +85,10 @@ class RepSim(Mode):
         self._steps += 1
         return self.at(self.time, ego)
 
+    def exact_vehicles(self, time: float) -> VehicleFrame | None:
+        """Returns the recorded vehicles at a time between two steps [s]."""
+        return self.replay.at(time)
+
     def at(self, time: float, ego: EgoState | None = None) -> VehicleFrame:
         """The vehicles at any time, between recorded frames by interpolation; see `Replay`.
 
@@ -188,6 +192,10 @@ class MixedSim(PureSim):
         frame = super().step(ego)
         self._note_conflicts()
         return self._with_replayed(frame, ego)
+
+    def exact_vehicles(self, time: float) -> VehicleFrame | None:
+        """Returns the recorded vehicles at a time between two steps [s]."""
+        return self.replay.at(time)
 
     def _prepare(self, world: World) -> None:
         world.guests = Guests(

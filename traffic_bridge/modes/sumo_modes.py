@@ -43,12 +43,26 @@ class Traffic(Protocol):
     def close(self) -> None:
         """Ends the traffic; may be called again."""
 
+    def signal_controller(self) -> TrafficController | None:
+        """Returns the lights and changing limits; None where the traffic has none."""
+
+    def exact_vehicles(self, time: float) -> VehicleFrame | None:
+        """Returns the vehicles whose places between two steps are known; None without any."""
+
 
 class Mode(Closing):
     """Context manager of every mode."""
 
     def close(self) -> None:
         """Ends the traffic; may be called again."""
+
+    def signal_controller(self) -> TrafficController | None:
+        """Returns the lights and changing limits; None where the traffic has none."""
+        return None
+
+    def exact_vehicles(self, time: float) -> VehicleFrame | None:  # noqa: ARG002
+        """Returns the vehicles whose places between two steps are known; None without any."""
+        return None
 
 
 class PureSim(Mode):
@@ -94,6 +108,10 @@ class PureSim(Mode):
     def signals(self) -> TrafficController:
         """Traffic lights, speed limits and lane closures."""
         return self._running.signals
+
+    def signal_controller(self) -> TrafficController | None:
+        """Returns the lights and changing limits."""
+        return self.signals
 
     @property
     def session(self) -> Session:

@@ -20,7 +20,8 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import read_action
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import Decision
-from iits_mj.simulation.loop import CYCLE_PERIOD, Simulation
+from iits_mj.core.timing import CYCLE_PERIOD
+from iits_mj.simulation.loop import Simulation
 from iits_mj.simulation.truck_world import TruckWorld
 from iits_mj.suite.physics import INSTRUMENTS, Observed, Physics
 from iits_mj.suite.tasks.base import Observations

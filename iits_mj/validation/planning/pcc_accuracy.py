@@ -10,10 +10,11 @@ import numpy as np
 import iits_mj.validation.planning.pcc_hermite  # noqa: F401  registers "finite_elements"
 from controllers.pcc import PccConfig, RoadProfile, Solution
 from controllers.pcc import solve as solve_task
-from controllers.pcc.planner import on_finer_road
+from controllers.pcc.planner import evaluate, on_finer_road
 from controllers.pcc.vehicle import durations
 from iits_mj.core.errors import PlanningError
-from iits_mj.core.results import Check
+from iits_mj.core.results import Check, Line, Panel
+from iits_mj.core.units import KMH
 from iits_mj.validation.planning.pcc_bound import certificate
 from iits_mj.validation.planning.pcc_case import Case, balance, bound, solve
 
@@ -158,6 +159,30 @@ def equal_times(case: Case) -> bool:
     """Whether the plan takes as long as the cruise."""
     solution = case.solution
     return abs(solution.plan.time / solution.baseline.time - 1.0) <= EQUAL_TIME
+
+
+def panels(case: Case, elements: Elements) -> list[Panel]:
+    """Returns the paper's four panels: road, speed, engine power, accumulated fuel."""
+    road, solution = case.road, case.solution
+    node = road.station / 1e3
+    middle = 0.5 * (node[1:] + node[:-1])
+    drives = [("cruise", solution.baseline, "reference"), ("plan", solution.plan, "simulation")]
+    if elements.answer is not None:
+        speed = elements.answer.speed
+        drives.append(("finite elements", evaluate(case.vehicle, case.fuel_map, road, speed), ""))
+    speeds, powers, fuels = [], [], []
+    for label, drive, role in drives:
+        used = np.concatenate([[0.0], np.cumsum(drive.map_fuel)])
+        speeds.append(Line(label, node, drive.speed / KMH, role))
+        powers.append(Line(label, middle, np.maximum(drive.power, 0.0) / 1e3, role))
+        fuels.append(Line(label, node, 1e3 * used, role))
+    place = "station [km]"
+    return [
+        Panel("Road", place, "height [m]", (Line("road", node, road.height),)),
+        Panel("Speed", place, "speed [km/h]", tuple(speeds)),
+        Panel("Engine power", place, "power [kW]", tuple(powers)),
+        Panel("Accumulated fuel", place, "fuel [g]", tuple(fuels)),
+    ]
 
 
 def energy_checks(case: Case) -> list[Check]:
