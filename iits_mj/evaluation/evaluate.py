@@ -18,6 +18,7 @@ from iits_mj.core.process_pool import run_all
 from iits_mj.evaluation import drives
 from iits_mj.evaluation import trials as evaluate_rows
 from iits_mj.evaluation.trials import EMPTY, WORLDS, Task, Trial, weights_digest
+from iits_mj.parameters import payload_option
 from iits_mj.simulation.loop import TIMESTEP
 from iits_mj.validation.harness.statistics import half_width
 
@@ -46,9 +47,7 @@ class EvaluateConfig:
         help="full: MuJoCo truck with its stack in SUMO traffic; fast: point mass in numpy traffic",
         choices=WORLDS,
     )
-    payload: float = option(
-        TripConfig().payload, help="load of the truck", unit="kg", low=0.0, high=36_000.0
-    )
+    payload: float = payload_option(TripConfig().payload)
     timestep: float = option(
         TIMESTEP,
         help="of the physics, a whole part of 0.02",
