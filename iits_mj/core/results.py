@@ -1,4 +1,8 @@
-"""The one shape of every figure: checks for people and for machines, panels for pictures."""
+"""Results of a measurement: checks for people and machines, curves for pictures, and notes.
+
+A test gathers its `Findings`; the findings of many tests make the `Results` of a command, which are
+printed as a table, as JSON, or as a page.
+"""
 
 from __future__ import annotations
 
@@ -19,11 +23,13 @@ _OPERATORS = {
     "<": operator.lt,
     "==": operator.eq,
 }
+# Column headings of a table of checks; the last column holds the verdict.
+COLUMNS = ("check", "value", "unit", "reference", "must", "")
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One figure with its bound.
+    """A figure with its bound.
 
     Attributes:
       name: what was measured; value: the measurement; unit: of both.
@@ -53,8 +59,19 @@ class Check:
                 return bool(compare(self.value, float(text[len(symbol) :])))
         raise InputError(f"bound {text!r} of check {self.name!r}: use '>= x', '<= x' or 'a .. b'")
 
+    def cells(self) -> tuple[str, str, str, str, str]:
+        """The check as text for the first five of `COLUMNS`."""
+        reference = self.reference
+        shown = f"{reference:.4g}" if isinstance(reference, float) else str(reference or "")
+        return self.name, f"{self.value:.4g}", self.unit, shown, self.must
+
+    def shortfall(self) -> str:
+        """A check that does not hold, in words."""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"{self.name}: {self.value:.4g}{unit}, must be {self.must}"
+
     def as_dict(self) -> dict[str, Any]:
-        """The check as the JSON contract has it; a value that is not finite becomes null."""
+        """The check as an object for JSON; a value that is not finite becomes null."""
         value = float(self.value)
         return {
             "name": self.name,
@@ -70,8 +87,8 @@ class Check:
 class Line:
     """A curve of a panel: x and y of shape (n,).
 
-    Role is "reference", "simulation" or ""; seen from above also "edge" and "mark" of a road, and
-    the outlines of a "tractor", a "trailer" or another "vehicle".
+    Role is "reference", "simulation" or "". In a plan view it may also be "edge" or "mark" of a
+    road, or the outline of a "tractor", a "trailer" or another "vehicle".
     """
 
     label: str
@@ -82,7 +99,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One set of axes of a figure; labels carry the units."""
+    """One set of axes of a figure; the labels carry the units."""
 
     title: str
     x_label: str
@@ -91,8 +108,48 @@ class Panel:
 
 
 @dataclass(slots=True)
+class Findings:
+    """Checks, panels and notes of one test; the label stands before the names of all checks."""
+
+    label: str = ""
+    checks: list[Check] = field(default_factory=list)
+    panels: list[Panel] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def check(
+        self,
+        name: str,
+        value: float,
+        unit: str,
+        reference: float | str | None = None,
+        must: str = "",
+    ) -> None:
+        """Adds a check; see `Check`."""
+        if isinstance(reference, np.floating):
+            reference = float(reference)
+        self.checks.append(Check(self._title(name), float(value), unit, reference, must))
+
+    def panel(self, name: str, x_label: str, y_label: str, *lines: Line) -> None:
+        """Adds a panel; without a name its title is the label alone."""
+        self.panels.append(Panel(self._title(name), x_label, y_label, lines))
+
+    def history(self, name: str, y_label: str, time: Any, values: Any) -> None:
+        """Adds a panel with one quantity of the simulated truck over time [s]."""
+        self.panel(name, "time [s]", y_label, Line("truck", time, values, "simulation"))
+
+    def extend(self, other: Findings) -> None:
+        """Adds everything that another test found."""
+        self.checks += other.checks
+        self.panels += other.panels
+        self.notes += other.notes
+
+    def _title(self, name: str) -> str:
+        return f"{self.label}: {name}" if self.label and name else self.label or name
+
+
+@dataclass(slots=True)
 class Results:
-    """What validate, evaluate, pcc and bench give back; `parts` are what it was merged from."""
+    """Results of a command; `parts` are the results from which they were merged."""
 
     command: str
     seed: int = 0
@@ -112,10 +169,26 @@ class Results:
             whole.figures |= {f"{name}: {title}": panels for title, panels in part.figures.items()}
         return whole
 
+    def add(self, figure: str, findings: Findings) -> None:
+        """Adds the findings of a test; their panels become the figure of this name."""
+        self.checks += findings.checks
+        self.notes += findings.notes
+        if findings.panels:
+            self.figures[figure] = findings.panels
+
     @property
     def ok(self) -> bool:
         """True when every check holds."""
-        return all(check.ok for check in self.checks)
+        return not self.short()
+
+    def short(self) -> list[Check]:
+        """The checks that do not hold."""
+        return [check for check in self.checks if not check.ok]
+
+    def count_text(self) -> str:
+        """How many checks hold, in words."""
+        held = len(self.checks) - len(self.short())
+        return f"{held} of {len(self.checks)} checks hold"
 
     def to_json(self, version: str) -> str:
         """One JSON object: {"command", "version", "seed", "checks": [...]}."""
@@ -130,14 +203,10 @@ class Results:
         )
 
     def to_table(self) -> str:
-        """Plain-text table for people, one line a check."""
-        rows = [("check", "value", "unit", "reference", "must", "")]
-        for check in self.checks:
-            reference = check.reference
-            shown = f"{reference:.4g}" if isinstance(reference, float) else str(reference or "")
-            verdict = "ok" if check.ok else "FALLS SHORT"
-            rows.append((check.name, f"{check.value:.4g}", check.unit, shown, check.must, verdict))
-        widths = [max(len(row[i]) for row in rows) for i in range(6)]
+        """A plain-text table with one line for each check, then the notes."""
+        rows = [COLUMNS]
+        rows += [(*check.cells(), "ok" if check.ok else "FALLS SHORT") for check in self.checks]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines = [
             "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
             for row in rows
