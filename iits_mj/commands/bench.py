@@ -23,7 +23,7 @@ from iits_mj.core.options import option
 from iits_mj.core.results import Check, Results
 from iits_mj.model.builder import truck_spec
 from iits_mj.model.road_table import add_road_table
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import TruckParameters, payload_option
 from iits_mj.road import RoadMap
 from iits_mj.simulation import DriveConfig, Simulation
 from iits_mj.truck import Truck
@@ -35,9 +35,7 @@ MICROSECONDS = 1e6
 class Options(ResultOptions):
     """Flags of `iits-mj bench`."""
 
-    payload: float = option(
-        36_000.0, help="load on the semitrailer", unit="kg", low=0.0, high=36_000.0, metavar="KG"
-    )
+    payload: float = payload_option()
     threads: int = option(2, help="threads of the rollout", low=1, high=256)
     traffic: bool = option(True, help="measure SUMO and a whole drive, too")
     seed: int = option(0, help="seed of the traffic", low=0, high=2**31 - 1)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import iits_mj
-from iits_mj.commands.output import prepare_folder, progress_bar, write_json
+from iits_mj.commands.output import prepare_folder, progress_bar
 from iits_mj.core import options as option_fields
 from iits_mj.core.errors import RenderError
 from iits_mj.core.options import option
@@ -25,7 +25,7 @@ from iits_mj.j1939 import CommandReceiver
 from iits_mj.j1939.log_files import WRITTEN
 from iits_mj.render import plots
 from iits_mj.render.cameras import CAMERAS
-from iits_mj.render.report import Report
+from iits_mj.render.pages import Page, Section, picture_section
 from iits_mj.render.video import VideoObserver
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveSummary, Observer, Simulation, Telemetry
@@ -225,20 +225,24 @@ def _write(job: Job, outcome: Outcome) -> list[tuple[str, Path]]:
     out = job.kept.out
     images = []
     for name, panels in drive_figures(outcome.telemetry).items():
-        images.append((CAPTIONS[name], plots.save(panels, out / f"{name}.png")))
-    write_json(out / "summary.json", _summary_object(job, outcome))
-    summary = outcome.summary
-    road = job.config.map
+        images.append(picture_section(CAPTIONS[name], plots.save(panels, out / f"{name}.png")))
+    content = json.dumps(_summary_object(job, outcome), indent=2, allow_nan=False)
+    plots.write_whole(out / "summary.json", f"{content}\n".encode())
+    summary, road = outcome.summary, job.config.map
     where = road.name if road is not None else "the built-in highway"
-    Report(
-        title=f"iits-mj {job.command}",
-        lead=f"{summary.distance / 1e3:.2f} km in {summary.duration:.0f} s on {where}; "
-        f"{summary.ended}",
-        rows=outcome.rows(),
-        video=outcome.video,
-        images=images,
-        settings=[*_settings(job.options), ("version", iits_mj.__version__)],
-        notes=outcome.notes,
+    settings = [*_settings(job.options), ("version", iits_mj.__version__)]
+    sections = [
+        Section(notes=outcome.notes),
+        Section("Summary", header=("figure", "value"), rows=outcome.rows()),
+        *images,
+        Section("Settings", header=("setting", "value"), rows=settings),
+    ]
+    if outcome.video is not None:
+        sections.insert(1, Section("Video", video=outcome.video))
+    Page(
+        f"iits-mj {job.command}",
+        f"{summary.distance / 1e3:.2f} km in {summary.duration:.0f} s on {where}; {summary.ended}",
+        sections,
     ).write(out / "report.html")
     pages = [
         ("report", out / "report.html"),

@@ -26,7 +26,7 @@ from iits_mj.core.options import option
 from iits_mj.core.results import Results
 from iits_mj.evaluation import evaluate
 from iits_mj.evaluation.drives import trial_code
-from iits_mj.evaluation.results import shortfall, summarize
+from iits_mj.evaluation.figures import summarize
 from iits_mj.evaluation.trials import Task, Trial, task_of
 from iits_mj.scale.shards import Plan, Shards, run_sharded
 
@@ -57,7 +57,7 @@ def run(options: Options) -> int:
     print(results.to_json(iits_mj.__version__) if options.json else to_text(results))
     if options.report is not None and cells:
         # matplotlib is loaded by those who want pictures.
-        from iits_mj.commands.evaluate_page import write_page
+        from iits_mj.evaluation.page import write_page
 
         web, text = write_page(results, cells, trials, options, options.report)
         stream = sys.stderr if options.json else sys.stdout
@@ -115,6 +115,6 @@ def to_text(results: Results) -> str:
     """The tables, and of the checks those that fall short: all of them are on the page."""
     short = [check for check in results.checks if not check.ok]
     lines = [*results.notes, ""]
-    lines += [f"falls short: {shortfall(check)}" for check in short]
+    lines += [f"falls short: {check.shortfall()}" for check in short]
     held = len(results.checks) - len(short)
     return "\n".join([*lines, f"{held} of {len(results.checks)} checks hold"])

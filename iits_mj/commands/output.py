@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -11,7 +10,7 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
@@ -61,13 +60,6 @@ def _prove(folder: Path, shown: str) -> None:
         raise InputError(f"{shown} cannot be written: {error.strerror or error}") from None
 
 
-def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Writes an object as indented JSON, replacing an older file whole."""
-    from iits_mj.render.plots import write_whole
-
-    write_whole(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode())
-
-
 @contextlib.contextmanager
 def progress_bar(duration: float | None) -> Iterator[Callable[[Frame], None]]:
     """A bar on stderr over the simulated time [s]; silent when stderr is not a terminal.
@@ -112,11 +104,10 @@ def finish(options: ResultOptions, measure: Callable[[], Results]) -> int:
     results = measure()
     print(results.to_json(iits_mj.__version__) if options.json else results.to_table())
     if options.report is not None:
-        from iits_mj.render.report import from_results, slug, write_markdown
+        # Load matplotlib only for pages.
+        from iits_mj.render.pages import write_results_page
 
-        page = options.report / f"{slug(results.command)}.html"
-        from_results(results, iits_mj.__version__).write(page)
-        text = write_markdown(results, iits_mj.__version__, options.report)
+        page, text = write_results_page(results, iits_mj.__version__, options.report)
         stream = sys.stderr if options.json else sys.stdout
         print(f"report: {page} (the same as Markdown: {text})", file=stream)
     return 0 if results.ok else 1

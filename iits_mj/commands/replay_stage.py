@@ -18,6 +18,7 @@ from iits_mj.bag.stages import STAGES, Comparison, run_stage
 from iits_mj.commands.output import ResultOptions, finish
 from iits_mj.core.options import option
 from iits_mj.core.results import Check, Results
+from iits_mj.parameters import payload_option
 
 # Of many quantities that differ, these many are shown, the names in their order.
 _SHOWN = 12
@@ -35,9 +36,7 @@ class Options(ResultOptions):
     decision: str | None = option(
         None, help="another decision maker in the recorded one's place", choices=NAMES
     )
-    payload: float | None = option(
-        None, help="another load of the truck", unit="kg", low=0.0, high=36_000.0, metavar="KG"
-    )
+    payload: float | None = payload_option(None, help="another load of the truck")
 
 
 def run(options: Options) -> int:

@@ -1,8 +1,7 @@
-"""Options that are a frozen dataclass: declared once, checked in Python and on the command line.
+"""Options as fields of a frozen dataclass, with the same checks in Python and on the command line.
 
-A field made by `option` carries its help, unit, bounds and choices. `check` holds an instance
-against them, so a Python caller meets the same clear error as somebody at the shell, and
-`iits_mj.commands.arguments` turns the same fields into flags.
+A field made by `option` carries its help, unit, bounds and choices. `check` compares an instance
+with them, and `iits_mj.commands.arguments` turns the same fields into flags.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from iits_mj.core.errors import InputError
 
 _KEY = "iits_mj.option"
 _GIVEN = "iits_mj.given"
-# What a value must be where the default is of a type; bool is an int to Python.
+# Type of the default, type that a value must have, and its name; in Python a bool is an int.
 _KINDS = (
     (bool, bool, "on or off, True or False"),
     (int, Integral, "a whole number"),
@@ -29,13 +28,13 @@ _KINDS = (
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """What a field may hold.
+    """Help and allowed values of a field.
 
     Attributes:
       help: one sentence for people; unit: "" for a number without one.
       low, high: inclusive bounds, or None; choices: allowed values, or a function that lists them.
       metavar: placeholder of the value in the help text.
-      positional: True when it stands on the command line without a flag.
+      positional: True for an argument without a flag.
     """
 
     help: str
@@ -47,23 +46,27 @@ class Option:
     positional: bool = False
 
     def allowed(self) -> Sequence[str] | None:
-        """The choices, evaluated; None when any value of the type will do."""
+        """The choices; None when every value of the type is allowed."""
         return self.choices() if callable(self.choices) else self.choices
 
     def bounds(self) -> str:
         """The allowed range in words, "" when there is none."""
         unit = f" {self.unit}" if self.unit else ""
-        if self.low is not None and self.high is not None:
-            return f"{self.low:g} to {self.high:g}{unit}"
-        if self.low is not None:
-            return f"{self.low:g}{unit} or more"
-        if self.high is not None:
-            return f"{self.high:g}{unit} or less"
-        return ""
+        low, high = (None if v is None else _plain(v) for v in (self.low, self.high))
+        if low is not None and high is not None:
+            return f"{low} to {high}{unit}"
+        if low is not None:
+            return f"{low}{unit} or more"
+        return f"{high}{unit} or less" if high is not None else ""
+
+
+def _plain(value: float) -> str:
+    """A number without an exponent where it is whole."""
+    return str(int(value)) if float(value).is_integer() else f"{value:g}"
 
 
 def option(default: Any = dataclasses.MISSING, **settings: Any) -> Any:
-    """A dataclass field with an `Option`; settings are the attributes of `Option`."""
+    """A dataclass field with an `Option`, whose attributes are the settings."""
     metadata = {_KEY: Option(**settings)}
     if default is dataclasses.MISSING:
         return dataclasses.field(metadata=metadata)
@@ -71,9 +74,10 @@ def option(default: Any = dataclasses.MISSING, **settings: Any) -> Any:
 
 
 def given_names() -> Any:
-    """A dataclass field, a `frozenset[str]`: the options that were given on the command line.
+    """A dataclass field of type `frozenset[str]`: names of the options on the command line.
 
-    A value that equals the default says nothing about that. From Python it is empty.
+    It tells an option that was given with its default value from one that was not given. It is
+    empty when the dataclass is made in Python.
     """
     return dataclasses.field(
         default=frozenset(), compare=False, repr=False, metadata={_GIVEN: True}
@@ -81,20 +85,20 @@ def given_names() -> Any:
 
 
 def holders_of_given(kind: type[Any]) -> list[str]:
-    """The fields of a dataclass that were made by `given_names`."""
+    """Names of the fields of a dataclass that were made by `given_names`."""
     return [field.name for field in dataclasses.fields(kind) if _GIVEN in field.metadata]
 
 
 def of(field: dataclasses.Field[Any]) -> Option | None:
-    """The `Option` of a dataclass field, None when it is not one."""
+    """The `Option` of a dataclass field; None when it has none."""
     return field.metadata.get(_KEY)
 
 
 def check(config: Any) -> None:
-    """Holds every option of a dataclass instance against its type, bounds and choices.
+    """Checks every option of a dataclass instance for its type, bounds and choices.
 
     Raises:
-      InputError: the first value that is not allowed, with its name, value, and what is.
+      InputError: names the first value that is not allowed, and the allowed values.
     """
     for field in dataclasses.fields(config):
         rule = of(field)
@@ -113,7 +117,7 @@ def _check_kind(name: str, value: Any, default: Any) -> None:
 
 
 def check_value(name: str, value: Any, rule: Option) -> None:
-    """Raises InputError when `value` is outside the rule's bounds or choices."""
+    """Checks one value; raises InputError outside the rule's bounds or choices."""
     if value is None or isinstance(value, bool):
         return
     allowed = rule.allowed()

@@ -1,4 +1,4 @@
-"""Runs tasks in several processes; what is done is kept whatever happens then."""
+"""Runs tasks in several processes, keeps finished work after faults, and ends cleanly on Ctrl-C."""
 
 from __future__ import annotations
 
@@ -16,17 +16,29 @@ from typing import Any, TypeVar
 
 from iits_mj.core.errors import Error
 
-# --- Processes side by side with one thread each: they share the cores, and sums keep their order
+Task = TypeVar("Task")
+Outcome = TypeVar("Outcome")
+# Libraries of linear algebra read these variables when they are loaded.
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+FAULTS_MAX = 5
+DEATHS_MAX = 3
+_LEAVE_TIME = 5.0  # [s] for a worker to close SUMO
+_INTERRUPTED = 130  # exit code
 
-# What the libraries of linear algebra read when they are loaded.
-VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+class TasksError(Error):
+    """Some tasks failed; the results of all others were kept."""
 
 
 @contextmanager
-def one_thread_each() -> Iterator[None]:
-    """Processes that are started inside have one thread; the environment is put back after it."""
-    before = {name: os.environ.get(name) for name in VARIABLES}
-    os.environ.update(dict.fromkeys(VARIABLES, "1"))
+def single_threaded_workers() -> Iterator[None]:
+    """Processes started inside the block use one thread each.
+
+    Parallel processes then share the cores, and sums keep their order. The environment is restored
+    at the end of the block.
+    """
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     try:
         yield
     finally:
@@ -35,20 +47,6 @@ def one_thread_each() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
-
-
-# --- Runs tasks in several processes; what is done is kept whatever happens then ---
-
-Task = TypeVar("Task")
-Outcome = TypeVar("Outcome")
-FAULTS_MAX = 5
-DEATHS_MAX = 3
-_LEAVE_TIME = 5.0  # that a worker has for closing SUMO [s]
-_INTERRUPTED = 130  # exit code
-
-
-class TasksError(Error):
-    """Some tasks could not be done; all others were."""
 
 
 def run_all(
@@ -61,22 +59,22 @@ def run_all(
     what: str = "tasks",
     make_pool: Callable[[int], Executor] | None = None,
 ) -> None:
-    """Does tasks, the first ones first, and gives every outcome to `keep` when it is there.
+    """Runs tasks in their order and passes each outcome to `keep` as soon as it is there.
 
-    A task that cannot be done is left out and the others go on; a worker that dies takes the
-    others' tasks with it, which are done again.
+    A task that raises an `Error` is left out and the others go on. A worker that dies takes the
+    other running tasks with it; they are run again.
 
     Args:
-      tasks: what to do, all different.
-      jobs: processes at a time, each one task at a time.
-      work: does one; goes to the processes.
+      tasks: all different.
+      jobs: number of processes; each runs one task at a time.
+      work: runs one task in a worker.
       keep: called in this process, in the order in which tasks end.
       describe: a task in a few words, for messages.
-      what: the tasks are, for messages.
-      make_pool: of that many workers; default: processes of their own.
+      what: what the tasks are, for messages.
+      make_pool: makes a pool of that many workers; default: `worker_pool`.
 
     Raises:
-      TasksError: at the end, when some could not be done, or sooner when many cannot.
+      TasksError: at the end when some tasks failed, or early when many fail.
     """
     missing = dict.fromkeys(tasks)
     faults: list[str] = []
@@ -95,7 +93,7 @@ def run_all(
                     except Error as error:
                         faults.append(f"{describe(task)}: {error}")
                         if len(faults) >= FAULTS_MAX:
-                            raise TasksError(_told(faults, what)) from error
+                            raise TasksError(_failed_text(faults, what)) from error
                     else:
                         keep(outcome)
                     del missing[task]
@@ -108,16 +106,16 @@ def run_all(
                     "memory?); what was done is kept, the same command does the rest"
                 ) from error
     if faults:
-        raise TasksError(_told(faults, what))
+        raise TasksError(_failed_text(faults, what))
 
 
 def worker_pool(jobs: int) -> ProcessPoolExecutor:
-    """Processes of their own, as SUMO is one to a process; they end with this one."""
+    """A pool of new processes, because SUMO allows one instance in each; they end with this one."""
     context = multiprocessing.get_context("spawn")
     return ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin_worker)
 
 
-def _told(faults: list[str], what: str) -> str:
+def _failed_text(faults: list[str], what: str) -> str:
     return (
         f"{len(faults)} {what} could not be done: {'; '.join(faults)}; what was done is kept, "
         "the same command does the rest"
@@ -126,9 +124,9 @@ def _told(faults: list[str], what: str) -> str:
 
 @contextmanager
 def _running(make_pool: Callable[[int], Executor], jobs: int) -> Iterator[Executor]:
-    """A pool whose processes are gone when the block is left, however it is left."""
+    """A pool whose processes have ended when the block is left, also by an exception."""
     before = set(multiprocessing.active_children())
-    with one_thread_each():
+    with single_threaded_workers():
         pool = make_pool(jobs)
         try:
             yield pool
@@ -141,7 +139,7 @@ def _running(make_pool: Callable[[int], Executor], jobs: int) -> Iterator[Execut
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Holds Ctrl-C back; processes that are started meanwhile do so until `_begin_worker`."""
+    """Blocks Ctrl-C; processes started meanwhile block it until `_begin_worker`."""
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -150,9 +148,10 @@ def _interrupts_held() -> Iterator[None]:
 
 
 def _end(workers: set[multiprocessing.process.BaseProcess]) -> None:
+    """Interrupts workers; kills those that do not end in time."""
     for worker in workers:
         if worker.pid is not None and worker.is_alive():
-            # It may have ended, and been waited for by the pool, since it was asked.
+            # The process may have ended since `is_alive`.
             with suppress(ProcessLookupError):
                 os.kill(worker.pid, signal.SIGINT)
     for worker in workers:
@@ -162,7 +161,7 @@ def _end(workers: set[multiprocessing.process.BaseProcess]) -> None:
 
 
 def _guarded(work: Callable[[Any], Outcome], task: Any) -> Outcome:
-    """Does a task; ends the process when it was interrupted, after SUMO has been closed."""
+    """Runs a task; when it is interrupted, ends the process after SUMO was closed."""
     _Worker.busy = True
     try:
         return work(task)
@@ -173,13 +172,13 @@ def _guarded(work: Callable[[Any], Outcome], task: Any) -> Outcome:
 
 
 class _Worker:
-    """What a process of the pool knows of itself."""
+    """State of a worker process."""
 
     busy = False
 
 
 def _begin_worker() -> None:
-    """Ends the process quietly when it is interrupted, or when its parent is gone."""
+    """Makes the process end without a message when it is interrupted or its parent has ended."""
     signal.signal(signal.SIGINT, _leave)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     threading.Thread(target=_leave_with_parent, daemon=True).start()

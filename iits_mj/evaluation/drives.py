@@ -29,7 +29,6 @@ from iits_mj.truck import Truck
 from iits_mj.validation.harness.run_cache import drive_digest
 
 REFERENCE_SPEED = TripConfig().reference_speed
-_PERIOD = 0.1  # [s]
 
 
 @functools.cache
@@ -43,22 +42,23 @@ def drive(task: Task, weights: Path | None = None) -> Trial:
     """Drives a trial.
 
     Args:
-      task: what.
-      weights: file of the policy, for the method "ddqn"; default: the shipped one.
+      task: which trial.
+      weights: file of the policy of the method "ddqn"; default: the shipped one.
 
     Raises:
-      InputError: the weights are not those of the task. TrafficError: SUMO failed.
+      InputError: the weights are not those of the task.
+      TrafficError: SUMO failed.
     """
     code = trial_code(task.world)
     if weights_digest(task.method, weights) != task.weights:
-        raise InputError("the weights' file is not the one that was asked for: it has been changed")
+        raise InputError("the file of weights has changed since the trials were planned")
     policy = str(weights) if weights is not None and task.method == "ddqn" else None
-    maker = _Counted(decisions.make(task.method, policy))
+    maker = _CountingMaker(decisions.make(task.method, policy))
     return (_drive_full if task.world == "full" else _drive_fast)(task, maker, code)
 
 
-class _Counted:
-    """A decision maker whose decisions to change are counted."""
+class _CountingMaker:
+    """A decision maker with a count of its decisions to change lanes."""
 
     def __init__(self, maker: DecisionMaker) -> None:
         self._maker = maker
@@ -75,10 +75,10 @@ class _Counted:
         return decision
 
 
-class _Watch(Observer):
-    """Time gaps and the speed's distance from the reference, every 100 ms; ends the trip."""
+class _TripObserver(Observer):
+    """Measures time gaps and the speed error every 100 ms, and ends the trip after its length."""
 
-    period = _PERIOD
+    period = 0.1  # [s]
 
     def __init__(self, length: float) -> None:
         self._length = length
@@ -104,15 +104,15 @@ class _Watch(Observer):
         return self._error / self._frames
 
 
-def _drive_full(task: Task, maker: _Counted, code: str) -> Trial:
-    """The full chain: MuJoCo truck, planner and tracking in SUMO traffic."""
+def _drive_full(task: Task, maker: _CountingMaker, code: str) -> Trial:
+    """Drives in the full chain: MuJoCo truck, planner and tracking in SUMO traffic."""
     config = DriveConfig(
         density=task.density,
         traffic_speed=task.traffic_speed,
         traffic_mode="none" if task.density == EMPTY else "inter",
         lane_change=LANE_CHANGE,
         lane_discipline="free",
-        decision="keep",  # `driver` puts the one that is counted in its place
+        decision="keep",  # replaced in `driver`
         duration=task.duration_limit,
         seed=task.seed,
         payload=task.payload,
@@ -127,7 +127,7 @@ def _drive_full(task: Task, maker: _Counted, code: str) -> Trial:
         return stack
 
     began = time.perf_counter()
-    watch = _Watch(task.length_limit)
+    observer = _TripObserver(task.length_limit)
     with Simulation(
         config,
         driver=driver,  # type: ignore[arg-type]
@@ -135,7 +135,7 @@ def _drive_full(task: Task, maker: _Counted, code: str) -> Trial:
         timestep=task.timestep,
     ) as simulation:
         try:
-            result = simulation.run([watch])
+            result = simulation.run([observer])
         except DivergedError:
             result = simulation.summary()
         unsafe = simulation.stack.unsafe
@@ -143,7 +143,7 @@ def _drive_full(task: Task, maker: _Counted, code: str) -> Trial:
     return Trial(
         **vars(task),
         speed_loss=1.0 - result.mean_speed / REFERENCE_SPEED,
-        speed_error=watch.speed_error,
+        speed_error=observer.speed_error,
         changes=result.lane_changes,
         asked=maker.asked,
         refused=result.refused,
@@ -151,8 +151,8 @@ def _drive_full(task: Task, maker: _Counted, code: str) -> Trial:
         collisions=int(result.collision),
         failures=int(result.failed or timed_out),
         ended=" ".join(result.ended.split()),
-        time_gap=watch.time_gap,
-        close_share=watch.close_share,
+        time_gap=observer.time_gap,
+        close_share=observer.close_share,
         box_distance=result.closest_box,
         fuel=result.fuel,
         distance=result.distance,
@@ -162,8 +162,8 @@ def _drive_full(task: Task, maker: _Counted, code: str) -> Trial:
     )
 
 
-def _drive_fast(task: Task, maker: _Counted, code: str) -> Trial:
-    """The fast world: point-mass truck in numpy traffic."""
+def _drive_fast(task: Task, maker: _CountingMaker, code: str) -> Trial:
+    """Drives in the fast world: a point-mass truck in NumPy traffic."""
     empty = task.density == EMPTY
     trip = TripConfig(
         spawn_probability=0.0 if empty else SPAWN_PROBABILITY[task.density],

@@ -1,4 +1,4 @@
-"""`iits-mj evaluate`: the paper's table of decision makers over six traffic cells, paired seeds."""
+"""`iits-mj evaluate`: drives decision makers through the paper's cells, with paired seeds."""
 
 from __future__ import annotations
 
@@ -16,10 +16,9 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
 from iits_mj.core.process_pool import run_all
 from iits_mj.core.timing import TIMESTEP
-from iits_mj.evaluation import drives
-from iits_mj.evaluation import trials as evaluate_rows
+from iits_mj.evaluation import drives, trials
 from iits_mj.evaluation.trials import EMPTY, WORLDS, Task, Trial, weights_digest
-from iits_mj.validation.harness.statistics import half_width
+from iits_mj.parameters import payload_option
 
 SEEDS = {"test": TEST_SEEDS, "validation": VALIDATION_SEEDS}
 DEFAULT_METHODS = "conservative,neutral,aggressive,mobil,lookahead,ddqn"
@@ -29,37 +28,32 @@ TRIALS_MAX, SETS_MAX = 1_000, 10
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluateConfig:
-    """Which decision makers, in which world, how often."""
+    """Decision makers to compare, their world, and the number of trips."""
 
     trials: int = option(30, help="trips of each method in each cell", low=1, high=TRIALS_MAX)
     methods: str = option(
         DEFAULT_METHODS, help="decision makers, separated by commas", metavar="NAMES"
     )
     cells: str = option(
-        DEFAULT_CELLS, help="traffic cells, density and limit in m/s", metavar="CELLS"
+        DEFAULT_CELLS,
+        help="traffic cells: density and speed limit in m/s, separated by commas",
+        metavar="CELLS",
     )
     weights: Path | None = option(
-        None, help="policy of the method ddqn; without it the shipped one", metavar="FILE.npz"
+        None, help="policy of the method ddqn; default: the shipped policy", metavar="FILE.npz"
     )
     world: str = option(
         "full",
-        help="full: MuJoCo truck with its stack in SUMO traffic; fast: point mass in numpy traffic",
+        help="full: MuJoCo truck with its stack in SUMO traffic; fast: point mass in NumPy traffic",
         choices=WORLDS,
     )
-    payload: float = option(
-        TripConfig().payload, help="load of the truck", unit="kg", low=0.0, high=36_000.0
-    )
+    payload: float = payload_option(TripConfig().payload)
     timestep: float = option(
-        TIMESTEP,
-        help="of the physics, a whole part of 0.02",
-        unit="s",
-        low=0.0005,
-        high=0.005,
-        metavar="S",
+        TIMESTEP, help="time step of the physics", unit="s", low=0.0005, high=0.005, metavar="S"
     )
     length: float = option(
         15_000.0,
-        help="of a trip; it also ends with the road",
+        help="length of a trip, which also ends at the end of the road",
         unit="m",
         low=500.0,
         high=1e5,
@@ -67,7 +61,7 @@ class EvaluateConfig:
     )
     duration: float = option(
         3_000.0,
-        help="a trip that takes longer is cut off, and counts as failed",
+        help="time after which a trip is cut off and counts as failed",
         unit="s",
         low=10.0,
         high=1e5,
@@ -75,18 +69,18 @@ class EvaluateConfig:
     )
     seeds: str = option(
         "test",
-        help="trips; test: for figures only; validation: for choosing a policy",
+        help="seeds of the traffic; test: for figures; validation: for choosing a policy",
         choices=tuple(SEEDS),
     )
-    seed: int = option(0, help="another set of those trips", low=0, high=SETS_MAX - 1)
-    jobs: int = option(1, help="processes at a time, a trip each", low=1, high=256)
+    seed: int = option(0, help="number of the set of seeds", low=0, high=SETS_MAX - 1)
+    jobs: int = option(1, help="number of processes; each drives one trip", low=1, high=256)
     file: Path | None = option(
         None,
-        help="file of trials; those in it are not driven again; with --report without it "
-        "evaluate.csv beside the page",
+        help="file of trials; trials that it contains are not driven again; default with --report: "
+        "evaluate.csv in that folder",
         metavar="FILE.csv",
     )
-    drive: bool = option(True, help="no-drive: figures of the file's trials alone")
+    drive: bool = option(True, help="drive missing trials; --no-drive: use only those in --file")
 
     def __post_init__(self) -> None:
         options.check(self)
@@ -96,14 +90,14 @@ class EvaluateConfig:
         self.chosen_cells()
 
     def names(self) -> tuple[str, ...]:
-        """The methods, each once."""
+        """The methods without repetitions."""
         return tuple(dict.fromkeys(name.strip() for name in self.methods.split(",")))
 
     def chosen_cells(self) -> tuple[tuple[str, float], ...]:
         """Density and traffic speed of the cells, in the paper's order.
 
         Raises:
-          InputError: one is none of the paper's.
+          InputError: a cell is not one of the paper's.
         """
         known = dict(zip(DEFAULT_CELLS.split(","), CELLS, strict=True))
         asked = [name.strip() for name in self.cells.split(",")]
@@ -114,25 +108,27 @@ class EvaluateConfig:
 
 
 def trial_seed(cell: int, trial: int, config: EvaluateConfig) -> int:
-    """The seed that all methods share in a trial, within the million of its kind."""
+    """The seed of a trial in a cell, the same for all methods."""
     per_cell, per_set = TRIALS_MAX, SEEDS_EACH // SETS_MAX
     return SEEDS[config.seeds] + per_set * config.seed + per_cell * cell + trial
 
 
 def tasks_of(config: EvaluateConfig) -> list[Task]:
-    """What is to be driven: the free road, then all cells and methods trial by trial.
+    """All tasks: first the empty road, then all cells and methods, trial by trial.
 
     Raises:
       InputError: the policy's file cannot be read.
     """
     digests = {name: weights_digest(name, config.weights) for name in config.names()}
     cells = config.chosen_cells()
-    free = [
-        _task(config, EMPTY, speed, "keep", "", 0)
-        for speed in sorted({speed for _, speed in cells})
-    ]
+
+    def task(density: str, speed: float, method: str, weights: str, seed: int) -> Task:
+        limits = (config.payload, config.timestep, config.length, config.duration)
+        return Task(config.world, density, speed, method, weights, *limits, seed)
+
+    free = [task(EMPTY, speed, "keep", "", 0) for speed in sorted({speed for _, speed in cells})]
     return free + [
-        _task(config, density, speed, name, digests[name], trial_seed(cell, number, config))
+        task(density, speed, name, digests[name], trial_seed(cell, number, config))
         for number in range(config.trials)
         for cell, (density, speed) in enumerate(CELLS)
         if (density, speed) in cells
@@ -146,35 +142,41 @@ def run(
     say: Callable[[str], None] | None = None,
     drive_all: Callable[..., None] | None = None,
 ) -> list[Trial]:
-    """Drives what is missing in the file of trials; all that were asked for.
+    """Drives the trials that the file does not contain yet; returns all trials asked for.
 
     Args:
       config: settings.
       progress: called with (trials done, trials in all).
-      say: is told what a reader should know; default: stderr.
+      say: gets messages for the user; default: they are printed on stderr.
       drive_all: drives tasks; default: `drive_trials`.
 
     Raises:
-      InputError: the file of trials is not usable, or the weights are not.
-      TasksError: some could not be driven; what was is in the file.
+      InputError: the file of trials or the weights are not usable.
+      TasksError: some trials failed; the others are in the file.
     """
-    say = say or _to_stderr
-    drive_all = drive_all or drive_trials
+    say = say or functools.partial(print, file=sys.stderr)
     wanted = tasks_of(config)
     if not config.drive:
-        return _found(config, wanted, say)
+        if config.file is None:
+            raise InputError("--no-drive needs a file of trials: name it by --file")
+        known = trials.read_trials(config.file, say)
+        found = [known[task] for task in wanted if task in known]
+        if not found:
+            raise InputError(f"file {str(config.file)!r} has none of these trials")
+        return found
     if "ddqn" in config.names():
-        # Weights that cannot drive are refused before the first trial.
+        # Refuse unusable weights before the first trial.
         load_policy(config.weights)
+    drive_all = drive_all or drive_trials
     if config.file is None:
         return _run(config, wanted, {}, progress, drive_all)
-    with evaluate_rows.alone(config.file):
-        known = evaluate_rows.read_trials(config.file, say)
-        evaluate_rows.write_trials(config.file, known.values())
+    with trials.locked(config.file):
+        known = trials.read_trials(config.file, say)
+        trials.write_trials(config.file, known.values())
         try:
             return _run(config, wanted, known, progress, drive_all)
         finally:
-            evaluate_rows.write_trials(config.file, known.values())
+            trials.write_trials(config.file, known.values())
 
 
 def drive_trials(
@@ -183,7 +185,7 @@ def drive_trials(
     drive: Callable[[Task], Trial],
     keep: Callable[[Trial], None],
 ) -> None:
-    """Drives tasks in that many processes; see `side_by_side.run_all`."""
+    """Drives tasks in several processes; see `process_pool.run_all`."""
     run_all(tasks, jobs, drive, keep, describe, what="trials")
 
 
@@ -199,7 +201,7 @@ def _run(
     progress: Callable[[int, int], None] | None,
     drive_all: Callable[..., None],
 ) -> list[Trial]:
-    """Drives what is not known yet and adds it to what is."""
+    """Drives the tasks that are not known, and adds their trials to the known ones."""
     missing = [task for task in wanted if task not in known]
     done = len(wanted) - len(missing)
 
@@ -207,47 +209,12 @@ def _run(
         nonlocal done
         known[trial.task] = trial
         if config.file is not None:
-            evaluate_rows.append_trial(config.file, trial)
+            trials.append_trial(config.file, trial)
         done += 1
         if progress is not None:
             progress(done, len(wanted))
 
     if progress is not None:
         progress(done, len(wanted))
-    drive = functools.partial(drives.drive, weights=config.weights)
-    drive_all(missing, config.jobs, drive, keep)
+    drive_all(missing, config.jobs, functools.partial(drives.drive, weights=config.weights), keep)
     return [known[task] for task in wanted]
-
-
-def _found(config: EvaluateConfig, wanted: list[Task], say: Callable[[str], None]) -> list[Trial]:
-    if config.file is None:
-        raise InputError("no-drive makes figures of a file of trials: name it by --file")
-    known = evaluate_rows.read_trials(config.file, say)
-    found = [known[task] for task in wanted if task in known]
-    if not found:
-        raise InputError(f"file {str(config.file)!r} has none of these trials")
-    return found
-
-
-def _task(
-    config: EvaluateConfig, density: str, speed: float, method: str, weights: str, seed: int
-) -> Task:
-    return Task(
-        config.world,
-        density,
-        speed,
-        method,
-        weights,
-        config.payload,
-        config.timestep,
-        config.length,
-        config.duration,
-        seed,
-    )
-
-
-def _to_stderr(text: str) -> None:
-    print(text, file=sys.stderr)
-
-
-__all__ = ["EvaluateConfig", "half_width", "run", "tasks_of", "trial_seed"]

@@ -1,4 +1,4 @@
-"""What trials come to, cell by cell: estimates, paired differences, and who wins."""
+"""Figures of trials, cell by cell: estimates, paired differences, verdicts, checks and tables."""
 
 from __future__ import annotations
 
@@ -8,13 +8,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from iits_mj.core.results import Check, Findings, Results
+from iits_mj.evaluation.evaluate import EvaluateConfig
 from iits_mj.evaluation.trials import EMPTY, Trial
 from iits_mj.validation.harness.statistics import Estimate, Paired, estimate, holm, paired
 
-# --- What trials come to, cell by cell: estimates, paired differences, and who wins ---
-
-# The paper's table: speed loss [%] of its methods per cell. "10.0" of sparse, 15, aggressive is as
-# printed, probably 1.0.
+WORLD_TEXT = {
+    "fast": "fast world: point-mass truck in numpy IDM and MOBIL traffic, no SUMO, no MuJoCo",
+    "full": "full chain: MuJoCo truck, planner and tracking in SUMO traffic that fills both lanes "
+    "and reacts to it, built-in highway, reference 16.67 m/s, start at the traffic's limit",
+}
+# The paper's table: speed loss [%] of its methods in each cell. The 10.0 of aggressive in sparse 15
+# is as printed; it is probably a misprint of 1.0.
 PAPER_LOSS_PERCENT = {
     ("dense", 12.5): {"conservative": 38.9, "neutral": 28.5, "aggressive": 24.5, "ddqn": 24.0},
     ("dense", 15.0): {"conservative": 30.9, "neutral": 20.1, "aggressive": 18.8, "ddqn": 17.3},
@@ -24,29 +29,30 @@ PAPER_LOSS_PERCENT = {
     ("sparse", 15.0): {"conservative": 1.0, "neutral": 1.0, "aggressive": 10.0, "ddqn": 1.0},
 }
 RULES = ("conservative", "neutral", "aggressive")
-# Rules of our own, which show what a cell leaves to win.
+# Stronger rules of this project; they show whether a cell leaves room for improvement.
 STRONGER = ("mobil", "lookahead")
 POLICY, RIVAL = "ddqn", "lookahead"
 SIGNIFICANT = 0.05
-# A cell in which even a truck alone would gain less over the best rule says nothing for a decision
-# maker; it says something against one that loses as much [% points].
+# A cell is trivial when even the empty road gains less than this over the best rule: no decision
+# maker can win there, but one that is worse by this much loses [% points].
 ROOM_MIN = 0.3
-FEWEST = 10  # trips below which a difference within chance only says that there are few
+FEWEST = 10  # trips; with fewer, a difference within chance has no meaning
 
 
 @dataclass(frozen=True)
 class CellFigures:
-    """One traffic cell.
+    """Figures of one traffic cell.
 
     Attributes:
-      density, speed: which; trials: of each method, by seed.
+      density, speed: of the cell; trials: of each method, sorted by seed.
       loss [%], changes: estimates by method.
-      against: the policy's loss less another method's, over the same trips, by method [% points].
-      more_changes: the policy's lane changes less another method's, likewise.
-      stronger: loss of each of `STRONGER` less the best rule's, likewise.
+      against: loss of the policy less that of another method over the same trips, by method
+        [% points].
+      more_changes: the same difference of lane changes.
+      stronger: loss of each of `STRONGER` less that of the best rule over the same trips.
       floor: loss without traffic [%], nan when unknown.
-      best: of the paper's three rules, "" without one; holm: p of the policy against it, corrected
-        for the number of cells.
+      best: the best of the paper's three rules, "" without one; holm: p of the policy against it,
+        corrected for the number of cells.
       verdict: one word or two; reason: a sentence.
     """
 
@@ -66,24 +72,24 @@ class CellFigures:
 
     @property
     def name(self) -> str:
-        """Density and limit in m/s."""
+        """Density and speed limit in m/s."""
         return f"{self.density} {self.speed:g}"
 
     @property
     def room(self) -> float:
-        """What a truck alone on the road gains over the best rule [% points]."""
+        """Gain of a truck on an empty road over the best rule [% points]."""
         return self.loss[self.best].mean - self.floor if self.best else math.nan
 
     @property
     def trivial(self) -> bool:
-        """Whether no decision maker can show anything here."""
+        """Whether the cell leaves no room for improvement."""
         return self.verdict == "trivial"
 
     @property
     def winnable(self) -> bool:
-        """Whether a stronger rule is better than the best rule beyond chance, or none was driven.
+        """Whether a stronger rule beats the best rule beyond chance, or none was driven.
 
-        The tests are not corrected: in doubt there is something to win.
+        The tests are not corrected for their number, in favor of a cell that can be won.
         """
         others = self.stronger.values()
         if self.trivial or not others or any(d.count < FEWEST for d in others):
@@ -94,7 +100,7 @@ class CellFigures:
 def figures(
     trials: Sequence[Trial], cells: Sequence[tuple[str, float]], methods: Sequence[str]
 ) -> list[CellFigures]:
-    """The cells' figures, judged together; cells without a trial are left out."""
+    """Figures of the cells with their verdicts; cells without a trial are left out."""
     found = [_cell(trials, density, speed, methods) for density, speed in cells]
     known = [cell for cell in found if cell.trials]
     compared = [cell for cell in known if cell.best and POLICY in cell.trials]
@@ -107,7 +113,7 @@ def figures(
 
 
 def over_all(cells: Sequence[CellFigures], first: str, second: str) -> Paired | None:
-    """The loss of one method less another's over the same trips of all cells [% points]."""
+    """Loss of one method less that of another over the same trips of all cells [% points]."""
     pairs = [
         pair
         for cell in cells
@@ -118,7 +124,7 @@ def over_all(cells: Sequence[CellFigures], first: str, second: str) -> Paired | 
 
 
 def same_seeds(first: Sequence[Trial], second: Sequence[Trial]) -> list[tuple[Trial, Trial]]:
-    """Trials of the same seeds: in one world, of the same traffic."""
+    """Pairs of trials with the same seed, and so with the same traffic."""
     others = {trial.seed: trial for trial in second}
     return [(trial, others[trial.seed]) for trial in first if trial.seed in others]
 
@@ -169,16 +175,16 @@ def _losses(pairs: Sequence[tuple[Trial, Trial]]) -> Paired:
 
 
 def _judge(cell: CellFigures) -> CellFigures:
-    """Says who wins, or why nobody can."""
+    """Adds the verdict and its reason."""
     versus = cell.against[cell.best]
     policy, best = cell.loss[POLICY], cell.loss[cell.best]
-    told = cell.holm < SIGNIFICANT
+    significant = cell.holm < SIGNIFICANT
     apart = policy.high < best.low or best.high < policy.low
     matters = not (cell.room < ROOM_MIN and versus.mean < ROOM_MIN)
     difference = (
         f"{versus.mean:+.2f} ± {versus.half:.2f} points against {cell.best}, p = {cell.holm:.2g}"
     )
-    if (told or apart) and versus.mean > 0.0 and matters:
+    if (significant or apart) and versus.mean > 0.0 and matters:
         verdict, reason = "loses", difference
     elif cell.room < ROOM_MIN:
         verdict = "trivial"
@@ -186,19 +192,110 @@ def _judge(cell: CellFigures) -> CellFigures:
             f"{cell.best} loses {best.mean:.2f} %, the free road {cell.floor:.2f} %: "
             f"{cell.room:.2f} points are all that is left to gain, {ROOM_MIN:g} would count"
         )
-    elif (told or apart) and versus.mean < 0.0:
+    elif (significant or apart) and versus.mean < 0.0:
         verdict, reason = "wins", difference
     elif versus.count < FEWEST:
         verdict, reason = "too few trips", difference
     else:
         verdict, reason = "level", difference
         if cell.stronger:
-            wins = "is more to win" if cell.winnable else "wins"
-            who = "there" if cell.winnable else "no stronger rule"
-            reason += f"; {who} {wins}: {stronger_text(cell)}"
+            room = "there is more to win" if cell.winnable else "no stronger rule wins"
+            reason += f"; {room}: {stronger_text(cell)}"
     return replace(cell, verdict=verdict, reason=reason)
 
 
 def stronger_text(cell: CellFigures) -> str:
-    """What the stronger rules win over the best rule, or lose."""
+    """Differences of the stronger rules from the best rule."""
     return ", ".join(f"{n} {d.mean:+.2f} ± {d.half:.2f}" for n, d in cell.stronger.items())
+
+
+def difference_text(difference: Paired) -> str:
+    """A paired difference of speed losses with its tests."""
+    return (
+        f"{difference.mean:+.2f} ± {difference.half:.2f} points over {difference.count} trips, "
+        f"p = {difference.t_p:.2g} (t), {difference.wilcoxon_p:.2g} (Wilcoxon)"
+    )
+
+
+# --- Checks, and tables for the terminal ---
+
+
+def summarize(trials: Sequence[Trial], config: EvaluateConfig) -> tuple[Results, list[CellFigures]]:
+    """Checks and tables of trials, and the cells' figures from which they are made."""
+    cells = figures(trials, config.chosen_cells(), config.names())
+    results = Results("evaluate", seed=config.seed)
+    results.notes.append(
+        f"{WORLD_TEXT[config.world]}; load {config.payload / 1000.0:g} t, physics in steps of "
+        f"{1000.0 * config.timestep:g} ms; {config.seeds} seeds, the same for all methods"
+    )
+    for cell in cells:
+        _check_cell(results, cell)
+        results.notes += ["", *_cell_table(cell)]
+    verdicts = [f"{cell.name}: {cell.verdict}: {cell.reason}" for cell in cells if cell.verdict]
+    results.notes += ["", *verdicts]
+    level = over_all(cells, POLICY, RIVAL)
+    if level is not None:
+        # The policy is level with the look-ahead when it is not worse by more than chance.
+        label = f"all cells: speed loss, {POLICY} less {RIVAL}"
+        tests = f"±{level.half:.2f}, p {level.t_p:.2g}, Wilcoxon {level.wilcoxon_p:.2g}"
+        results.checks += [
+            Check(label, level.mean, "% points", tests),
+            Check(f"{label}, lower end of the interval", level.low, "% points", None, "<= 0"),
+        ]
+        results.notes.append(f"all cells, {POLICY} less {RIVAL}: {difference_text(level)}")
+    return results, cells
+
+
+def _check_cell(results: Results, cell: CellFigures) -> None:
+    paper = PAPER_LOSS_PERCENT[cell.density, cell.speed]
+    for name, rows in cell.trials.items():
+        found = Findings(f"{cell.name}, {name}")
+        found.check("speed loss", cell.loss[name].mean, "%", paper.get(name))
+        found.check("lane changes", cell.changes[name].mean, "1")
+        found.check("collisions", sum(t.collisions for t in rows), "1", must="<= 0")
+        found.check("trips that failed", sum(t.failures for t in rows), "1", must="<= 0")
+        results.add("", found)
+    if not cell.verdict:
+        return
+    found, versus = Findings(cell.name), cell.against[cell.best]
+    title = f"speed loss, {POLICY} less {cell.best}"
+    found.check(
+        title + (" (trivial cell)" if cell.trivial else ""),
+        versus.mean,
+        "% points",
+        f"±{versus.half:.2f}",
+        f"<= {ROOM_MIN:g}" if cell.trivial else "< 0",
+    )
+    found.check(
+        title + ", p" + ("" if cell.winnable or cell.trivial else " (no stronger rule wins)"),
+        cell.holm,
+        "1",
+        f"t {versus.t_p:.2g}, Wilcoxon {versus.wilcoxon_p:.2g}",
+        f"< {SIGNIFICANT:g}" if cell.winnable else "",
+    )
+    if (more := cell.more_changes.get("aggressive")) is not None:
+        title = f"lane changes, {POLICY} less aggressive"
+        found.check(title, more.mean, "1", f"±{more.half:.2f}", "<= 0")
+    results.add("", found)
+
+
+def _cell_table(cell: CellFigures) -> list[str]:
+    """Table of a cell in at most 100 columns."""
+    counts = sorted({len(rows) for rows in cell.trials.values()})
+    shown = " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
+    paper = PAPER_LOSS_PERCENT[cell.density, cell.speed]
+    lines = [
+        f"{cell.name} m/s, {shown} trips; free road {cell.floor:.2f} %",
+        "  method        paper   loss [%]  95 %     std   changes  95 %   refused  unsafe  "
+        "collisions",
+    ]
+    for name, rows in cell.trials.items():
+        loss, changes = cell.loss[name], cell.changes[name]
+        reference = f"{paper[name]:5.1f}" if name in paper else "     "
+        refused, unsafe = (sum(t.refused for t in rows), sum(t.unsafe for t in rows))
+        lines.append(
+            f"  {name:13s} {reference} {loss.mean:10.2f} ±{loss.half:5.2f} {loss.std:7.2f} "
+            f"{changes.mean:9.2f} ±{changes.half:5.2f} {refused / len(rows):8.2f} "
+            f"{unsafe / len(rows):7.2f} {sum(t.collisions for t in rows):11d}"
+        )
+    return lines

@@ -26,6 +26,7 @@ from iits_mj.core.options import option
 from iits_mj.core.results import Check, Line, Panel, Results
 from iits_mj.core.tables import write_table
 from iits_mj.core.units import DIESEL_DENSITY, KMH
+from iits_mj.parameters import payload_option
 from iits_mj.parameters import randomization as spreads
 from iits_mj.parameters.randomization import Drawn, Spread
 from iits_mj.truck import Truck
@@ -168,9 +169,7 @@ class MonteCarloConfig:
     """Which trucks, and how many."""
 
     samples: int = option(200, help="trucks to draw", low=2, high=SAMPLES_MAX)
-    payload: float = option(
-        36_000.0, help="load on the semitrailer", unit="kg", low=0.0, high=36_000.0, metavar="KG"
-    )
+    payload: float = payload_option()
     timestep: float = option(
         0.002, help="of the physics", unit="s", low=0.0005, high=0.005, metavar="S"
     )

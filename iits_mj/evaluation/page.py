@@ -1,12 +1,16 @@
-"""What the page of `iits-mj evaluate` says: sections of sentences and tables, without a format."""
+"""The page of `iits-mj evaluate`: sections of text and tables, written as HTML and Markdown."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from iits_mj.evaluation import tables
+import numpy as np
+
+import iits_mj
+from iits_mj.core.results import Results
+from iits_mj.core.units import DIESEL_DENSITY
 from iits_mj.evaluation.evaluate import EvaluateConfig
 from iits_mj.evaluation.figures import (
     PAPER_LOSS_PERCENT,
@@ -15,39 +19,90 @@ from iits_mj.evaluation.figures import (
     ROOM_MIN,
     RULES,
     STRONGER,
+    WORLD_TEXT,
     CellFigures,
+    difference_text,
     over_all,
     stronger_text,
 )
-from iits_mj.evaluation.results import WORLD_TEXT, difference_text
-from iits_mj.evaluation.tables import Section
-from iits_mj.evaluation.trials import Trial, codes_of
+from iits_mj.evaluation.pictures import draw_balance, draw_trips
+from iits_mj.evaluation.trials import CLOSE, Trial, codes_of
+from iits_mj.render import plots
+from iits_mj.render.pages import (
+    Page,
+    Section,
+    check_section,
+    picture_section,
+    slug,
+    write_pictures,
+)
+from iits_mj.validation.harness.statistics import Estimate, Paired
 
-# Settings that say where and how fast trials were driven, not which.
-_NOT_SAID = ("jobs", "file", "drive")
+TITLE = "Decision makers compared"
+_DPI = 100
+# Settings that do not choose trials.
+_NOT_SHOWN = ("jobs", "file", "drive")
+
+
+def write_page(
+    results: Results,
+    cells: Sequence[CellFigures],
+    trials: Sequence[Trial],
+    config: EvaluateConfig,
+    folder: Path,
+) -> tuple[Path, Path]:
+    """Writes `evaluate.html`, `evaluate.md` and the latter's pictures; returns the two pages.
+
+    Args:
+      results: the checks.
+      cells: figures of the cells.
+      trials: all trials.
+      config: settings.
+      folder: exists.
+    """
+    parts, names = sections(cells, trials, config), config.names()
+    stem = slug(results.command)
+    pictures = {
+        "Speed loss of every trip": plots.to_png(draw_trips(cells, names), _DPI),
+        "Speed loss over lane changes": plots.to_png(draw_balance(cells, names), _DPI),
+    }
+    lead = f"iits-mj {iits_mj.__version__}; {results.count_text()}"
+    shown = [picture_section(caption, png) for caption, png in pictures.items()]
+    web = Page(TITLE, lead, [*parts, Section("Checks", checks=results.checks), *shown])
+    write_pictures(
+        folder / stem, [(f"{slug(caption)}.png", png) for caption, png in pictures.items()]
+    )
+    linked = [picture_section(caption, f"{stem}/{slug(caption)}.png") for caption in pictures]
+    text = Page(
+        TITLE,
+        f"Made by {lead}.",
+        [*parts, *linked, check_section(results.checks, "Checks")],
+        results.short(),
+    )
+    return web.write(folder / f"{stem}.html"), text.write(folder / f"{stem}.md")
 
 
 def sections(
     cells: Sequence[CellFigures], trials: Sequence[Trial], config: EvaluateConfig
 ) -> list[Section]:
-    """All sections of the page, in its order."""
+    """All sections of the page with text and tables, in their order."""
     return [
         _origin(trials, config),
         _paper_table(cells, config.names()),
         _verdicts(cells),
         _pairs(cells),
-        tables.details(cells),
-        tables.safety(cells),
-        tables.effort(cells),
+        _details(cells),
+        _safety(cells),
+        _effort(cells),
     ]
 
 
 def command_of(config: EvaluateConfig) -> str:
-    """The command line that drives these trials, settings that are the default left out."""
+    """The command line that drives these trials, without the settings that have their default."""
     words = ["iits-mj evaluate"]
     for field in dataclasses.fields(EvaluateConfig):
         value = getattr(config, field.name)
-        if value == field.default or field.name in _NOT_SAID:
+        if value == field.default or field.name in _NOT_SHOWN:
             continue
         shown = value.name if isinstance(value, Path) else str(value)
         words.append(f"--{field.name.replace('_', '-')} {shown}")
@@ -73,7 +128,7 @@ def _origin(trials: Sequence[Trial], config: EvaluateConfig) -> Section:
     ]
     if weights:
         sentences.append(f"Weights of {POLICY}: SHA-256 {', '.join(weights)}...")
-    return Section("What these figures are", tuple(sentences))
+    return Section("What these figures are", sentences=sentences)
 
 
 def _versions(counts: dict[str, list[Trial]]) -> str:
@@ -100,16 +155,12 @@ def _paper_table(cells: Sequence[CellFigures], names: Sequence[str]) -> Section:
             if name not in cell.loss:
                 row.append("")
                 continue
-            own = f"{cell.loss[name].mean:.2f} ± {cell.loss[name].half:.2f}"
+            own = _estimate(cell.loss[name])
             own = f"**{own}**" if name == lowest else own
             row.append(f"{paper[name]:.1f} / {own}" if name in paper else own)
-        rows.append(tuple(row))
-    return Section(
-        "The paper's table and ours",
-        (sentence,),
-        ("cell [m/s]", "free road", *names),
-        tuple(rows),
-    )
+        rows.append(row)
+    header = ("cell [m/s]", "free road", *names)
+    return _table("The paper's table and ours", [sentence], header, rows)
 
 
 def _verdicts(cells: Sequence[CellFigures]) -> Section:
@@ -137,7 +188,7 @@ def _verdicts(cells: Sequence[CellFigures]) -> Section:
                 cell.name,
                 f"**{cell.verdict}**",
                 cell.best,
-                f"{versus.mean:+.2f} ± {versus.half:.2f}",
+                _difference(versus),
                 f"{versus.t_p:.2g}",
                 f"{versus.wilcoxon_p:.2g}",
                 f"{cell.holm:.2g}",
@@ -146,55 +197,168 @@ def _verdicts(cells: Sequence[CellFigures]) -> Section:
                 cell.reason if cell.trivial else "",
             )
         )
-    return Section(
-        "Verdicts",
-        tuple(sentences),
-        (
-            "cell",
-            "verdict",
-            "best rule",
-            f"{POLICY} less it [points]",
-            "p (t)",
-            "p (Wilcoxon)",
-            "p (t, Holm)",
-            "room [points]",
-            "stronger rules less it [points]",
-            "why",
-        ),
-        tuple(rows),
+    header = (
+        "cell",
+        "verdict",
+        "best rule",
+        f"{POLICY} less it [points]",
+        "p (t)",
+        "p (Wilcoxon)",
+        "p (t, Holm)",
+        "room [points]",
+        "stronger rules less it [points]",
+        "why",
     )
+    return _table("Verdicts", sentences, header, rows)
 
 
 def _pairs(cells: Sequence[CellFigures]) -> Section:
     names = list(dict.fromkeys(name for cell in cells for name in cell.against))
-    rows = [
-        (
-            cell.name,
-            *(
-                f"{cell.against[n].mean:+.2f} ± {cell.against[n].half:.2f} "
-                f"({cell.against[n].t_p:.2g}; {cell.against[n].wilcoxon_p:.2g})"
-                if n in cell.against
-                else ""
-                for n in names
-            ),
-        )
-        for cell in cells
-        if cell.against
-    ]
-    together = [over_all(cells, POLICY, n) for n in names]
-    if rows:
-        shown = [
-            "" if d is None else f"{d.mean:+.2f} ± {d.half:.2f} ({d.t_p:.2g}; {d.wilcoxon_p:.2g})"
-            for d in together
-        ]
-        rows.append(("all", *shown))
-    return Section(
-        f"{POLICY} against each",
-        (
-            f"Speed loss of {POLICY} less the other's over the same trips, in points, with half of "
-            "the 95 % interval, and p of the paired t-test and of Wilcoxon's signed ranks, not "
-            "corrected. Below zero the policy is better.",
-        ),
-        ("cell", *names),
-        tuple(rows),
+    compared = [(cell.name, cell.against) for cell in cells if cell.against]
+    if compared:
+        compared.append(("all", {n: d for n in names if (d := over_all(cells, POLICY, n))}))
+
+    def text(difference: Paired | None) -> str:
+        if difference is None:
+            return ""
+        return f"{_difference(difference)} ({difference.t_p:.2g}; {difference.wilcoxon_p:.2g})"
+
+    rows = [(title, *(text(against.get(name)) for name in names)) for title, against in compared]
+    sentence = (
+        f"Speed loss of {POLICY} less the other's over the same trips, in points, with half of "
+        "the 95 % interval, and p of the paired t-test and of Wilcoxon's signed ranks, not "
+        "corrected. Below zero the policy is better."
     )
+    return _table(f"{POLICY} against each", [sentence], ("cell", *names), rows)
+
+
+def _details(cells: Sequence[CellFigures]) -> Section:
+    rows = []
+    for cell, name, own in _each(cells):
+        loss, changes = cell.loss[name], cell.changes[name]
+        more = cell.more_changes.get(name)
+        rows.append(
+            (
+                cell.name,
+                name,
+                str(len(own)),
+                _estimate(loss),
+                f"{loss.std:.2f}",
+                f"{loss.mean - cell.floor:.2f}",
+                _estimate(changes),
+                f"{changes.std:.2f}",
+                "" if more is None else _difference(more),
+            )
+        )
+    header = (
+        "cell",
+        "method",
+        "trips",
+        "loss [%]",
+        "std",
+        "above the free road",
+        "changes a trip",
+        "std",
+        f"changes, {POLICY} less it",
+    )
+    return _table("Speed loss and lane changes", [], header, rows)
+
+
+def _safety(cells: Sequence[CellFigures]) -> Section:
+    rows = []
+    for cell, name, own in _each(cells):
+        way = sum(t.distance for t in own) / 1e5
+        close = sum(t.close_share * t.time for t in own) / sum(t.time for t in own)
+        rows.append(
+            (
+                cell.name,
+                name,
+                str(sum(t.collisions for t in own)),
+                str(sum(t.failures for t in own)),
+                f"{sum(t.unsafe for t in own) / way:.2f}",
+                f"{sum(t.refused for t in own) / way:.2f}",
+                f"{min(t.time_gap for t in own):.2f}",
+                f"{np.median([t.time_gap for t in own]):.2f}",
+                f"{100.0 * close:.2f}",
+                f"{min(t.box_distance for t in own):.2f}",
+            )
+        )
+    sentence = (
+        "Unsafe: decisions to change that the planner refused because of a vehicle; refused: "
+        "all that it refused. The time gap is the bumper gap to the vehicle ahead in the "
+        "truck's way over the truck's speed, above 1 m/s, looked at every 0.1 s. One that cuts "
+        "in counts from the instant its box reaches into the truck's width, so that the least "
+        "time gap is often another driver's doing, and not the policy's; the share of the time "
+        f"under {CLOSE:g} s shows how long it lasted."
+    )
+    header = (
+        "cell",
+        "method",
+        "collisions",
+        "failed trips",
+        "unsafe per 100 km",
+        "refused per 100 km",
+        "least time gap [s]",
+        "its median over trips",
+        f"time under {CLOSE:g} s [%]",
+        "closest box [m]",
+    )
+    return _table("Safety", [sentence], header, rows)
+
+
+def _effort(cells: Sequence[CellFigures]) -> Section:
+    rows = []
+    for cell, name, own in _each(cells):
+        fuel = sum(t.fuel for t in own) / DIESEL_DENSITY
+        rates = np.mean([t.reward_rates for t in own], axis=0)
+        rows.append(
+            (
+                cell.name,
+                name,
+                f"{fuel / (sum(t.distance for t in own) / 1e5):.1f}",
+                f"{np.mean([t.distance for t in own]) / 1e3:.2f}",
+                f"{np.mean([t.time for t in own]):.0f}",
+                *(f"{rate:.3f}" for rate in rates),
+                f"{np.mean([t.wall_time for t in own]):.0f}",
+            )
+        )
+    sentence = (
+        "Reward: its terms a second, means over the trips, not discounted. Wall time: of a "
+        "trip on the computer that drove it, whatever else it did."
+    )
+    header = (
+        "cell",
+        "method",
+        "fuel [l/100 km]",
+        "distance [km]",
+        "time [s]",
+        "reward: changes",
+        "danger",
+        "speed",
+        "wall time [s]",
+    )
+    return _table("Fuel, time and reward", [sentence], header, rows)
+
+
+def _each(
+    cells: Sequence[CellFigures],
+) -> Iterator[tuple[CellFigures, str, tuple[Trial, ...]]]:
+    """Cell, method and trials of every method in every cell."""
+    for cell in cells:
+        for name, own in cell.trials.items():
+            yield cell, name, own
+
+
+def _table(
+    title: str, sentences: Sequence[str], header: Sequence[str], rows: Sequence[Sequence[str]]
+) -> Section:
+    """A section whose table is left out when it has no rows."""
+    return Section(title, sentences=sentences, header=header if rows else (), rows=rows)
+
+
+def _estimate(value: Estimate) -> str:
+    return f"{value.mean:.2f} ± {value.half:.2f}"
+
+
+def _difference(value: Estimate) -> str:
+    return f"{value.mean:+.2f} ± {value.half:.2f}"

@@ -1,4 +1,8 @@
-"""The file of trials: rows are added as trials end, half a row is dropped, the end is sorted."""
+"""Trials of decision makers: the task of a trial, its row of figures, and the file of trials.
+
+A row is appended when its trial ends. A row that was cut off by a kill is dropped, and in the end
+the file is sorted.
+"""
 
 from __future__ import annotations
 
@@ -17,23 +21,22 @@ from controllers.decision.trip import SPAWN_PROBABILITY, RewardConfig
 from iits_mj.core import tables
 from iits_mj.core.errors import InputError
 
-# --- Trials of decision makers: what is driven in one, and the row of figures that it gives ---
-
 WORLDS = ("full", "fast")
 EMPTY = "empty"
-CLOSE = 1.0  # time gap that is called close [s]
+CLOSE = 1.0  # [s] below which a time gap counts as close
 
 
 @dataclass(frozen=True)
 class Task:
-    """A trial that is to be driven.
+    """What one trial drives.
 
     Attributes:
       world: one of `WORLDS`; density: "empty" is a road without traffic.
-      traffic_speed: the traffic's limit, and the truck's speed at the start [m/s].
-      method: the decision maker; weights: digest of its policy, "" of a rule.
-      payload: of the truck [kg]; timestep: of its physics in the full chain [s].
-      length_limit: the trip ends there [m], or at the road's end; duration_limit: cut off [s].
+      traffic_speed: speed limit of the traffic, and the truck's speed at the start [m/s].
+      method: the decision maker; weights: digest of its policy, "" for a rule.
+      payload: of the truck [kg]; timestep: of the physics in the full chain [s].
+      length_limit, duration_limit: the trip ends after this distance [m] or at the road's end; it
+        is cut off after this time [s].
       seed: of the traffic.
     """
 
@@ -51,20 +54,20 @@ class Task:
 
 @dataclass(frozen=True)
 class Trial(Task):
-    """One trip of one decision maker; a figure that its world does not have is nan.
+    """Figures of one trip of one decision maker; nan where its world does not measure a figure.
 
     Attributes:
       speed_loss: mean over time of (v_ref - v) / v_ref.
-      speed_error: mean over time of |v_ref - v| [m/s], the reward's.
-      changes: carried out; asked: decisions to change; refused: of those; unsafe: of the refused,
-        those because of a vehicle.
+      speed_error: mean over time of |v_ref - v| [m/s], as in the reward.
+      changes: lane changes driven; asked: decisions to change; refused: decisions that the planner
+        refused; unsafe: those refused because of a vehicle.
       collisions: with a vehicle; failures: collision, roll-over, divergence, or cut off by time.
-      ended: how, in words.
-      time_gap: least time gap to the vehicle ahead [s], while faster than 1 m/s, inf without one.
-        One that cuts in counts from where its box reaches into the truck's width.
-      close_share: share of the time with a time gap under 1 s.
-      box_distance: least to any vehicle, box to box [m]; fuel: [kg].
-      distance: [m]; time: of the trip [s]; wall_time: [s]; code: digest of what drove it.
+      ended: reason of the trip's end, in words.
+      time_gap: least time gap to the vehicle ahead while faster than 1 m/s [s], inf without one.
+        A vehicle that cuts in counts from the instant its box reaches into the truck's width.
+      close_share: share of time with a time gap below `CLOSE`.
+      box_distance: least distance to any vehicle, box to box [m]; fuel: [kg].
+      distance: [m]; time: of the trip [s]; wall_time: [s]; code: digest of the code that drove it.
     """
 
     speed_loss: float
@@ -87,12 +90,12 @@ class Trial(Task):
 
     @property
     def task(self) -> Task:
-        """What was driven: makes a trial unique."""
+        """The task that was driven; it identifies the trial."""
         return task_of(self)
 
     @property
     def reward_rates(self) -> tuple[float, float, float]:
-        """Charges for changes, danger and speed, a second, not discounted."""
+        """Rewards of changes, danger and speed per second, not discounted."""
         if self.time <= 0.0:
             return math.nan, math.nan, math.nan
         config = RewardConfig()
@@ -101,30 +104,16 @@ class Trial(Task):
 
 
 def task_of(trial: Task) -> Task:
-    """The task in a trial."""
-    return Task(
-        trial.world,
-        trial.density,
-        trial.traffic_speed,
-        trial.method,
-        trial.weights,
-        trial.payload,
-        trial.timestep,
-        trial.length_limit,
-        trial.duration_limit,
-        trial.seed,
-    )
-
-
-def order_of(task: Task) -> tuple[object, ...]:
-    """What rows are sorted by: the paper's cells in its order, trial by trial."""
-    cell = [*SPAWN_PROBABILITY, EMPTY].index(task.density), task.traffic_speed
-    rest = (task.payload, task.timestep, task.length_limit, task.duration_limit, task.seed)
-    return (task.world, *cell, *rest, task.method, task.weights)
+    """The task of a trial."""
+    return Task(**{field.name: getattr(trial, field.name) for field in fields(Task)})
 
 
 def weights_digest(method: str, weights: Path | None) -> str:
-    """Twelve hexadecimal digits of a policy's file, the shipped one's without one; "" of a rule.
+    """Twelve hexadecimal digits of the file of a policy; "" for a rule.
+
+    Args:
+      method: the decision maker.
+      weights: file of the policy; default: the shipped one.
 
     Raises:
       InputError: the file cannot be read.
@@ -139,11 +128,11 @@ def weights_digest(method: str, weights: Path | None) -> str:
 
 
 def codes_of(trials: Sequence[Trial]) -> list[str]:
-    """The versions of the code that drove these trials."""
+    """Digests of the versions of the code that drove these trials."""
     return sorted({trial.code for trial in trials})
 
 
-# --- The file of trials: rows are added as trials end, half a row is dropped, the end is sorted ---
+# --- The file of trials ---
 
 _COLUMNS = [field.name for field in fields(Trial)]
 _HEADER = (",".join(_COLUMNS) + "\r\n").encode()
@@ -151,32 +140,32 @@ _WHAT = "trials"
 
 
 def read_trials(path: Path, say: Callable[[str], None]) -> dict[Task, Trial]:
-    """The trials of a file by what was driven; none when it does not exist.
+    """The trials of a file by their tasks; none when the file does not exist.
 
-    Half a row at its end, left by a process that was killed, is taken out of the file.
+    An incomplete last row, left by a process that was killed, is removed from the file.
 
     Args:
       path: of the file.
-      say: is told of the half row.
+      say: gets a message about the incomplete row.
 
     Raises:
-      InputError: the file is not one of ours, or cannot be read or mended.
+      InputError: the file is not a file of trials, or cannot be read or repaired.
     """
-    _mend(path, say)
+    _repair(path, say)
     return {row.task: row for row in tables.read_rows(path, Trial, _WHAT)}
 
 
 def write_trials(path: Path, trials: Iterable[Trial]) -> None:
-    """Writes the file anew, sorted, so that its bytes do not tell who ended first.
+    """Writes the file in sorted order, so that its bytes do not depend on which trial ended first.
 
     Raises:
       InputError: it cannot be written.
     """
-    tables.write_rows(path, Trial, sorted(trials, key=order_of), _WHAT)
+    tables.write_rows(path, Trial, sorted(trials, key=_order), _WHAT)
 
 
 def append_trial(path: Path, trial: Trial) -> None:
-    """Adds one row.
+    """Appends one row.
 
     Raises:
       InputError: it cannot be written.
@@ -185,26 +174,26 @@ def append_trial(path: Path, trial: Trial) -> None:
         with path.open("a", newline="", encoding="utf-8") as stream:
             csv.DictWriter(stream, _COLUMNS).writerow(asdict(trial))
     except OSError as error:
-        raise InputError(f"file of {_WHAT} {str(path)!r} cannot be written: {error}") from error
+        raise _unwritable(path, error) from error
 
 
 @contextmanager
-def alone(path: Path) -> Iterator[None]:
-    """Nobody else drives into the same file meanwhile: the last to end would undo the others' rows.
+def locked(path: Path) -> Iterator[None]:
+    """Locks the file against other runs, whose rows would be lost when this one ends.
 
     Raises:
-      InputError: somebody does, or nothing can be written there.
+      InputError: another run uses the file, or nothing can be written there.
     """
-    beside = path.with_name(f".{path.name}.lock")
+    lock = path.with_name(f".{path.name}.lock")
     try:
-        stream = beside.open("w")
+        stream = lock.open("w")
     except OSError as error:
-        raise InputError(f"file of {_WHAT} {str(path)!r} cannot be written: {error}") from error
+        raise _unwritable(path, error) from error
     with stream:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            # Whoever was here before may have taken the lock's file away.
-            free = os.path.samestat(os.fstat(stream.fileno()), beside.stat())
+            # A run that ended meanwhile may have removed the lock file.
+            free = os.path.samestat(os.fstat(stream.fileno()), lock.stat())
         except OSError:
             free = False
         if not free:
@@ -215,10 +204,22 @@ def alone(path: Path) -> Iterator[None]:
         try:
             yield
         finally:
-            beside.unlink(missing_ok=True)
+            lock.unlink(missing_ok=True)
 
 
-def _mend(path: Path, say: Callable[[str], None]) -> None:
+def _unwritable(path: Path, error: OSError) -> InputError:
+    return InputError(f"file of {_WHAT} {str(path)!r} cannot be written: {error}")
+
+
+def _order(task: Task) -> tuple[object, ...]:
+    """Sort key of the rows: the paper's cells in its order, then trial by trial."""
+    cell = [*SPAWN_PROBABILITY, EMPTY].index(task.density), task.traffic_speed
+    rest = (task.payload, task.timestep, task.length_limit, task.duration_limit, task.seed)
+    return (task.world, *cell, *rest, task.method, task.weights)
+
+
+def _repair(path: Path, say: Callable[[str], None]) -> None:
+    """Removes an incomplete last row."""
     try:
         content = path.read_bytes() if path.exists() else b""
         whole = content.rfind(b"\n") + 1
@@ -233,4 +234,4 @@ def _mend(path: Path, say: Callable[[str], None]) -> None:
             return
     except OSError as error:
         raise InputError(f"file of {_WHAT} {str(path)!r} cannot be read: {error}") from error
-    say(f"{str(path)!r} ended with half a row: it was dropped, and is driven again")
+    say(f"{str(path)!r} ended with an incomplete row: it was removed, and is driven again")

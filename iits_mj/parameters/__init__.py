@@ -1,5 +1,6 @@
 """The truck's parameters: read from `mjcf/truck.toml`, checked, with overrides on top."""
 
+from iits_mj.parameters.mass_state import MAX_PAYLOAD, payload_option
 from iits_mj.parameters.truck import (
     Axle,
     FifthWheel,
@@ -12,6 +13,7 @@ from iits_mj.parameters.truck import (
 )
 
 __all__ = [
+    "MAX_PAYLOAD",
     "Axle",
     "FifthWheel",
     "Semitrailer",
@@ -20,4 +22,5 @@ __all__ = [
     "TireCommon",
     "Tractor",
     "TruckParameters",
+    "payload_option",
 ]

@@ -8,12 +8,24 @@ tri-axle share their group's load equally, so that each group acts at its centre
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.options import option
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters.truck import Axle, Semitrailer, Tractor, TruckParameters
+
+# Greatest payload of the shipped truck [kg]: `payload.mass_max` of mjcf/truck.toml.
+MAX_PAYLOAD = 36_000.0
+
+
+def payload_option(
+    default: float | None = MAX_PAYLOAD, help: str = "load on the semitrailer"
+) -> Any:
+    """A dataclass field for the payload [kg], bounded by what the shipped truck may carry."""
+    return option(default, help=help, unit="kg", low=0.0, high=MAX_PAYLOAD, metavar="KG")
 
 
 @dataclass(frozen=True, slots=True)

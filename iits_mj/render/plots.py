@@ -1,4 +1,4 @@
-"""Draws `iits_mj.core.results.Panel`s with matplotlib: one figure, one column of axes."""
+"""Draws `iits_mj.core.results.Panel`s with matplotlib, as one figure with one column of axes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.results import Line, Panel
 
 PALETTE = ("#1f5fa8", "#d1495b", "#2a9d8f", "#e9a03b", "#6d597a", "#577590")
-# Labels of a plan view, which is drawn to scale.
+# Labels of a plan view; it is drawn to scale.
 _MAP = ("x [m]", "y [m]")
 INK, GRID = "#22303c", "#d9dee3"
 _ROLE_STYLE: dict[str, dict[str, Any]] = {
@@ -26,12 +26,12 @@ _ROLE_STYLE: dict[str, dict[str, Any]] = {
     "edge": {"color": "#5b6770", "linestyle": "-", "linewidth": 1.6, "zorder": 1},
     "mark": {"color": "#9aa5ae", "linestyle": (0, (8, 6)), "linewidth": 1.2, "zorder": 1},
 }
-# Closed outlines seen from above, drawn as filled bodies.
+# Closed outlines in a plan view; they are filled.
 _BODY_COLOR = {"tractor": PALETTE[0], "trailer": PALETTE[5], "vehicle": PALETTE[3]}
 
 
 def draw(panels: Sequence[Panel], *, width: float = 9.5, panel_height: float = 2.3) -> Figure:
-    """A figure with the panels one below the other; equal x labels share their axis.
+    """A figure with the panels below each other; panels with equal x labels share the x axis.
 
     Raises:
       InputError: no panel, or a line whose x and y do not match.
@@ -49,22 +49,33 @@ def draw(panels: Sequence[Panel], *, width: float = 9.5, panel_height: float = 2
     return figure
 
 
+def dress(ax: Axes, title: str) -> None:
+    """Gives axes their title, grid and colors."""
+    ax.set_title(title, loc="left", fontsize=10, color=INK, fontweight="bold")
+    ax.grid(True, color=GRID, linewidth=0.7)
+    ax.set_axisbelow(True)
+    ax.tick_params(colors=INK, labelsize=8)
+    for name, spine in ax.spines.items():
+        spine.set_visible(name in ("left", "bottom"))
+        spine.set_color(GRID)
+
+
 def to_png(figure: Figure, dpi: int = 110) -> bytes:
-    """The figure as a PNG file's bytes; the same figure gives the same bytes."""
+    """Content of a PNG file; the same figure gives the same bytes."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
     return buffer.getvalue()
 
 
 def save(panels: Sequence[Panel], path: Path) -> bytes:
-    """Draws the panels into a PNG file, which replaces an older one whole; returns its bytes."""
+    """Draws the panels into a PNG file, replacing an older one; returns its content."""
     content = to_png(draw(panels))
     write_whole(path, content)
     return content
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Writes a file beside its place and moves it there, so that no reader meets half of it."""
+    """Writes a file beside its place and renames it: no reader sees an incomplete file."""
     partial = path.with_name(f".{path.name}.partial")
     partial.write_bytes(content)
     partial.replace(path)
@@ -88,15 +99,9 @@ def _draw_panel(ax: Axes, panel: Panel) -> None:
         ax.set_aspect("equal", adjustable="datalim")
     if all(np.array_equal(line.y, np.round(line.y)) for line in panel.lines):
         ax.yaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.set_title(panel.title, loc="left", fontsize=10, color=INK, fontweight="bold")
+    dress(ax, panel.title)
     ax.set_ylabel(panel.y_label, color=INK)
-    ax.grid(True, color=GRID, linewidth=0.7)
-    ax.set_axisbelow(True)
     ax.margins(x=0.01)
-    ax.tick_params(colors=INK, labelsize=8)
-    for name, spine in ax.spines.items():
-        spine.set_visible(name in ("left", "bottom"))
-        spine.set_color(GRID)
     if len([line for line in panel.lines if line.label]) > 1:
         bodies = any(line.role in _BODY_COLOR for line in panel.lines)
         columns = min(3, len(panel.lines))
@@ -104,9 +109,9 @@ def _draw_panel(ax: Axes, panel: Panel) -> None:
 
 
 def _open_flat_range(ax: Axes) -> None:
-    """Gives a constant quantity a range of its own, so that rounding noise is not blown up.
+    """Widens the range of a constant quantity, so that rounding noise is not magnified.
 
-    What is nowhere below 0, such as a pressure, gets no range there.
+    The range of a quantity that is never negative, such as a pressure, does not go below 0.
     """
     low, high = ax.dataLim.intervaly
     if np.isfinite([low, high]).all() and high - low < 1e-6 * max(1.0, abs(low), abs(high)):

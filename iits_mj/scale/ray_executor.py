@@ -18,7 +18,7 @@ from controllers.decision.learning.collection import Drive, Driven, TripDrivers,
 from controllers.decision.policy import QNetwork
 from controllers.decision.trip import World
 from iits_mj.core.errors import Error, InputError
-from iits_mj.core.process_pool import VARIABLES
+from iits_mj.core.process_pool import THREAD_VARIABLES
 from iits_mj.validation.harness.run_cache import drive_digest
 
 # A worker or node that dies gives its task back this often.
@@ -57,7 +57,7 @@ class RayExecutor(Executor):
         self._remote = self._ray.remote(
             num_cpus=1,
             max_retries=RETRIES,
-            runtime_env={"env_vars": dict.fromkeys(VARIABLES, "1")},
+            runtime_env={"env_vars": dict.fromkeys(THREAD_VARIABLES, "1")},
         )(_call)
         self._waiting: deque[_Task] = deque()
         self._under_way: dict[Any, _Task] = {}

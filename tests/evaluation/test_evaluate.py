@@ -16,7 +16,6 @@ from controllers.decision.policy import SHIPPED, QNetwork
 from iits_mj.core.errors import InputError, TrafficError
 from iits_mj.core.process_pool import TasksError, run_all
 from iits_mj.evaluation import drives, trials
-from iits_mj.evaluation import trials as evaluate_rows
 from iits_mj.evaluation.evaluate import (
     EvaluateConfig,
     describe,
@@ -115,7 +114,7 @@ def test_half_a_last_row_is_dropped_with_a_message_and_driven_again(tmp_path, cu
     told, again = [], Fake()
     run(config, say=told.append, drive_all=again)
     assert len(again.driven) == 1
-    assert "ended with half a row" in told[0]
+    assert "ended with an incomplete row" in told[0]
     assert config.file.read_bytes() == whole
 
 
@@ -158,7 +157,7 @@ def test_other_weights_are_driven_and_the_rules_are_kept(tmp_path):
     ]
     assert {t.method for t in rows} == {"keep", "aggressive", "ddqn"}
     # The first policy's rows are still there.
-    assert len(evaluate_rows.read_trials(config.file, print)) == 4
+    assert len(trials.read_trials(config.file, print)) == 4
     assert trials.weights_digest("aggressive", policy) == ""
     assert trials.weights_digest("ddqn", None) == trials.weights_digest("ddqn", SHIPPED)
 
@@ -180,7 +179,7 @@ def test_weights_that_change_while_trials_are_driven_are_refused(tmp_path):
     policy.write_bytes(b"one")
     asked = task("ddqn", 0, weights=trials.weights_digest("ddqn", policy))
     policy.write_bytes(b"two")
-    with pytest.raises(InputError, match="not the one that was asked for"):
+    with pytest.raises(InputError, match="has changed since the trials were planned"):
         drives.drive(asked, policy)
 
 
@@ -263,7 +262,7 @@ def test_a_process_that_dies_loses_no_trial(tmp_path):
 def test_one_file_is_of_one_run_at_a_time(tmp_path):
     config = replace(CONFIG, file=tmp_path / "trials.csv")
     with (
-        evaluate_rows.alone(config.file),
+        trials.locked(config.file),
         pytest.raises(InputError, match="in use by another evaluate"),
     ):
         run(config, drive_all=Fake())

@@ -8,8 +8,7 @@ from scipy import stats
 
 from controllers.decision.trip import CELLS
 from iits_mj.evaluation.evaluate import EvaluateConfig
-from iits_mj.evaluation.figures import figures, over_all
-from iits_mj.evaluation.results import summarize
+from iits_mj.evaluation.figures import figures, over_all, summarize
 from iits_mj.validation.harness.statistics import estimate, half_width, holm, paired
 from tests.evaluation.rows_of import rows, task, trial
 

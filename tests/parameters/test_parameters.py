@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from iits_mj.core.errors import InputError
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
 from iits_mj.parameters.files import provenance
 
 
@@ -88,3 +88,7 @@ def test_load_may_lie_low_or_high_and_changes_nothing_else():
 def test_load_under_the_floor_or_over_the_roof_is_refused(height):
     with pytest.raises(InputError, match=r"payload_height = .* m: allowed is 1\.3 to 3 m"):
         TruckParameters.load().with_payload_height(height)
+
+
+def test_greatest_payload_is_that_of_the_shipped_truck():
+    assert TruckParameters.load().payload.mass_max == MAX_PAYLOAD

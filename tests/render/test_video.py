@@ -9,11 +9,14 @@ import pytest
 
 from iits_mj.core.errors import InputError, RenderError
 from iits_mj.core.messages import PlanMode, Trajectory
+from iits_mj.model.scenery.structures import TUNNEL_ROOF, WALL_GAP
 from iits_mj.render import offscreen
 from iits_mj.render.cameras import CAMERAS, FollowCamera
 from iits_mj.render.lane_sketch import add_trajectory
 from iits_mj.render.offscreen import Offscreen, camera_pose, check_size
 from iits_mj.render.video import Mp4Encoder, VideoWriter
+from iits_mj.road import RoadMap
+from iits_mj.truck import Truck
 
 SIZE = (160, 120)
 XML = """
@@ -50,6 +53,11 @@ def opengl():
         offscreen.make_context(16, 16).free()
     except RenderError as error:
         pytest.skip(f"no OpenGL here: {error}")
+
+
+@pytest.fixture(scope="module")
+def truck():
+    return Truck.load(route=RoadMap.builtin().route(), visuals=False)
 
 
 def plan(mode=PlanMode.LANE_CHANGE, n=40):
@@ -103,6 +111,22 @@ def test_every_camera_stays_below_a_tunnel_roof(scene, name):
     _, data = scene
     eye, _ = camera_pose(FollowCamera(name, ((0.0, 500.0),)).follow(data, 250.0))
     assert 0.5 < eye[2] < 6.8
+
+
+@pytest.mark.parametrize("name", ["chase", "side", "front", "trailer"])
+@pytest.mark.parametrize("lane", [0, 1])
+def test_camera_in_the_tunnel_is_inside_the_tube(truck, name, lane):
+    route = truck.route
+    (start, end), *_ = route.tunnels
+    for station in np.linspace(start + 40, end - 40, 5):
+        truck.reset(station=station, offset=route.lane_offset(lane, station), speed=16.0)
+        camera = FollowCamera(name, route.tunnels).follow(truck.data, station)
+        position, _ = camera_pose(camera)
+        along, offset = route.locate(position[0], position[1], station)
+        right, left = route.surface_edges(along)
+        assert right - WALL_GAP < offset < left + WALL_GAP
+        height = position[2] - float(route.evaluate(along, offset).z)
+        assert 0.5 < height < TUNNEL_ROOF
 
 
 def test_film_has_the_size_and_number_of_its_pictures(tmp_path):

@@ -28,7 +28,7 @@ from controllers.decision.rules import Mobil
 from controllers.decision.trip import TripConfig, TripSummary, World
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import Error
-from iits_mj.core.process_pool import one_thread_each
+from iits_mj.core.process_pool import single_threaded_workers
 
 WorldFactory = Callable[[], World]
 
@@ -197,7 +197,7 @@ def _inherited_by_workers() -> Iterator[None]:
     main = threading.current_thread() is threading.main_thread()
     handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
     try:
-        with one_thread_each():
+        with single_threaded_workers():
             yield
     finally:
         if main:

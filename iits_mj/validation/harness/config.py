@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from iits_mj.core import options
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
+from iits_mj.parameters import MAX_PAYLOAD, payload_option
 from iits_mj.truck import Truck
 
 # --- Options of `iits-mj validate` ---
@@ -21,13 +22,8 @@ from iits_mj.truck import Truck
 class ValidateConfig:
     """How to validate the truck, the traffic and the planning."""
 
-    payload: float | None = option(
-        None,
-        help="only this load on the semitrailer; without it laden and empty",
-        unit="kg",
-        low=0.0,
-        high=36_000.0,
-        metavar="KG",
+    payload: float | None = payload_option(
+        None, help="only this load on the semitrailer; without it laden and empty"
     )
     timestep: float | None = option(
         None,
@@ -66,7 +62,7 @@ class ValidateConfig:
 
     def payloads(self) -> tuple[float, ...]:
         """The loads to test [kg], the greatest first."""
-        return (36_000.0, 0.0) if self.payload is None else (self.payload,)
+        return (MAX_PAYLOAD, 0.0) if self.payload is None else (self.payload,)
 
 
 # --- Takes the whole state of the truck and puts it back: several tries from one instant ---

@@ -1,4 +1,4 @@
-"""Where finished drives are kept: a folder for each version of the code that drove them."""
+"""Keeps finished drives, in a folder for each version of the code that drove them."""
 
 from __future__ import annotations
 
@@ -16,31 +16,52 @@ from iits_mj.plugin import library_path
 from iits_mj.validation.harness.config import ValidateConfig
 
 _KINDS = ("*.py", "*.toml", "*.csv", "*.xml", "*.npz")
-# What only shows, judges or learns from a drive does not change it; a drive of the trained policy
-# is told by its weights' own digest, and the fast world drives no MuJoCo truck.
-_NOT_DRIVING = {"validation", "render", "commands", "identification", "suite", "envs"}
-_NOT_DRIVING |= {"learning", "weights", "fast_world", "scale", "bag"}
+# Packages that show, evaluate or learn from a drive, but do not change it. The trained policy is
+# identified by the digest of its weights; the fast world drives no MuJoCo truck.
+NOT_DRIVING = (
+    "controllers/decision/fast_world/",
+    "controllers/decision/learning/",
+    "controllers/decision/weights/",
+    "iits_mj/bag/",
+    "iits_mj/commands/",
+    "iits_mj/envs/",
+    "iits_mj/evaluation/",
+    "iits_mj/identification/",
+    "iits_mj/render/",
+    "iits_mj/scale/",
+    "iits_mj/suite/",
+    "iits_mj/validation/",
+)
+
+
+def driving_files() -> dict[str, Path]:
+    """Files on which every drive depends, by their path from the folder of all packages."""
+    packages = (controllers, traffic_bridge, iits_mj)
+    folders = [Path(str(package.__file__)).parent for package in packages]
+    found = {
+        f"{folder.name}/{path.relative_to(folder).as_posix()}": path
+        for folder in (*folders, mjcf_dir())
+        for kind in _KINDS
+        for path in folder.rglob(kind)
+    }
+    return {name: found[name] for name in sorted(found) if not name.startswith(NOT_DRIVING)}
 
 
 @functools.cache
 def code_digest() -> str:
-    """Hexadecimal digest over what every drive of the truck depends on: code, figures, plugin."""
+    """SHA-256 over the code, parameters and plugin on which every drive depends, hexadecimal."""
     digest = hashlib.sha256(library_path().read_bytes())
-    packages = [Path(str(package.__file__)).parent for package in (controllers, traffic_bridge)]
-    for folder in (*packages, mjcf_dir(), Path(iits_mj.__file__).parent):
-        for path in sorted(p for kind in _KINDS for p in folder.rglob(kind)):
-            inside = path.relative_to(folder)
-            if not _NOT_DRIVING.intersection(inside.parts):
-                digest.update(inside.as_posix().encode() + path.read_bytes())
+    for name, path in driving_files().items():
+        digest.update(name.encode() + path.read_bytes())
     return digest.hexdigest()
 
 
 def drive_digest(*drivers: ModuleType) -> str:
-    """Twelve hexadecimal digits of the code of drives.
+    """Twelve hexadecimal digits that identify the code of drives.
 
     Args:
-      drivers: modules that set up the drives, or packages with all of their modules: a change of
-        them counts, too.
+      drivers: modules that set up the drives, or packages with all of their modules; they are part
+        of the digest.
     """
     digest = hashlib.sha256(code_digest().encode())
     for driver in drivers:
@@ -51,12 +72,12 @@ def drive_digest(*drivers: ModuleType) -> str:
 
 
 def runs_folder(config: ValidateConfig, part: str, *drivers: ModuleType) -> Path | None:
-    """The folder for the finished drives of a part of the validation; None when none are kept.
+    """Folder for the finished drives of a part of the validation; None when none are kept.
 
     Args:
-      config: names the folder.
+      config: names the folder of all parts.
       part: of the validation.
-      drivers: modules of this package that set up the drives: a change of them counts, too.
+      drivers: modules that set up the drives; they are part of the digest.
 
     Raises:
       InputError: the folder cannot be made.

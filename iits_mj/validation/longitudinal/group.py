@@ -6,6 +6,7 @@ import numpy as np
 
 from iits_mj.core.results import Check, Line, Panel, Results
 from iits_mj.core.units import KMH
+from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.validation.harness.config import ValidateConfig
 from iits_mj.validation.longitudinal import (
     braking,
@@ -30,7 +31,7 @@ from iits_mj.validation.longitudinal.runs import HILLS_LENGTH
 
 STEPS = (0.001, 0.002, 0.005)
 AGREEMENT = 0.5
-_PAYLOADS = (36_000.0, 0.0)
+_PAYLOADS = (MAX_PAYLOAD, 0.0)
 _TIME = 30.0
 
 
@@ -78,7 +79,7 @@ def compare() -> tuple[list[Check], list[Panel]]:
 # --- `iits-mj validate longitudinal`: powertrain and brakes against the paper, rules and balances
 
 # XBR is tested at 19, 50 and 55 t: payloads of 0, 31 and 36 t.
-_XBR_PAYLOADS = (0.0, 31_000.0, 36_000.0)
+_XBR_PAYLOADS = (0.0, 31_000.0, MAX_PAYLOAD)
 # The quick form audits the first hill [m].
 _QUICK_HILLS = 1000.0
 

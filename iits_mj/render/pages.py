@@ -1,0 +1,209 @@
+"""Pages as HTML and Markdown, filled into the templates beside this module.
+
+An HTML page is one self-contained file: its plots, and a video that is not too large, are embedded.
+A Markdown page has its plots in a folder beside it, so that both can be kept in a repository.
+"""
+
+from __future__ import annotations
+
+import base64
+import functools
+import os
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import jinja2
+from markupsafe import Markup, escape
+
+from iits_mj.core.results import COLUMNS, Check, Results
+from iits_mj.render import plots
+
+# A larger video is linked instead of embedded [bytes].
+INLINE_VIDEO_BYTES = 20_000_000
+_DPI = 72  # of the plots beside a Markdown page
+# A Markdown section with more checks than this shows only those that fall short.
+_LONG = 300
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of a page, from top to bottom; empty parts are left out.
+
+    Attributes:
+      title: heading; notes: remarks set apart from the text.
+      sentences: paragraphs; these, titles and cells may hold Markdown's `**bold**` and code marks.
+      header, rows: a table of text; checks: a table of checks (HTML only, see `check_section`).
+      pictures: caption with a PNG's bytes (HTML) or its path (Markdown); video: an MP4 (HTML only).
+    """
+
+    title: str = ""
+    notes: Sequence[str] = ()
+    sentences: Sequence[str] = ()
+    header: Sequence[str] = ()
+    rows: Sequence[Sequence[str]] = ()
+    checks: Sequence[Check] = ()
+    pictures: Sequence[tuple[str, bytes | str]] = ()
+    video: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """A page: heading, the line below it, checks that fall short (Markdown only), sections."""
+
+    title: str
+    lead: str = ""
+    sections: Sequence[Section] = ()
+    short: Sequence[Check] = ()
+
+    def to_html(self, folder: Path | None = None) -> str:
+        """The page as HTML; `folder` is where it will lie, for the link to a large video."""
+        template = _templates().get_template("page.html.j2")
+        return template.render(page=self, folder=folder, check_columns=COLUMNS)
+
+    def to_markdown(self) -> str:
+        """The page as Markdown."""
+        return _templates().get_template("page.md.j2").render(page=self).rstrip() + "\n"
+
+    def write(self, path: Path) -> Path:
+        """Writes the page in the format of the suffix; replaces an older file whole."""
+        text = self.to_markdown() if path.suffix == ".md" else self.to_html(path.parent)
+        plots.write_whole(path, text.encode())
+        return path
+
+
+def check_section(
+    checks: Sequence[Check],
+    title: str = "",
+    notes: Sequence[str] = (),
+    sentences: Sequence[str] = (),
+) -> Section:
+    """A Markdown section with a table of checks; only bounded checks get a verdict."""
+    rows = [
+        (*check.cells(), ("ok" if check.must else "") if check.ok else "**falls short**")
+        for check in checks
+    ]
+    return Section(title, notes, sentences, COLUMNS, rows)
+
+
+def write_pictures(folder: Path, pictures: Iterable[tuple[str, bytes]]) -> None:
+    """Writes PNG files of these names; removes other PNG files from the folder."""
+    folder.mkdir(exist_ok=True)
+    written = set()
+    for name, content in pictures:
+        plots.write_whole(folder / name, content)
+        written.add(name)
+    for old in folder.glob("*.png"):
+        if old.name not in written:
+            old.unlink()
+
+
+def write_results_page(results: Results, version: str, folder: Path) -> tuple[Path, Path]:
+    """Writes `<command>.html`, `<command>.md` and the latter's plots; returns the two pages.
+
+    Args:
+      results: their parts become the sections of the Markdown page.
+      version: of the package.
+      folder: exists; the plots go into `<command>/` inside it.
+    """
+    stem, title = slug(results.command), f"iits-mj {results.command}"
+    short = [check.name for check in results.short()]
+    verdict = f"falls short: {', '.join(short)}" if short else "every check holds"
+    web = Page(
+        title,
+        f"version {version}, seed {results.seed}; {verdict}",
+        [
+            Section(notes=results.notes),
+            Section("Checks" if results.checks else "", checks=results.checks),
+            *(
+                picture_section(name.replace("_", " "), plots.to_png(plots.draw(panels)))
+                for name, panels in results.figures.items()
+            ),
+        ],
+    )
+    parts = results.parts or [results]
+    drawn = [
+        (f"{slug(part.command)}-{slug(name)}.png", plots.to_png(plots.draw(panels), dpi=_DPI))
+        for part in parts
+        for name, panels in part.figures.items()
+    ]
+    write_pictures(folder / stem, drawn)
+    text = Page(
+        title,
+        f"Made by `{title} --report DIR`, version {version}, seed {results.seed}; "
+        f"{results.count_text()}.",
+        [section for part in parts for section in _part_sections(part, results, stem)],
+        results.short(),
+    )
+    return web.write(folder / f"{stem}.html"), text.write(folder / f"{stem}.md")
+
+
+def picture_section(caption: str, picture: bytes | str) -> Section:
+    """A section with one picture under its caption."""
+    return Section(caption, pictures=[(caption, picture)])
+
+
+def slug(text: str) -> str:
+    """Lower-case words joined by dashes, for file names."""
+    return re.sub(r"[^a-z0-9.]+", "-", text.lower()).strip("-")
+
+
+def _part_sections(part: Results, whole: Results, stem: str) -> list[Section]:
+    """Sections of a Markdown page for one part of the results."""
+    title, sentences, shown = "", [], part.checks
+    if part is not whole:
+        title = part.command.removeprefix(whole.command).strip().capitalize()
+    if len(shown) > _LONG:
+        shown = part.short()
+        held = len(part.checks) - len(shown)
+        sentences = [f"{held} checks hold and are left out here; these do not:"]
+
+    def path(name: str) -> str:
+        return f"{stem}/{slug(part.command)}-{slug(name)}.png"
+
+    return [
+        check_section(shown, title, part.notes, sentences),
+        Section(pictures=[(name.replace("_", " "), path(name)) for name in part.figures]),
+    ]
+
+
+@functools.cache
+def _templates() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).with_name("templates")),
+        autoescape=jinja2.select_autoescape(["html.j2"]),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {"inline": _inline, "row": _row, "source": _source, "video": _video}
+    return environment
+
+
+def _inline(text: str) -> Markup:
+    """Escaped text with Markdown's bold and code marks as HTML."""
+    shown = re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", str(escape(text)))
+    return Markup(re.sub(r"`(.+?)`", r"<code>\1</code>", shown))
+
+
+def _row(cells: Sequence[str]) -> str:
+    """A row of a Markdown table."""
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _source(picture: bytes | str) -> str:
+    """What an <img> refers to: embedded data, or a path."""
+    if isinstance(picture, str):
+        return picture
+    return f"data:image/png;base64,{base64.b64encode(picture).decode()}"
+
+
+def _video(path: Path, folder: Path | None) -> tuple[str, str]:
+    """What a <video> refers to, and the size in MB of a video that is not embedded, else ""."""
+    size = path.stat().st_size
+    if size <= INLINE_VIDEO_BYTES:
+        return f"data:video/mp4;base64,{base64.b64encode(path.read_bytes()).decode()}", ""
+    link = os.path.relpath(path, folder) if folder is not None else str(path)
+    return link, f"{size / 1e6:.0f}"

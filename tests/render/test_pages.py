@@ -1,0 +1,187 @@
+"""Pages as HTML and Markdown, and the plots in them."""
+
+import html.parser
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from iits_mj.core.errors import InputError
+from iits_mj.core.results import Check, Line, Panel, Results
+from iits_mj.render import pages, plots
+from iits_mj.render.pages import Page, Section, check_section, picture_section, write_results_page
+
+X = np.linspace(0.0, 10.0, 50)
+PANEL = Panel(
+    "Speed",
+    "time [s]",
+    "speed [m/s]",
+    (Line("measured", X, np.sin(X), "reference"), Line("simulated", X, np.cos(X), "simulation")),
+)
+
+
+class Content(html.parser.HTMLParser):
+    """Collects tags and what they refer to."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.sources: list[str] = []
+        self.text: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.sources += [value or "" for name, value in attrs if name in ("src", "href")]
+
+    def handle_data(self, data: str) -> None:
+        self.text.append(data)
+
+
+def read(text: str) -> Content:
+    content = Content()
+    content.feed(text)
+    return content
+
+
+def results() -> Results:
+    first = Results("validate one", checks=[Check("fit", 95.0, "%", "model", ">= 97")])
+    first.figures["step steer"] = [PANEL]
+    second = Results("validate two", checks=[Check("gain", 1.0, "1", 1.0)], notes=["a note"])
+    second.figures["step steer"] = [PANEL]
+    return Results.merged("validate", [first, second])
+
+
+def test_same_panels_give_the_same_png_bytes() -> None:
+    first, second = (plots.to_png(plots.draw([PANEL, PANEL])) for _ in range(2))
+    assert first.startswith(b"\x89PNG")
+    assert first == second
+
+
+def test_units_stand_on_both_axes() -> None:
+    figure = plots.draw([PANEL])
+    assert figure.axes[0].get_xlabel() == "time [s]"
+    assert figure.axes[0].get_ylabel() == "speed [m/s]"
+
+
+@pytest.mark.parametrize(("value", "below"), [(0.0, False), (0.4, False), (-2.0, True)])
+def test_a_constant_that_is_not_negative_gets_no_range_below_zero(
+    value: float, below: bool
+) -> None:
+    x = np.array([0.0, 1.0])
+    panel = Panel("Brakes", "time [s]", "pressure [kPa]", (Line("", x, np.full(2, value)),))
+    low, high = plots.draw([panel]).axes[0].get_ylim()
+    assert low <= value < high
+    assert (low < 0.0) == below
+
+
+def test_plan_views_are_drawn_to_scale() -> None:
+    plan = Panel("path", "x [m]", "y [m]", PANEL.lines)
+    assert plots.draw([plan]).axes[0].get_aspect() == 1.0
+    assert plots.draw([PANEL]).axes[0].get_aspect() == "auto"
+
+
+def test_lines_that_do_not_match_are_refused() -> None:
+    with pytest.raises(InputError, match="must be"):
+        plots.draw([Panel("p", "x", "y", (Line("l", X, X[:-1]),))])
+    with pytest.raises(InputError, match="no panels"):
+        plots.draw([])
+
+
+def test_page_embeds_its_pictures_and_video(tmp_path: Path) -> None:
+    video = tmp_path / "drive.mp4"
+    video.write_bytes(b"moving pictures")
+    sections = [
+        Section("Video", video=video),
+        Section("Summary", header=("figure", "value"), rows=[("distance", "1 km")]),
+        picture_section("Speed", plots.to_png(plots.draw([PANEL]))),
+    ]
+    page = read(Page("A drive", sections=sections).to_html())
+    assert "video" in page.tags
+    assert "img" in page.tags
+    assert page.sources
+    assert all(source.startswith("data:") for source in page.sources)
+
+
+def test_large_video_is_linked_instead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pages, "INLINE_VIDEO_BYTES", 10)
+    video = tmp_path / "drive.mp4"
+    video.write_bytes(b"0" * 11)
+    page = read(Page("A drive", sections=[Section(video=video)]).to_html(tmp_path))
+    assert page.sources == ["drive.mp4", "drive.mp4"]
+
+
+def test_text_from_outside_cannot_become_markup() -> None:
+    mark = "<img src=x>"
+    section = Section(
+        mark, notes=[mark], sentences=[mark], header=[mark], rows=[[f"**{mark}**"]],
+        checks=[Check(mark, 1.0, mark, mark)],
+    )  # fmt: skip
+    page = read(Page("<script>x</script>", mark, [section]).to_html())
+    assert "script" not in page.tags
+    assert "img" not in page.tags
+    assert page.tags.count("strong") == 1
+
+
+def test_results_page_names_what_falls_short(tmp_path: Path) -> None:
+    found = Results("bench", checks=[Check("step", 20.0, "us", 10.0, "<= 15")])
+    found.figures["cost_of_a_step"] = [PANEL]
+    web, _ = write_results_page(found, "0.1.0", tmp_path)
+    page = read(web.read_text())
+    assert "falls short: step" in " ".join(page.text)
+    assert "img" in page.tags
+
+
+def test_writing_replaces_the_old_page_whole_and_leaves_nothing_beside_it(tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    path.write_text("old")
+    Page("new").write(path)
+    assert "new" in path.read_text()
+    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
+
+
+def test_every_picture_of_a_markdown_page_lies_beside_it(tmp_path: Path) -> None:
+    _, page = write_results_page(results(), "1.0", tmp_path)
+    pictures = re.findall(r"!\[[^]]*\]\(([^)]+)\)", page.read_text())
+    assert len(pictures) == 2
+    for picture in pictures:
+        assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
+
+
+def test_markdown_page_says_what_falls_short_and_has_a_section_for_each_part(
+    tmp_path: Path,
+) -> None:
+    text = write_results_page(results(), "1.0", tmp_path)[1].read_text()
+    assert "- fit: 95 %, must be >= 97" in text
+    assert "## One" in text
+    assert "## Two" in text
+    assert "> a note" in text
+
+
+def test_pictures_of_an_older_page_are_removed(tmp_path: Path) -> None:
+    (tmp_path / "validate").mkdir()
+    (tmp_path / "validate" / "old.png").write_bytes(b"")
+    write_results_page(results(), "1.0", tmp_path)
+    assert not (tmp_path / "validate" / "old.png").exists()
+
+
+def test_same_results_give_the_same_pages(tmp_path: Path) -> None:
+    first = [page.read_bytes() for page in write_results_page(results(), "1.0", tmp_path)]
+    assert [p.read_bytes() for p in write_results_page(results(), "1.0", tmp_path)] == first
+
+
+def test_only_bounded_checks_get_a_verdict_in_markdown() -> None:
+    checks = [Check("a", 1.0, "1", None, ">= 2"), Check("b", 1.0, "1")]
+    lines = Page("x", sections=[check_section(checks)]).to_markdown().splitlines()
+    assert "| >= 2 | **falls short** |" in "\n".join(lines)
+    assert lines[-1].endswith("|  |  |")
+
+
+def test_cells_cannot_break_a_markdown_table() -> None:
+    page = Page("x", sections=[Section(header=("a|b", "c"), rows=[("1|2", "3")])])
+    assert "| 1\\|2 | 3 |" in page.to_markdown()
+
+
+@pytest.mark.parametrize(("text", "name"), [("validate step-size", "validate-step-size")])
+def test_file_names_are_plain(text: str, name: str) -> None:
+    assert pages.slug(text) == name
