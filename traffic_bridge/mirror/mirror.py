@@ -24,9 +24,9 @@ from traffic_bridge.mirror.bodies import (
     may_touch,
     unit_name,
 )
-from traffic_bridge.mirror.fleet import Fleet
 from traffic_bridge.mirror.looks import LOOKS
 from traffic_bridge.mirror.slots import Slot, Slots
+from traffic_bridge.mirror.units import VehicleUnits
 from traffic_bridge.vehicles.registry import VehicleType, default_types
 
 DEFAULT_POOL = {"car": 14, "van": 5, "truck": 4, "articulated": 4}
@@ -85,7 +85,7 @@ class Mirror:
         self._visuals = visuals
         self._looks = [LOOKS[kind.look](kind) for kind in types]
         self._slots = Slots(types, counts, self.view_range)
-        self._fleet = Fleet(types, self._looks, step_length)
+        self._units = VehicleUnits(types, self._looks, step_length)
         numbers = [k for count in counts for k in range(count)]
         self._bodies = [
             tuple(
@@ -131,7 +131,7 @@ class Mirror:
             self._mocap.append(tuple(int(model.body_mocapid[body]) for body in bodies))
         self._finder = ContactFinder(model, owner)
         self._slots.clear()
-        self._fleet.clear()
+        self._units.clear()
         self._show_others()
 
     # Showing -----------------------------------------------------------------------------------
@@ -173,11 +173,11 @@ class Mirror:
                     self._park(data, slot)
             if changed:
                 self._show_others()
-            self._fleet.take(frame, self._slots.rows)
+            self._units.take(frame, self._slots.rows)
         if self._index.size:
-            self._fleet.move(elapsed, now)
-            data.mocap_pos[self._index] = self._fleet.position
-            data.mocap_quat[self._index] = self._fleet.quaternion
+            self._units.move(elapsed, now)
+            data.mocap_pos[self._index] = self._units.position
+            data.mocap_quat[self._index] = self._units.quaternion
         return len(self._slots.taken)
 
     @property
@@ -193,11 +193,11 @@ class Mirror:
         return ()
 
     def _show_others(self) -> None:
-        self._fleet.set_slots(self._slots.taken)
+        self._units.set_slots(self._slots.taken)
         self._index = np.array(
             [
                 self._mocap[slot.place][unit]
-                for slot, unit in zip(self._fleet.slots, self._fleet.units, strict=True)
+                for slot, unit in zip(self._units.slots, self._units.units, strict=True)
             ],
             dtype=np.intp,
         )
@@ -232,7 +232,7 @@ class Mirror:
         """
         if self._finder is None or not self._index.size or not self._finder.hull:
             return False
-        fleet, truck = self._fleet, self._finder.truck_outlines(data)
+        fleet, truck = self._units, self._finder.truck_outlines(data)
         center = np.array([(part.x, part.y) for part in truck])
         apart = np.linalg.norm(fleet.position[:, None, :2] - center, axis=-1)
         reach = np.array([math.hypot(part.half_length, part.half_width) for part in truck])

@@ -20,7 +20,7 @@ from traffic_bridge.vehicles.registry import VehicleType
 IntArray = NDArray[np.intp]
 
 
-class Fleet:
+class VehicleUnits:
     """Motion of the vehicles in some slots.
 
     Its arrays have one row a unit: first the vehicles of one unit, then all tractors, then all
