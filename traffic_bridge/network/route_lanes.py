@@ -6,6 +6,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, overload
 
 import numpy as np
@@ -14,20 +15,20 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import TrafficError
 from iits_mj.road import Route
 from iits_mj.road.elements import DRIVING_TYPES
-from traffic_bridge.network.lane_graph import LaneGraph, RouteEdges, links_of
+from iits_mj.road.road_frames import RoadFrames
+from traffic_bridge.network.lane_graph import LaneGraph, edges_along
+from traffic_bridge.network.lane_surface import LaneSurfaces
 from traffic_bridge.network.lane_table import (
-    JUNCTION_SPACING,
-    SAMPLE_SPACING,
     LanePoses,
     LaneTable,
     locate_along,
     locate_each,
     route_pose,
     sample_shape,
+    sample_spacing,
     surface_pose,
 )
-from traffic_bridge.network.map_network import MapNetwork
-from traffic_bridge.network.nets import Network, lane_kinds
+from traffic_bridge.network.net_file import NetFile
 from traffic_bridge.session import Session
 
 GAP = 10.0  # [m] between edges, at most: netconvert's internal lanes at a change of lanes
@@ -37,10 +38,14 @@ HOPS = 4  # lanes the truck may pass in one step: those inside junctions can be 
 class RouteLanes:
     """The lanes of a loaded net as seen from the route, and the edges to drive along.
 
+    The lanes of the route take their place from the route, whose geometry the truck drives on; the
+    lanes of other roads take it from their roads (`LaneSurfaces`).
+
     Attributes:
-      edges: ids of SUMO's edges in driving order; oncoming_edges: of the way back, or empty.
+      net: as in the file.
+      edges: ids of SUMO's edges in driving order; oncoming_edges: in the opposite direction.
       tables: lanes of the route by SUMO lane id, junction-internal and oncoming ones included.
-      graph: which lane of the net leads onto which.
+      graph: how the lanes of the net are connected.
       poses: every lane that a vehicle has been on, those of other roads too.
 
     Raises:
@@ -48,33 +53,27 @@ class RouteLanes:
     """
 
     def __init__(
-        self, session: Session, network: Network, route: Route, oncoming: bool = False
+        self, session: Session, net: NetFile, route: Route, oncoming: bool = False
     ) -> None:
-        self._session = session
-        self._api = session.api
-        self._network = network
-        self._offset = network.offset
-        self._map: MapNetwork | None = None
+        self.net = net
         self._route = route
         self.tables: dict[str, LaneTable] = {}
-        self._kinds: dict[str, str] = {}
         self._boxes: tuple[list[str], FloatArray] | None = None
         self.poses = LanePoses(self.table)
+        self.graph = LaneGraph.of(net)
+        self.oncoming_edges: tuple[str, ...] = ()
         with session.guard("reading the network"):
-            self.graph = LaneGraph.read(self._api)
-            chain = RouteEdges(self._api, route)
-            self.edges = chain.along(1)
+            self.edges = edges_along(net, route, 1)
             self._build(self.edges, 1)
             self._ordered = _by_lane(t for edge in self.edges for t in self.of_edge(edge))
             self._whole = _by_lane(t for t in self.tables.values() if t.lane >= 0)
-            self.oncoming_edges: tuple[str, ...] = ()
             if oncoming:
-                self._kinds = lane_kinds(network.path)
-                self.oncoming_edges = chain.along(-1)
+                self.oncoming_edges = edges_along(net, route, -1)
                 self._build(self.oncoming_edges, -1)
+        self.bind(session)
 
     def table(self, lane: str) -> LaneTable:
-        """Table of any lane of the net; those that are not the route's are made when asked for."""
+        """Table of any lane of the net; those of other roads are made when they are asked for."""
         found = self.tables.get(lane)
         return self._table_off_route(lane) if found is None else found
 
@@ -89,35 +88,31 @@ class RouteLanes:
           Ids, and left, bottom, right, top [m], shape (4, n).
         """
         if self._boxes is None:
-            names = list(self._api.lane.getIDList())
-            boxes = []
-            for name in names:
-                shape = np.asarray(self._api.lane.getShape(name), dtype=float)[:, :2]
-                boxes.append((*shape.min(axis=0), *shape.max(axis=0)))
-            self._boxes = names, np.array(boxes).T
+            shapes = [lane.shape for lane in self.graph.lanes.values()]
+            boxes = [(*shape.min(axis=0), *shape.max(axis=0)) for shape in shapes]
+            self._boxes = list(self.graph.lanes), np.array(boxes).T
         return self._boxes
 
     def bind(self, session: Session) -> None:
-        """Takes a new simulation of the same net: the tables stay, the rules are set again."""
-        self._session = session
-        self._api = session.api
+        """Closes the lanes beside the driving lanes to the traffic of a new simulation."""
         with session.guard("setting the rules of the lanes"):
             for table in self.tables.values():
-                self._set_rules(table)
+                drivable = table.lane >= 0 or self._is_oncoming(table)
+                if not drivable and not table.edge.startswith(":"):
+                    session.api.lane.setDisallowed(table.id, ["all"])
 
     def of_edge(self, edge: str) -> list[LaneTable]:
         """Driving lanes of an edge, from the right."""
-        count = self._api.edge.getLaneNumber(edge)
-        tables = (self.tables[f"{edge}_{i}"] for i in range(count))
+        tables = (self.tables[lane.id] for lane in self.net.edge[edge].lanes)
         return [table for table in tables if table.lane >= 0 or self._is_oncoming(table)]
 
     def _is_oncoming(self, table: LaneTable) -> bool:
-        return table.direction < 0 and self._kinds.get(table.id, "driving") in DRIVING_TYPES
+        return table.direction < 0 and (self.net.lanes[table.id].kind or "driving") in DRIVING_TYPES
 
     def find(self, lane: int, station: float) -> LaneTable | None:
-        """The (not internal) SUMO lane of a route lane at a station, or at most 10 m from it.
+        """The SUMO lane, not an internal one, of a route lane at a station or within 10 m of it.
 
-        Between two edges SUMO has internal lanes of some metres; the nearer edge is given there.
+        Between two edges SUMO has internal lanes of some meters; there the nearer edge counts.
         """
         starts, tables = self._ordered.get(lane, ([], []))
         k = bisect_right(starts, station)
@@ -129,22 +124,22 @@ class RouteLanes:
         return table if distance <= GAP else None
 
     def covering(self, lane: int, station: float) -> LaneTable | None:
-        """The SUMO lane of a route lane at a station, internal ones included; None in a gap."""
+        """The SUMO lane of a route lane at a station, internal lanes included; None in a gap."""
         starts, tables = self._whole.get(lane, ([], []))
         k = bisect_right(starts, station) - 1
         return tables[k] if k >= 0 and station <= tables[k].station[-1] else None
 
-    def way(self, begin: str, position: float, end: LaneTable, target: float) -> float | None:
-        """Distance to drive from a place on one lane to a place on another that it leads to [m].
+    def distance(self, begin: str, position: float, end: LaneTable, target: float) -> float | None:
+        """Distance to drive from a position on one lane to a position on another lane [m].
 
         Args:
-          begin: SUMO's lane where it begins.
+          begin: SUMO's lane where the distance begins.
           position: on it [m].
-          end: the lane where it ends, at most `HOPS` lanes on.
+          end: the lane where the distance ends, at most `HOPS` lanes on.
           target: position on it [m].
 
         Returns:
-          The distance as SUMO counts it, None where the one lane does not lead to the other.
+          The distance as SUMO counts it, None if the first lane does not lead to the other.
         """
         name, covered = end.id, target
         for _ in range(HOPS):
@@ -175,80 +170,68 @@ class RouteLanes:
     def to_map(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]: ...
     def to_map(self, x: Any, y: Any) -> tuple[Any, Any]:
         """SUMO's coordinates to the map's."""
-        return x - self._offset[0], y - self._offset[1]
+        return x - self.net.offset[0], y - self.net.offset[1]
 
     def to_sumo(self, x: float, y: float) -> tuple[float, float]:
         """The map's coordinates to SUMO's."""
-        return x + self._offset[0], y + self._offset[1]
+        return x + self.net.offset[0], y + self.net.offset[1]
 
     # Inside ------------------------------------------------------------------------------------
 
     def _build(self, edges: tuple[str, ...], direction: int) -> None:
         near = 0.0 if direction > 0 else self._route.length
         for edge, after in zip(edges, (*edges[1:], None), strict=False):
-            count = self._api.edge.getLaneNumber(edge)
-            tables = _even(
-                self._route, [self._table(edge, i, near, direction) for i in range(count)]
-            )
+            lanes = self.net.edge[edge].lanes
+            tables = _even(self._route, [self._table(lane.id, near, direction) for lane in lanes])
             self.tables.update((table.id, table) for table in tables)
             near = float(tables[0].station[-1])
-            links = links_of(self._api, edge)
+            links = self.net.links_of(edge)
             if after is not None and after not in {target for target, _ in links}:
                 raise TrafficError(
                     f"the SUMO net has no connection from edge {edge!r} to {after!r}, "
                     "which the route follows"
                 )
             for target, internal in links:
+                # A long turn is split in two internal lanes.
                 while target == after and internal and internal not in self.tables:
-                    name, _, index = internal.rpartition("_")
-                    self._table(name, int(index), near, direction)
-                    # A long turn is split in two internal lanes.
-                    onward = self._api.lane.getLinks(internal)
-                    internal = onward[0][4] if onward else ""
+                    self._table(internal, near, direction)
+                    internal = self.net.inside.get(internal, "")
 
-    def _table(self, edge: str, index: int, near: float, direction: int) -> LaneTable:
-        name = f"{edge}_{index}"
-        length = self._api.lane.getLength(name)
-        spacing = JUNCTION_SPACING if edge.startswith(":") else SAMPLE_SPACING
-        x, y = sample_shape(self._api.lane.getShape(name), length, spacing)
+    def _table(self, name: str, near: float, direction: int) -> LaneTable:
+        lane = self.net.lanes[name]
+        x, y = sample_shape(lane)
         station, offset = locate_along(self._route, *self.to_map(x, y), near, direction)
-        lane = self._route_lane(station, offset) if direction > 0 else -1
-        spacing = length / (len(station) - 1)
+        number = self._route_lane(station, offset) if direction > 0 else -1
+        spacing = lane.length / (len(station) - 1)
         pose = route_pose(self._route, station, offset, direction)
-        table = LaneTable(
-            name, edge, index, lane, direction, length, spacing, station, offset, pose
+        self.tables[name] = LaneTable(
+            *(name, lane.edge, lane.index, number, direction),
+            *(lane.length, spacing, station, offset, pose),
         )
-        self.tables[name] = table
-        self._set_rules(table)
-        return table
+        return self.tables[name]
 
     def _table_off_route(self, name: str) -> LaneTable:
-        edge, _, index = name.rpartition("_")
-        if self._map is None:
-            self._map = MapNetwork(self._route.road_map, self._network)
-        spacing = JUNCTION_SPACING if edge.startswith(":") else SAMPLE_SPACING
-        surface = self._map.surface(name, spacing)
+        lane = self.net.lanes[name]
+        surface = self._surfaces.surface(name, sample_spacing(lane))
         length = float(surface.position[-1])
         station, offset = locate_each(self._route, surface.x, surface.y)
         spacing = length / (len(station) - 1)
         pose = surface_pose(surface)
-        return LaneTable(name, edge, int(index), -1, 0, length, spacing, station, offset, pose)
+        return LaneTable(name, lane.edge, lane.index, -1, 0, length, spacing, station, offset, pose)
+
+    @cached_property
+    def _surfaces(self) -> LaneSurfaces:
+        return LaneSurfaces(self.net, RoadFrames(self._route.road_map))
 
     def _route_lane(self, station: FloatArray, offset: FloatArray) -> int:
-        """The driving lane a SUMO lane lies on along most of its way, or -1 (a shoulder)."""
+        """The driving lane under most of a SUMO lane, or -1 (a shoulder)."""
         picks = np.linspace(0, len(station) - 1, 7)[1:-1].astype(int)
         lanes = [self._route.lane_at(float(station[k]), float(offset[k])) for k in picks]
         return max(sorted(set(lanes)), key=lanes.count)
 
-    def _set_rules(self, table: LaneTable) -> None:
-        """No traffic beside the driving lanes."""
-        drivable = table.lane >= 0 or self._is_oncoming(table)
-        if not drivable and not table.edge.startswith(":"):
-            self._api.lane.setDisallowed(table.id, ["all"])
-
 
 def _by_lane(tables: Iterable[LaneTable]) -> dict[int, tuple[list[float], list[LaneTable]]]:
-    """First stations and tables in the order of stations, by route lane."""
+    """First stations, and tables in the order of stations, by route lane."""
     ordered: dict[int, tuple[list[float], list[LaneTable]]] = {}
     for table in sorted(tables, key=lambda table: (table.station[0], table.id)):
         starts, found = ordered.setdefault(table.lane, ([], []))
@@ -261,8 +244,8 @@ def _even(route: Route, tables: list[LaneTable]) -> list[LaneTable]:
     """Gives the lanes of an edge one common station for every position.
 
     SUMO keeps a vehicle's position when it changes lanes, but maps positions evenly onto each
-    lane's own length: on an edge that is part bend, part straight, neighbors would be up to some
-    metres apart, and a vehicle would jump along the road when it changes lanes.
+    lane's own length. On an edge that is part bend, part straight, the same position of neighboring
+    lanes would be up to some meters apart, and a vehicle that changes lanes would jump.
     """
     if len({len(table.station) for table in tables}) != 1:
         return tables
@@ -276,16 +259,13 @@ def _even(route: Route, tables: list[LaneTable]) -> list[LaneTable]:
     return even
 
 
-# --- Which lanes of the route lead onto others ---
-
-
 def upstream(lanes: RouteLanes, tables: Sequence[LaneTable], distance: float) -> list[LaneTable]:
-    """The route's lanes from which one comes onto given ones by driving straight on.
+    """The route's lanes from which a vehicle comes onto given lanes by driving straight on.
 
     Args:
       lanes: of the route.
       tables: the lanes to arrive on.
-      distance: how far back of their beginnings to look [m].
+      distance: how far before their beginnings to look [m].
 
     Returns:
       Lanes other than the given ones, the nearest first, junction-internal ones included.

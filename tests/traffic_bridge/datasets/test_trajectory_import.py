@@ -9,9 +9,9 @@ from tests.paths import ROOT
 from tests.traffic_bridge.datasets import synthetic_sets as sets
 from traffic_bridge import Recording, RepSim
 from traffic_bridge.datasets import (
-    Lay,
+    ImportConfig,
     Trajectories,
-    lay,
+    import_trajectories,
     of_recording,
     read_trajectories,
     write_fcd,
@@ -58,13 +58,13 @@ def columns(recording, name=None):
 
 @pytest.fixture(scope="module")
 def flow(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("lay")
+    folder = tmp_path_factory.mktemp("import_trajectories")
     return read_trajectories(sets.write_ngsim(folder / "set.csv"))
 
 
 @pytest.fixture(scope="module")
 def laid(flow, highway):
-    return lay(flow, highway, Lay(start_station=THREE_LANES))
+    return import_trajectories(flow, highway, ImportConfig(start_station=THREE_LANES))
 
 
 def test_stations_are_those_of_the_data_set_plus_a_constant(flow, laid):
@@ -116,7 +116,7 @@ def test_speed_heading_and_turning_are_those_of_the_positions(laid):
 def test_vehicles_that_keep_their_lane_stay_in_its_middle_where_it_tapers(highway):
     # From two lanes to three and back: 2 km with the lanes' borders on the move.
     station = 2400.0 + 15.0 * np.arange(0, 1600) * 0.1
-    recording = lay(track(station, np.ones(1600), lanes=2), highway)
+    recording = import_trajectories(track(station, np.ones(1600), lanes=2), highway)
     at = columns(recording, "a")
     middle = np.array([highway.lane_offset(1, s) for s in at["station"]])
     assert np.abs(at["offset"] - middle).max() < 0.01
@@ -126,13 +126,18 @@ def test_vehicles_that_keep_their_lane_stay_in_its_middle_where_it_tapers(highwa
 def test_a_lane_change_that_jumps_is_carried_out_in_3_5_s(straight):
     station = 50.0 + 20.0 * np.arange(300) * 0.1
     across = np.where(np.arange(300) < 150, 0.0, 1.0)
-    at = columns(lay(track(station, across), straight), "a")
+    at = columns(import_trajectories(track(station, across), straight), "a")
     moving = np.flatnonzero(np.abs(at["lateral_speed"]) > 0.02)
     assert (moving[-1] - moving[0]) * 0.1 == pytest.approx(3.5, abs=0.5)
     # The quintic's greatest speed is 15/8 of the mean, 4 m in 3.5 s.
     assert at["lateral_speed"].max() == pytest.approx(1.875 * 4.0 / 3.5, rel=0.01)
     assert np.abs(np.diff(at["offset"])).max() < 0.25
-    jumped = columns(lay(track(station, across), straight, Lay(lane_change_duration=0.0)), "a")
+    jumped = columns(
+        import_trajectories(
+            track(station, across), straight, ImportConfig(lane_change_duration=0.0)
+        ),
+        "a",
+    )
     assert np.abs(np.diff(jumped["offset"])).max() > np.abs(np.diff(at["offset"])).max()
 
 
@@ -151,7 +156,7 @@ def test_a_standing_vehicle_stands_still_for_all_the_noise_of_its_positions(stra
     time = np.arange(400) * 0.1
     smooth = np.interp(time, [0, 10, 20, 40], [100, 200, 250, 250])
     noisy = smooth + rng.normal(0.0, 0.02, 400)
-    at = columns(lay(track(noisy, rng.normal(0.0, 0.01, 400)), straight), "a")
+    at = columns(import_trajectories(track(noisy, rng.normal(0.0, 0.01, 400)), straight), "a")
     still = at["frame"] > 230
     assert np.diff(at["station"]).min() >= 0.0
     assert at["speed"][still].max() < 0.2
@@ -160,7 +165,7 @@ def test_a_standing_vehicle_stands_still_for_all_the_noise_of_its_positions(stra
 
 def test_vehicles_leave_at_the_end_of_the_route_and_are_whole_on_it(flow):
     short = Route.straight(length=250.0)
-    recording = lay(flow, short)
+    recording = import_trajectories(flow, short)
     at = columns(recording)
     lengths = np.asarray(recording.sizes)[np.asarray(recording.vehicle), 0]
     assert (at["station"] + 0.5 * lengths).max() <= 250.0 + 1e-9
@@ -171,17 +176,19 @@ def test_vehicles_leave_at_the_end_of_the_route_and_are_whole_on_it(flow):
 
 def test_a_lane_that_the_map_does_not_have_is_named_with_its_station(flow, highway):
     with pytest.raises(InputError, match=r"lane 2 is to lie on lane 2.*at station \d+ m \(2 lanes"):
-        lay(flow, highway)
-    recording = lay(flow, highway, Lay(lane_map={0: 0, 1: 1}))
+        import_trajectories(flow, highway)
+    recording = import_trajectories(flow, highway, ImportConfig(lane_map={0: 0, 1: 1}))
     assert set(recording.ids) == {"7", "8", "9", "12"}
     # Vehicle 12 is there only from when it is in lane 1.
     assert columns(recording, "12")["frame"].min() == pytest.approx(100, abs=2)
-    moved = lay(flow, highway, Lay(start_station=THREE_LANES, lane_map={0: 1, 1: 2}))
+    moved = import_trajectories(
+        flow, highway, ImportConfig(start_station=THREE_LANES, lane_map={0: 1, 1: 2})
+    )
     assert set(columns(moved)["lane"].tolist()) == {1, 2}
 
 
 @pytest.mark.parametrize(
-    ("how", "words"),
+    ("settings", "words"),
     [
         ({"lane_map": {5: 0}}, "lane_map"),
         ({"lane_map": {0: 0, 1: 0}}, "a lane of its own"),
@@ -192,9 +199,9 @@ def test_a_lane_that_the_map_does_not_have_is_named_with_its_station(flow, highw
         ({"smoothing": -1.0}, "smoothing -1"),
     ],
 )
-def test_unusable_settings_are_told(flow, straight, how, words):
+def test_unusable_settings_are_told(flow, straight, settings, words):
     with pytest.raises(InputError, match=words):
-        lay(flow, straight, Lay(**how))
+        import_trajectories(flow, straight, ImportConfig(**settings))
 
 
 def test_repsim_replays_what_was_laid_from_its_file(laid, highway, tmp_path):
@@ -208,7 +215,7 @@ def test_repsim_replays_what_was_laid_from_its_file(laid, highway, tmp_path):
 
 
 def test_other_frame_rates_give_the_same_motion(flow, laid, highway):
-    fine = lay(flow, highway, Lay(start_station=THREE_LANES, step=0.04))
+    fine = import_trajectories(flow, highway, ImportConfig(start_station=THREE_LANES, step=0.04))
     a, b = columns(laid, "8"), columns(fine, "8")
     assert len(b["x"]) == 501
     assert np.abs(b["x"][::5] - a["x"][::2]).max() < 1e-6
@@ -223,7 +230,7 @@ def test_a_recording_of_ours_reads_as_what_was_laid(flow, laid, highway):
         apart = found.station[found.rows(i)] - THREE_LANES - flow.station[flow.rows(name)]
         assert np.abs(apart).max() < 0.01
     assert np.abs(found.offset[found.lane == 0]).max() < 0.01
-    again = lay(found, highway)
+    again = import_trajectories(found, highway)
     shift = np.abs(np.asarray(again.columns) - np.asarray(laid.columns)).max(axis=1)
     assert shift[[COLUMNS.index(name) for name in "xyz"]].max() < 0.1
     with pytest.raises(InputError, match="not on"):
@@ -258,7 +265,7 @@ def test_traffic_lies_on_real_maps_without_a_jump(name):
     route = RoadMap.from_opendrive(path).route()
     station = 20.0 + 15.0 * np.arange(0, round(max(route.length - 40.0, 50.0) / 1.5)) * 0.1
     one = track(station, np.zeros(len(station)), lanes=1)
-    at = columns(lay(one, route), "a")
+    at = columns(import_trajectories(one, route), "a")
     assert len(at["x"]) > 20
     way = np.hypot(np.diff(at["x"]), np.diff(at["y"]))
     assert np.abs(way - 0.05 * (at["speed"][1:] + at["speed"][:-1])).max() < 0.02

@@ -53,7 +53,7 @@ class Laid:
 
 
 @dataclass(frozen=True)
-class Lay:
+class ImportConfig:
     """How a data set is laid.
 
     Attributes:
@@ -89,7 +89,9 @@ class Lay:
                 raise InputError(f"{name} {value!r}: allowed is {low:g} to {high:g}")
 
 
-def lay(trajectories: Trajectories, route: Route, how: Lay | None = None) -> Recording:
+def import_trajectories(
+    trajectories: Trajectories, route: Route, config: ImportConfig | None = None
+) -> Recording:
     """A recording of the trajectories on a route, for `RepSim` and `iits-mj replay`.
 
     Vehicles are there from the first to the last instant at which they are recorded, while the
@@ -98,31 +100,31 @@ def lay(trajectories: Trajectories, route: Route, how: Lay | None = None) -> Rec
     Args:
       trajectories: of any source.
       route: the road to lay them on.
-      how: where and how.
+      config: where and how.
 
     Raises:
       InputError: the map does not have a lane that is needed, or nobody comes to lie on the route.
     """
     from traffic_bridge.recording.recording import Recording
 
-    how = how or Lay()
-    lanes = _lane_map(trajectories, how.lane_map)
-    _check_lanes(trajectories, route, how.start_station, lanes)
+    config = config or ImportConfig()
+    lanes = _lane_map(trajectories, config.lane_map)
+    _check_lanes(trajectories, route, config.start_station, lanes)
     begin = float(trajectories.time.min())
-    count = int(np.floor(trajectories.duration / how.step + 1e-6)) + 1
-    time: FloatArray = np.arange(count, dtype=np.float64) * how.step
+    count = int(np.floor(trajectories.duration / config.step + 1e-6)) + 1
+    time: FloatArray = np.arange(count, dtype=np.float64) * config.step
     parts: list[Laid] = []
     who: list[int] = []
     for index in range(len(trajectories.ids)):
         for rows in _stretches(trajectories, index, lanes):
-            laid = _lay_one(trajectories, rows, route, how, lanes, time + begin)
+            laid = _lay_one(trajectories, rows, route, config, lanes, time + begin)
             if laid is not None:
                 parts.append(laid)
                 who.append(index)
     if not parts:
         raise InputError(
             f"{trajectories.source}: nobody comes to lie on the route of {route.length:.0f} m, "
-            f"begun at station {how.start_station:g} m"
+            f"begun at station {config.start_station:g} m"
         )
     vehicle = np.repeat(who, [len(part.frame) for part in parts])
     used, vehicle = np.unique(vehicle, return_inverse=True)
@@ -132,7 +134,7 @@ def lay(trajectories: Trajectories, route: Route, how: Lay | None = None) -> Rec
         (trajectories.length[i], trajectories.width[i], height[trajectories.kinds[i]]) for i in used
     ]
     return Recording.of_rows(
-        _meta(trajectories, route, how, lanes, len(used)),
+        _meta(trajectories, route, config, lanes, len(used)),
         time,
         [trajectories.ids[i] for i in used],
         [trajectories.kinds[i] for i in used],
@@ -140,7 +142,7 @@ def lay(trajectories: Trajectories, route: Route, how: Lay | None = None) -> Rec
         np.concatenate([part.frame for part in parts]),
         vehicle,
         np.concatenate([part.lane for part in parts]),
-        np.concatenate([_columns(part, route, how.step) for part in parts], axis=1),
+        np.concatenate([_columns(part, route, config.step) for part in parts], axis=1),
     )
 
 
@@ -184,7 +186,7 @@ def _lay_one(
     t: Trajectories,
     rows: slice,
     route: Route,
-    how: Lay,
+    config: ImportConfig,
     lanes: Mapping[int, int],
     instants: FloatArray,
 ) -> Laid | None:
@@ -196,10 +198,10 @@ def _lay_one(
         return None
     at = np.clip(instants[frame], time[0], time[-1])
     half = 0.5 * float(t.length[t.vehicle[rows.start]])
-    along = fit(time, t.station[rows] + (how.start_station - half), at, how.smoothing)
+    along = fit(time, t.station[rows] + (config.start_station - half), at, config.smoothing)
     target = np.array([lanes[lane] for lane in t.lane[rows].tolist()], dtype=float)
     in_lanes = target + t.offset[rows] / t.lane_width
-    cross = _across(time, in_lanes, at, how.lane_change_duration)
+    cross = _across(time, in_lanes, at, config.lane_change_duration)
     there = (along.value >= half) & (along.value <= route.length - half)
     if not there.any():
         return None
@@ -282,15 +284,15 @@ def _columns(laid: Laid, route: Route, step: float) -> FloatArray:
 
 
 def _meta(
-    t: Trajectories, route: Route, how: Lay, lanes: Mapping[int, int], laid: int
+    t: Trajectories, route: Route, config: ImportConfig, lanes: Mapping[int, int], laid: int
 ) -> dict[str, Any]:
     return {
         "mode": "DataSet",
         "source": t.source,
         "notes": [*t.notes, *_left_out(len(t.ids) - laid)],
-        "start_station": how.start_station,
+        "start_station": config.start_station,
         "lane_map": {str(lane): target for lane, target in sorted(lanes.items())},
-        "smoothing": how.smoothing,
+        "smoothing": config.smoothing,
         "map_hash": route.road_map.content_hash,
         "map_name": route.road_map.path.name,
     }

@@ -10,9 +10,9 @@ from traffic_bridge.config import TrafficConfig
 from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.modes.ego import EgoInTraffic, ego_type_xml
 from traffic_bridge.modes.observation import Observation
-from traffic_bridge.modes.replayed_vehicles import Guests
-from traffic_bridge.network.lanes import RouteLanes
+from traffic_bridge.modes.replayed_vehicles import ReplayedVehicles
 from traffic_bridge.network.nets import build_network
+from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.session import Session
 from traffic_bridge.signals.controller import TrafficController
 from traffic_bridge.vehicles.demand import Demand
@@ -22,7 +22,7 @@ from traffic_bridge.vehicles.registry import Vehicles
 ROLL_CALL = 50  # steps after which vehicles that SUMO gave up at an entrance are forgotten
 
 
-class World:
+class SumoTraffic:
     """One running SUMO simulation on one route.
 
     Args:
@@ -33,7 +33,7 @@ class World:
       lanes: of an earlier world on the same route, to save reading the net again.
 
     Attributes:
-      guests: vehicles that are led from outside, None where there are none.
+      replayed: vehicles that are led from outside, None where there are none.
 
     Raises:
       MapError, TrafficError: see `build_network` and `Session`.
@@ -49,16 +49,16 @@ class World:
     ) -> None:
         self.route = route
         self.config = config
-        self.guests: Guests | None = None
+        self.replayed: ReplayedVehicles | None = None
         self._steps = 0
-        network = build_network(route)
+        net = build_network(route)
         types = "".join(t.to_sumo_xml(config.speed_limit) for t in config.types)
         self.session = Session(
-            network.path, types + ego_type_xml(config.footprint), config.step_length, seed
+            net.path, types + ego_type_xml(config.footprint), config.step_length, seed
         )
         with self.session.guard("setting up the traffic"):
             if lanes is None:
-                lanes = RouteLanes(self.session, network, route, config.oncoming)
+                lanes = RouteLanes(self.session, net, route, config.oncoming)
             else:
                 lanes.bind(self.session)
             self.lanes = lanes
@@ -66,7 +66,7 @@ class World:
             self.signals = TrafficController(self.session, lanes, self.vehicles, config)
             rng = np.random.default_rng(seed)
             self._demand = Demand(
-                self.session, lanes, self.vehicles, config, rng, network, self.signals.limits
+                self.session, lanes, self.vehicles, config, rng, self.signals.limits
             )
         self._ego = EgoInTraffic(self.session, lanes, route, config.footprint, config.step_length)
         self._with_ego = with_ego
@@ -99,8 +99,8 @@ class World:
         """Populates the road around the ego and lets everybody depart; time is zero then."""
         with self.session.guard("populating the road"):
             self.signals.begin(None if ego is None else ego.station)
-            if self.guests is not None:
-                self.guests.place(0.0)
+            if self.replayed is not None:
+                self.replayed.place(0.0)
             self._demand.fill(None if ego is None else self._ego.room(ego, self.config.speed_limit))
         if self._with_ego and ego is not None:
             self._ego.place(ego)
@@ -120,8 +120,8 @@ class World:
             self.signals.step(self.time, station)
             if self._lane_changer is not None:
                 self._lane_changer.step(self.time, lambda: self._demand.entries(station))
-            if self.guests is not None:
-                self.guests.place(self.time + self.config.step_length)
+            if self.replayed is not None:
+                self.replayed.place(self.time + self.config.step_length)
         if self._with_ego and ego is not None:
             self._ego.place(ego)
         self.session.step()
