@@ -119,7 +119,7 @@ def test_pettingzoos_own_test_passes(environment):
 
 
 def test_unusable_arguments_are_refused(environment):
-    with pytest.raises(InputError, match="1 payloads"):
+    with pytest.raises(InputError, match="payloads = 1: allowed is 2 to 8"):
         PlatoonEnv((0.0,))
     with pytest.raises(InputError, match="time_gap"):
         PlatoonEnv(time_gap=float("nan"))
