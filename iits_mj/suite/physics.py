@@ -94,11 +94,39 @@ def add_cameras(spec: mujoco.MjSpec, prefix: str = "") -> None:
         tractor.add_camera(name=prefix + name, pos=position, quat=quaternion)
 
 
+def _reading(name: str, doc: str) -> Callable[[Physics], float]:
+    """Makes a getter of `Physics` for a field of the truck's state."""
+
+    def get(physics: Physics) -> float:
+        return float(getattr(physics.ego(), name))
+
+    get.__name__, get.__doc__ = name, doc
+    return get
+
+
 class Physics(BasePhysics):
     """MuJoCo physics of a `Truck` with named getters; SI units, ISO 8855 axes.
 
     Made by `from_truck`. `truck` shares the model and data of this physics.
     """
+
+    speed = _reading("speed", "Forward speed of the tractor [m/s].")
+    acceleration = _reading("acceleration", "Forward acceleration of the tractor [m/s2].")
+    lateral_acceleration = _reading(
+        "lateral_acceleration", "Lateral acceleration of the tractor [m/s2]."
+    )
+    station = _reading("station", "Steer axle along the road [m].")
+    offset = _reading("offset", "Steer axle left of the road's line [m].")
+    trailer_offset = _reading(
+        "trailer_offset", "Middle of the trailer's axle group left of the road's line [m]."
+    )
+    roll = _reading("roll", "Roll of the tractor [rad], right side down positive.")
+    articulation = _reading("articulation", "Tractor's yaw less the trailer's [rad].")
+    yaw_rate = _reading("yaw_rate", "Yaw rate of the tractor [rad/s].")
+    steering_wheel_angle = _reading("steering_wheel_angle", "Actual steering-wheel angle [rad].")
+    gear = _reading("gear", "Gear, 1 to 12; 0 in neutral, -1 in reverse.")
+    engine_speed = _reading("engine_speed", "Engine speed [rad/s].")
+    engine_torque = _reading("engine_torque", "Engine torque [N m].")
 
     truck: Truck
     # Advances the data instead of this physics, see `iits_mj.envs.vector`.
@@ -167,30 +195,6 @@ class Physics(BasePhysics):
             self._key = key
         return self._state
 
-    def speed(self) -> float:
-        """Forward speed of the tractor [m/s]."""
-        return self.ego().speed
-
-    def acceleration(self) -> float:
-        """Forward acceleration of the tractor [m/s2]."""
-        return self.ego().acceleration
-
-    def lateral_acceleration(self) -> float:
-        """Lateral acceleration of the tractor [m/s2]."""
-        return self.ego().lateral_acceleration
-
-    def station(self) -> float:
-        """Steer axle along the road [m]."""
-        return self.ego().station
-
-    def offset(self) -> float:
-        """Steer axle left of the road's line [m]."""
-        return self.ego().offset
-
-    def trailer_offset(self) -> float:
-        """Middle of the trailer's axle group left of the road's line [m]."""
-        return self.ego().trailer_offset
-
     def trailer_station(self) -> float:
         """Middle of the trailer's axle group along the road [m]."""
         x, y, _ = self.data.site_xpos[self._trailer_axles].tolist()
@@ -211,27 +215,11 @@ class Physics(BasePhysics):
         near = self.station() - 0.5 * self._behind
         return np.array([self.route.locate(x, y, near)[1] for x, y in points.tolist()])
 
-    def roll(self) -> float:
-        """Of the tractor [rad], right side down positive."""
-        return self.ego().roll
-
     def heading_error(self) -> float:
         """Tractor's heading less the road's [rad]."""
         ego = self.ego()
         heading = float(self.route.evaluate(ego.station, 0.0).heading)
         return float(np.arctan2(np.sin(ego.yaw - heading), np.cos(ego.yaw - heading)))
-
-    def articulation(self) -> float:
-        """Tractor's yaw less the trailer's [rad]."""
-        return self.ego().articulation
-
-    def yaw_rate(self) -> float:
-        """Of the tractor [rad/s]."""
-        return self.ego().yaw_rate
-
-    def steering_wheel_angle(self) -> float:
-        """Actual angle [rad]."""
-        return self.ego().steering_wheel_angle
 
     def grade_ahead(self, distances: tuple[float, ...]) -> FloatArray:
         """Grade of the road at distances ahead of the steer axle [m], shape (n,)."""
@@ -244,18 +232,6 @@ class Physics(BasePhysics):
     def _road_ahead(self, distances: tuple[float, ...]) -> RoadPoint:
         stations = np.minimum(self.station() + np.array(distances), self.route.length)
         return self.route.evaluate(stations)
-
-    def gear(self) -> int:
-        """1 to 12; 0 in neutral."""
-        return self.ego().gear
-
-    def engine_speed(self) -> float:
-        """[rad/s]."""
-        return self.ego().engine_speed
-
-    def engine_torque(self) -> float:
-        """[N m]."""
-        return self.ego().engine_torque
 
     def brake_pressure(self) -> float:
         """Mean of the five circuits [Pa]."""

@@ -71,7 +71,7 @@ def test_all_start_anew_at_their_places(pair):
 def test_wrong_numbers_are_refused(pair):
     with pytest.raises(InputError, match="3 places for 2 trucks"):
         pair.reset([Placement()] * 3)
-    with pytest.raises(InputError, match="0 trucks"):
+    with pytest.raises(InputError, match="number of trucks = 0: allowed is 1 to"):
         Fleet.load([], route=ROUTE)
     with pytest.raises(InputError, match=f"{TRUCKS_MAX + 1} trucks"):
         Fleet.load([0.0] * (TRUCKS_MAX + 1), route=ROUTE)
