@@ -73,7 +73,7 @@ def test_wrong_numbers_are_refused(pair):
         pair.reset([Placement()] * 3)
     with pytest.raises(InputError, match="number of trucks = 0: allowed is 1 to"):
         Fleet.load([], route=ROUTE)
-    with pytest.raises(InputError, match=f"{TRUCKS_MAX + 1} trucks"):
+    with pytest.raises(InputError, match=f"trucks = {TRUCKS_MAX + 1}: "):
         Fleet.load([0.0] * (TRUCKS_MAX + 1), route=ROUTE)
     with pytest.raises(InputError, match="payload"):
         Fleet.load([0.0, -1.0], route=ROUTE)
