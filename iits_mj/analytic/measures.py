@@ -105,15 +105,15 @@ def step_response(system: LateralSystem, steer: float, duration: float = 10.0) -
 
 
 def yaw_rate_gain(system: LateralSystem) -> float:
-    """Yaw rate over road-wheel angle [1/s] in the steady state, be that state stable or not."""
+    """Returns yaw rate over road-wheel angle [1/s] in the steady state, stable or not."""
     return float(system.steady_state()[1])
 
 
 def understeer_gradient(model: YawSideslip, speed: float = 20.0) -> float:
     """Understeer gradient [rad s2/m] of the linear model: d(delta - L/R) / d(lateral acceleration).
 
-    The model's steer angle is exactly `delta = L' / R + K a_y`, where L' is the wheelbase and what
-    tandem and tri-axle scrub, so that K follows from any two speeds.
+    The model's steer angle is exactly `delta = L' / R + K a_y`, where L' is the wheelbase with
+    the scrub of tandem and tri-axle, so that K follows from any two speeds.
     """
     slow, fast = model.at(0.5 * speed), model.at(speed)
     per_curvature = [1.0 / yaw_rate_gain(s) * s.speed for s in (slow, fast)]
@@ -121,7 +121,7 @@ def understeer_gradient(model: YawSideslip, speed: float = 20.0) -> float:
 
 
 def understeer_gradient_by_loads(parameters: TruckParameters, payload: float) -> float:
-    """The textbook's `K = (W_f / C_f - W_r / C_r) / g` [rad s2/m] from static axle loads."""
+    """Returns `K = (W_f / C_f - W_r / C_r) / g` [rad s2/m] from static axle loads (textbook)."""
     loads = static_axle_loads(parameters, payload)
     stiffness = axle_cornering_stiffness(parameters, loads)
     rear = slice(1, len(parameters.tractor.axles))
@@ -182,7 +182,7 @@ def rearward_amplification(system: LateralSystem, frequency: float = 0.4) -> flo
     """
     _require_stable(system, "rearward amplification")
     positive("frequency", frequency, "Hz")
-    # Both peaks come during the sine or in the first swing after it.
+    # Both peaks occur during the sine or in the first swing after it.
     time, steer = single_sine(1.0 / frequency, 2.0 / frequency + 8.0)
     response = simulate(system, time, 1e-2 * steer)
     peak = np.max(np.abs(response.steer_axle_acceleration))
@@ -221,7 +221,7 @@ def steady_off_tracking(system: LateralSystem, radius: float) -> float:
     """
     _require_stable(system, "steady off-tracking")
     model, v = system.model, system.speed
-    # Per yaw rate; the lateral velocity of the steer axle tells how far ahead of the centre it is.
+    # Per yaw rate; the steer axle's lateral velocity gives its distance ahead of the turn's centre.
     state = system.steady_state() / yaw_rate_gain(system)
     ahead = model.L_c1 + state[0]
     if not (np.isfinite(radius) and radius > abs(ahead)):

@@ -44,7 +44,7 @@ from iits_mj.core.checks import positive
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import cruise_axle_loads, static_axle_loads
 
-# Shortest relaxation length that the tire plugin knows [m].
+# Shortest relaxation length of the tire plugin [m].
 SHORTEST_RELAXATION = 0.1
 
 

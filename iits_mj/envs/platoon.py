@@ -27,8 +27,8 @@ from iits_mj.suite import scene
 from iits_mj.suite.physics import Physics, add_cameras
 from iits_mj.suite.tasks import Platoon
 from iits_mj.suite.truck import CONTROL_TIMESTEP, TIMESTEP
-from iits_mj.truck.fleet import Fleet, prefix
-from iits_mj.truck.placement import Placement
+from iits_mj.truck.fleet import TruckFleet, prefix
+from iits_mj.truck.placement import TruckPlacement
 
 Observation = NDArray[np.float32]
 Action = NDArray[np.float32]
@@ -91,7 +91,7 @@ class PlatoonEnv(Closing):
             for number in range(len(payloads)):
                 add_cameras(spec, prefix(number))
 
-        self.fleet = Fleet.load(
+        self.fleet = TruckFleet.load(
             payloads,
             route=scene.winding(),
             timestep=TIMESTEP,
@@ -155,7 +155,7 @@ class PlatoonEnv(Closing):
                 gap = self._tasks[number].wanted_gap(speed) + random.uniform(-3.0, 3.0)
                 station -= truck.footprint.length + gap
             offset = float(route.lane_offset(0, station)) + random.uniform(-0.2, 0.2)
-            places.append(Placement(station=station, offset=offset, speed=speed))
+            places.append(TruckPlacement(station=station, offset=offset, speed=speed))
         self.fleet.reset(places)
         self._tasks[0].target, self._until = common, 0.0
         self._set_speed()
@@ -180,7 +180,7 @@ class PlatoonEnv(Closing):
         if not self.agents:
             raise InputError("the episode has not begun or is over: call reset first")
         if set(actions) != set(self.agents):
-            raise InputError(f"actions of {sorted(actions)} were given, wanted are {self.agents}")
+            raise InputError(f"actions of {sorted(actions)} were given, needed are {self.agents}")
         for agent, task, physics in zip(self.agents, self._tasks, self._physics, strict=True):
             values = read_action(actions[agent], (len(task.actions),), f"action of {agent}")
             task.before_step(values, physics)

@@ -85,7 +85,7 @@ Task = TypeVar("Task")
 
 
 @dataclass(frozen=True)
-class Plan(Generic[Task, Row]):
+class ShardPlan(Generic[Task, Row]):
     """What is to be done.
 
     Attributes:
@@ -104,7 +104,7 @@ class Plan(Generic[Task, Row]):
 
 
 def run_sharded(
-    plan: Plan[Task, Row],
+    plan: ShardPlan[Task, Row],
     tasks: Sequence[Task],
     shards: Shards[Row],
     keep: Callable[[Sequence[Row]], None],
@@ -162,7 +162,7 @@ class _Outcome:
     faults: list[str]
 
 
-def _work(shard: tuple[Any, ...], plan: Plan[Any, Any]) -> _Outcome:
+def _work(shard: tuple[Any, ...], plan: ShardPlan[Any, Any]) -> _Outcome:
     """Does a shard's tasks; one that cannot be done does not cost the others."""
     rows, faults = [], []
     for task in shard:

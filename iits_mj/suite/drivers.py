@@ -21,7 +21,7 @@ from iits_mj.suite.scene import TURN_RADIUS
 from iits_mj.suite.tasks import Dock, LaneChange, LaneKeep, TightTurn
 from iits_mj.suite.tasks.path import PATH_PREVIEW
 
-Driver = Callable[[Mapping[str, FloatArray]], FloatArray]
+ScriptedDriver = Callable[[Mapping[str, FloatArray]], FloatArray]
 
 # Ratio of steering wheel to road wheels, wheelbase [m], understeer that is compensated [s2/m].
 _RATIO, _WHEELBASE, _UNDERSTEER = 21.0, 4.6, 0.01
@@ -112,7 +112,7 @@ def highway(seen: Mapping[str, FloatArray]) -> FloatArray:
     return np.array([side if free and room > own[0, 0] + 30.0 else 0.0])
 
 
-DRIVERS: dict[str, Driver] = {
+DRIVERS: dict[str, ScriptedDriver] = {
     driver.__name__: driver
     for driver in (cruise, stop, hill_start, lane_keep, lane_change, tight_turn, dock, highway)
 }

@@ -19,7 +19,7 @@ from iits_mj.core.messages import EgoState, VehicleCommand
 from iits_mj.road import RoadPoint, Route
 from iits_mj.simulation.gaps import truck_boxes
 from iits_mj.truck import Truck
-from iits_mj.truck.fleet import Fleet
+from iits_mj.truck.fleet import TruckFleet
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class Physics(BasePhysics):
         return physics
 
     @classmethod
-    def of_fleet(cls, fleet: Fleet) -> tuple[Physics, ...]:
+    def of_fleet(cls, fleet: TruckFleet) -> tuple[Physics, ...]:
         """One for each truck of a fleet, all of the fleet's own data."""
         found = []
         for truck in fleet.trucks:

@@ -96,7 +96,7 @@ def highway(
       traffic_speed: its speed limit [m/s].
       payload: on the semitrailer [kg].
       payload_height: of the load's centre of gravity above the road [m], 1.3 to 3.
-      visuals: adds what is only seen.
+      visuals: adds the visual geoms.
       environment_kwargs: further arguments of `control.Environment`.
 
     Raises:

@@ -13,7 +13,7 @@ from iits_mj.model.builder import truck_spec
 from iits_mj.parameters import TruckParameters
 from iits_mj.plugin import register
 from iits_mj.road import Route
-from iits_mj.truck.placement import Placement
+from iits_mj.truck.placement import TruckPlacement
 from iits_mj.truck.truck import Truck, bring_up_to_date, compile_scene
 
 # Each truck has its own contact bit above those of ground, trucks and traffic.
@@ -21,7 +21,7 @@ _FIRST_BIT = 3
 TRUCKS_MAX = 31 - _FIRST_BIT
 
 
-class Fleet:
+class TruckFleet:
     """Trucks that share a road, a clock and the contacts between them.
 
     All names of truck k begin with `prefix(k)`: body `truck0/tractor`, sensor `truck1/speed`.
@@ -49,7 +49,7 @@ class Fleet:
         timestep: float = 0.002,
         visuals: bool = True,
         edit_spec: Callable[[mujoco.MjSpec], None] | None = None,
-    ) -> Fleet:
+    ) -> TruckFleet:
         """Builds the trucks on their road and compiles them.
 
         Args:
@@ -84,7 +84,9 @@ class Fleet:
             ]
         )
         length = fleet.trucks[0].footprint.length
-        fleet.reset([Placement(station=20.0 + 2.0 * length * k) for k in range(len(loads))][::-1])
+        fleet.reset(
+            [TruckPlacement(station=20.0 + 2.0 * length * k) for k in range(len(loads))][::-1]
+        )
         return fleet
 
     @property
@@ -92,7 +94,7 @@ class Fleet:
         """Simulation time [s]."""
         return float(self.data.time)
 
-    def reset(self, places: Sequence[Placement]) -> tuple[EgoState, ...]:
+    def reset(self, places: Sequence[TruckPlacement]) -> tuple[EgoState, ...]:
         """Resets the scene with each truck at its place.
 
         Raises:

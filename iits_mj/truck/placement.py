@@ -7,18 +7,16 @@ from dataclasses import dataclass, fields
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import is_number, positive
 from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 
-Vector = NDArray[np.float64]
-
 
 @dataclass(frozen=True, kw_only=True)
-class Placement:
+class TruckPlacement:
     """A place and motion of a truck on its road, rolling freely.
 
     Attributes:
@@ -75,8 +73,8 @@ class Poser:
         }
         self._trailer_axles = float(np.mean([a.position for a in parameters.semitrailer.axles]))
 
-    def pose(self, data: mujoco.MjData, place: Placement) -> None:
-        """Writes the pose: the tractor stands on its axles, the trailer on its own."""
+    def pose(self, data: mujoco.MjData, place: TruckPlacement) -> None:
+        """Writes the pose: tractor and trailer on their axles."""
         p, at = self._parameters, self._position
         wheelbase = p.tractor.axles[1].position
         station, offset = place.station, place.offset
@@ -94,10 +92,12 @@ class Poser:
             spin = place.speed / p.tires[axle.tire].rolling_radius
             data.qvel[self._spin[axle.name]] = spin
 
-    def _hitch_angles(self, place: Placement, front: Vector, rotation: Vector) -> dict[str, float]:
+    def _hitch_angles(
+        self, place: TruckPlacement, front: FloatArray, rotation: FloatArray
+    ) -> dict[str, float]:
         """Yaw, pitch and roll of the trailer in the tractor's frame [rad]."""
         if place.articulation is not None:
-            # Upright on the plane that the tractor stands on.
+            # Upright on the plane under the tractor.
             return {"yaw": -place.articulation, "pitch": 0.0, "roll": 0.0}
         p = self._parameters
         reach = p.fifth_wheel.position
@@ -116,11 +116,11 @@ class Poser:
             "roll": math.atan2(relative[2, 1], relative[2, 2]),
         }
 
-    def _point(self, station: float, offset: float) -> Vector:
+    def _point(self, station: float, offset: float) -> FloatArray:
         point = self._route.evaluate(station, offset)
         return np.array([float(point.x), float(point.y), float(point.z)])
 
-    def _across(self, station: float) -> Vector:
+    def _across(self, station: float) -> FloatArray:
         """Unit vector to the left across the road."""
         point = self._route.evaluate(station, 0.0)
         heading, tilt = float(point.heading), float(point.superelevation)
@@ -128,7 +128,7 @@ class Poser:
         return np.array([-math.sin(heading) * level, math.cos(heading) * level, math.sin(tilt)])
 
 
-def _frame(forward: Vector, left: Vector) -> Vector:
+def _frame(forward: FloatArray, left: FloatArray) -> FloatArray:
     """Rotation matrix whose x is `forward` and whose y is as near to `left` as possible."""
     x = forward / np.linalg.norm(forward)
     z = np.cross(x, left)
@@ -136,7 +136,7 @@ def _frame(forward: Vector, left: Vector) -> Vector:
     return np.column_stack([x, np.cross(z, x), z])
 
 
-def _yaw(angle: float) -> Vector:
+def _yaw(angle: float) -> FloatArray:
     """Rotation about z."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

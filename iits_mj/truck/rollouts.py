@@ -1,7 +1,7 @@
 """Rolls out thousands of open-loop drives on all cores, with any loads, roads and parameters.
 
     scenarios = [
-        Scenario(route=road, payload=load, place=Placement(station=50.0, speed=20.0))
+        Scenario(route=road, payload=load, place=TruckPlacement(station=50.0, speed=20.0))
         for load in (0.0, 12_000.0, 36_000.0)
     ]
     drives = roll_out(scenarios, {"steering_wheel_angle": angles}, duration=8.0, threads=8)
@@ -30,7 +30,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.model.sensor_table import sensor_unit
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from iits_mj.truck.placement import Placement
+from iits_mj.truck.placement import TruckPlacement
 from iits_mj.truck.truck import COMMAND_FIELDS, Truck
 
 SIGNALS = (
@@ -60,7 +60,7 @@ class Scenario:
     """
 
     route: Route
-    place: Placement = field(default_factory=Placement)
+    place: TruckPlacement = field(default_factory=TruckPlacement)
     payload: float = 36_000.0
     parameters: Mapping[str, Any] | None = None
 
@@ -170,7 +170,7 @@ class _Group:
 
 def _drive(
     group: _Group,
-    places: Sequence[Placement],
+    places: Sequence[TruckPlacement],
     commands: FloatArray,
     columns: Mapping[str, tuple[int, int]],
     steps: int,

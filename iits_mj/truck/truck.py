@@ -30,7 +30,7 @@ from iits_mj.model.scenery.road_scene import add_road
 from iits_mj.parameters import TruckParameters
 from iits_mj.plugin import register
 from iits_mj.road import Route
-from iits_mj.truck.placement import Placement, Poser
+from iits_mj.truck.placement import Poser, TruckPlacement
 from iits_mj.truck.report import Reporter, sensor_addresses
 
 COMMAND_FIELDS = tuple(field.name for field in dataclasses.fields(VehicleCommand))
@@ -65,7 +65,7 @@ def compile_scene(
       route: the road.
       timestep: of the physics [s], 0.0005 to 0.005.
       visuals: adds the visual geoms of the road.
-      flat: leaves the road's surface out: the tires stand on the plane z = 0.
+      flat: leaves the road's surface out: the ground is the plane z = 0.
       edit_spec: called with the specification before it is compiled.
 
     Raises:
@@ -103,7 +103,7 @@ class Truck:
 
     Args:
       model: a compiled scene with the truck in it; use `load` to make one.
-      parameters, payload, route: what it was built from.
+      parameters, payload, route: of the scene.
       prefix: of the truck's names in a model of several (`iits_mj.truck.fleet`).
       data: of the scene; default: new data, with the truck at the beginning of its road.
     """
@@ -214,9 +214,9 @@ class Truck:
     ) -> EgoState:
         """Resets the scene with the truck at a place on its route, rolling freely.
 
-        Arguments and errors are those of `Placement`.
+        Arguments and errors are those of `TruckPlacement`.
         """
-        place = Placement(
+        place = TruckPlacement(
             station=station, offset=offset, speed=speed, heading=heading, articulation=articulation
         )
         mujoco.mj_resetData(self.model, self.data)
@@ -224,7 +224,7 @@ class Truck:
         mujoco.mj_forward(self.model, self.data)
         return self.observe()
 
-    def place(self, place: Placement) -> None:
+    def place(self, place: TruckPlacement) -> None:
         """Writes a pose into data that were reset, without `mj_forward`."""
         self._poser.pose(self.data, place)
         self._station_hint, self._trailer_hint = place.station, place.station - 11.5
@@ -349,7 +349,7 @@ class Truck:
         )
 
     def report(self) -> TruckReport:
-        """Returns what the control units report besides `observe`, at the last step or observation.
+        """Returns the reports of the control units at the last step or observation.
 
         A quantity without sensor or control in this model is None.
         """
