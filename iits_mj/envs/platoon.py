@@ -59,6 +59,9 @@ class PlatoonEnv(Closing):
       render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
       camera: of the pictures, on the last truck: "chase", "side" or "cab".
 
+    Attributes:
+      fleet: the trucks; tasks: of the agents.
+
     Raises:
       InputError: an argument is not allowed.
     """
@@ -100,10 +103,10 @@ class PlatoonEnv(Closing):
         )
         self._physics = Physics.of_fleet(self.fleet)
         ahead = (None, *self._physics[:-1])
-        self._tasks = tuple(Platoon(leader, time_gap, random=0) for leader in ahead)
+        self.tasks = tuple(Platoon(leader, time_gap, random=0) for leader in ahead)
         self.possible_agents = [f"truck{number}" for number in range(len(payloads))]
         self.agents: list[str] = []
-        self._scaled = ScaledObservations(self.seen("truck0"), self._tasks[0].scales)
+        self._scaled = ScaledObservations(self.seen("truck0"), self.tasks[0].scales)
         self.observation_names = self._scaled.names
         self.observation_spaces = {
             name: gymnasium.spaces.Box(-5.0, 5.0, self._scaled.space.shape, np.float32)
@@ -152,12 +155,12 @@ class PlatoonEnv(Closing):
         for number, truck in enumerate(self.fleet.trucks):
             speed = common + random.uniform(-0.5, 0.5)
             if number:
-                gap = self._tasks[number].wanted_gap(speed) + random.uniform(-3.0, 3.0)
+                gap = self.tasks[number].wanted_gap(speed) + random.uniform(-3.0, 3.0)
                 station -= truck.footprint.length + gap
             offset = float(route.lane_offset(0, station)) + random.uniform(-0.2, 0.2)
             places.append(TruckPlacement(station=station, offset=offset, speed=speed))
         self.fleet.reset(places)
-        self._tasks[0].target, self._until = common, 0.0
+        self.tasks[0].target, self._until = common, 0.0
         self._set_speed()
         self.agents = list(self.possible_agents)
         return self._observations(), self._infos()
@@ -181,7 +184,7 @@ class PlatoonEnv(Closing):
             raise InputError("the episode has not begun or is over: call reset first")
         if set(actions) != set(self.agents):
             raise InputError(f"actions of {sorted(actions)} were given, needed are {self.agents}")
-        for agent, task, physics in zip(self.agents, self._tasks, self._physics, strict=True):
+        for agent, task, physics in zip(self.agents, self.tasks, self._physics, strict=True):
             values = read_action(actions[agent], (len(task.actions),), f"action of {agent}")
             task.before_step(values, physics)
         self.fleet.step(round(CONTROL_TIMESTEP / TIMESTEP))
@@ -196,7 +199,7 @@ class PlatoonEnv(Closing):
         terminated = {
             agent: number in crashed or task.get_termination(physics) is not None
             for number, (agent, task, physics) in enumerate(
-                zip(self.agents, self._tasks, self._physics, strict=True)
+                zip(self.agents, self.tasks, self._physics, strict=True)
             )
         }
         over = any(terminated.values()) or self.fleet.time >= self._time_limit - 1e-6
@@ -212,7 +215,7 @@ class PlatoonEnv(Closing):
           InputError: unknown agent.
         """
         number = self.possible_agents.index(self._known(agent))
-        return dict(self._tasks[number].get_observation(self._physics[number]))
+        return dict(self.tasks[number].get_observation(self._physics[number]))
 
     def state(self) -> Observation:
         """Returns the observations of all agents as one vector."""
@@ -239,14 +242,14 @@ class PlatoonEnv(Closing):
         """Draws another set speed for the first truck at the end of the last one's duration."""
         if self.fleet.time >= self._until:
             if self.fleet.time > 0.0:
-                self._tasks[0].target = float(self._random.uniform(*SPEEDS))
+                self.tasks[0].target = float(self._random.uniform(*SPEEDS))
             self._until = self.fleet.time + float(self._random.uniform(*HOLDS))
 
     def _observations(self) -> dict[str, Observation]:
         return {agent: self._scaled(self.seen(agent)) for agent in self.possible_agents}
 
     def _infos(self) -> dict[str, dict[str, Any]]:
-        members = zip(self.possible_agents, self._tasks, self._physics, strict=True)
+        members = zip(self.possible_agents, self.tasks, self._physics, strict=True)
         return {
             agent: {**task.info(physics), "gap": task.gap(physics)}
             for agent, task, physics in members
