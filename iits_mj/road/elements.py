@@ -14,18 +14,8 @@ from iits_mj.road.geometry import Geometry, PlanView
 from iits_mj.road.polynomials import Cubic, PiecewiseCubic, combine
 
 DRIVING_TYPES = frozenset(
-    {
-        "driving",
-        "entry",
-        "exit",
-        "onRamp",
-        "offRamp",
-        "connectingRamp",
-        "slipLane",
-        "mwyEntry",
-        "mwyExit",
-    }
-)
+    ("driving", "entry", "exit", "onRamp", "offRamp", "connectingRamp", "slipLane")
+) | {"mwyEntry", "mwyExit"}
 PAVED_TYPES = DRIVING_TYPES | {"shoulder", "stop", "parking", "biking", "bidirectional", "special1"}
 
 # Limits where a map gives none: the road types of OpenDRIVE 1.6, table 26 [m/s].

@@ -44,18 +44,7 @@ SUPERELEVATION_LIMIT = 0.10
 # A lane narrower than this is still opening or closing, and not used.
 USABLE_LANE_WIDTH = 2.0
 GRADE_WINDOW = 40.0
-TABLE_COLUMNS = (
-    "x",
-    "y",
-    "z",
-    "heading",
-    "curvature",
-    "grade",
-    "superelevation",
-    "friction_left",
-    "friction_right",
-    "friction_split",
-)
+TABLE_COLUMNS = (*RoadPoint._fields, "friction_left", "friction_right", "friction_split")
 
 
 class RoadMap:
