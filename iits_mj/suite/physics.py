@@ -124,7 +124,6 @@ class Physics(BasePhysics):
     articulation = _reading("articulation", "Tractor's yaw less the trailer's [rad].")
     yaw_rate = _reading("yaw_rate", "Yaw rate of the tractor [rad/s].")
     steering_wheel_angle = _reading("steering_wheel_angle", "Actual steering-wheel angle [rad].")
-    gear = _reading("gear", "Gear, 1 to 12; 0 in neutral, -1 in reverse.")
     engine_speed = _reading("engine_speed", "Engine speed [rad/s].")
     engine_torque = _reading("engine_torque", "Engine torque [N m].")
 
@@ -232,6 +231,10 @@ class Physics(BasePhysics):
     def _road_ahead(self, distances: tuple[float, ...]) -> RoadPoint:
         stations = np.minimum(self.station() + np.array(distances), self.route.length)
         return self.route.evaluate(stations)
+
+    def gear(self) -> int:
+        """Gear, 1 to 12; 0 in neutral, -1 in reverse."""
+        return self.ego().gear
 
     def brake_pressure(self) -> float:
         """Mean of the five circuits [Pa]."""
