@@ -35,7 +35,7 @@ def test_a_number_out_of_range_is_refused_with_its_unit(value):
 
 @pytest.mark.parametrize("value", [0.0, -2.0, math.inf, False, "1"])
 def test_what_is_not_positive_is_refused(value):
-    with pytest.raises(InputError, match="^step is .* s: a finite number of more than zero"):
+    with pytest.raises(InputError, match=r"^step is .* s: a finite number of more than zero"):
         positive("step", value, "s")
 
 
