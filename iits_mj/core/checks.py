@@ -1,6 +1,6 @@
 """Checks of values that a user gives: numbers, ranges, choices, arrays.
 
-Each check raises `InputError` with the name, the value, its unit and what is allowed. Numbers of
+Each check raises `InputError` with the name, the value, its unit and the allowed values. Numbers of
 numpy pass like Python's own; `plain` and `make_plain` turn them into Python's own, so that a stored
 configuration stays JSON. True and False are not numbers.
 """

@@ -1,4 +1,4 @@
-"""What the modules say to each other: plain frozen dataclasses, SI units, ISO 8855 axes.
+"""Messages between the modules: frozen dataclasses in SI units and ISO 8855 axes.
 
 Positions are in the map frame (x east, y north, z up). `station` and `offset` are route
 coordinates: metres along the `iits_mj.road.Route` and metres to the left of its reference line.
@@ -29,7 +29,7 @@ class Decision(enum.IntEnum):
 
 
 class XbrMode(enum.IntEnum):
-    """XBR control mode of SAE J1939-71 (SPN 2916): how the demand meets the driver's."""
+    """XBR control mode of SAE J1939-71 (SPN 2916): how XBR and driver demands combine."""
 
     OFF = 0
     ADDITION = 1
@@ -37,7 +37,7 @@ class XbrMode(enum.IntEnum):
 
 
 class XbrEbiMode(enum.IntEnum):
-    """XBR endurance brake integration of SAE J1939-71 (SPN 2914): who may answer the demand."""
+    """XBR endurance brake integration of SAE J1939-71 (SPN 2914): which brakes may answer."""
 
     FRICTION_ONLY = 0
     ENDURANCE_ONLY = 1
@@ -45,7 +45,7 @@ class XbrEbiMode(enum.IntEnum):
 
 
 class TransmissionMode(enum.IntEnum):
-    """Gear selector. Drive is zero, so that an all-zero control vector is a truck ready to go."""
+    """Gear selector; drive is zero, so that an all-zero control vector is ready to drive."""
 
     DRIVE = 0
     NEUTRAL = 1
@@ -53,7 +53,7 @@ class TransmissionMode(enum.IntEnum):
 
 
 class PlanMode(enum.Enum):
-    """What the trajectory planner is doing."""
+    """Mode of the trajectory planner."""
 
     LANE_KEEPING = "lane_keeping"
     LANE_CHANGE = "lane_change"
@@ -63,7 +63,7 @@ class PlanMode(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class VehicleCommand:
-    """What the truck receives; field order is the order of the model's `ctrl`.
+    """Command to the truck; the fields have the order of the model's `ctrl`.
 
     Attributes:
       accelerator_pedal: EEC2 accelerator pedal position, 0 to 1.
@@ -92,7 +92,7 @@ class VehicleCommand:
 
 @dataclass(frozen=True, slots=True)
 class EgoState:
-    """What the truck reports. Pose is that of the steer axle's centre, on the ground.
+    """State that the truck reports; the pose is that of the steer axle's centre on the ground.
 
     Attributes:
       time: [s].
@@ -147,27 +147,27 @@ class EgoState:
 
 @dataclass(frozen=True, slots=True)
 class TruckReport:
-    """What the truck's control units report beside `EgoState`; None is "not available".
+    """Further reports of the truck's control units; None means "not available".
 
     Attributes:
       accelerator_pedal, brake_pedal: positions in force, 0 to 1; parking_brake: 1 when applied.
       engine_brake, retarder: the driver's levers, 0 to 1.
       transmission_mode: the gear selector's, see `TransmissionMode`.
       xbr_mode: XBR control mode in force, see `XbrMode`.
-      xbr_acceleration_limit: the lowest acceleration that XBR may ask for [m/s2].
+      xbr_acceleration_limit: the lowest acceleration that XBR may demand [m/s2].
       engine_torque_percent: indicated, of the reference torque (SPN 513).
       torque_loss_percent: friction, of the reference torque (SPN 514).
-      engine_torque_percent_driver: what the pedal asks for, as indicated (SPN 512).
+      engine_torque_percent_driver: demand of the pedal, as indicated torque (SPN 512).
       engine_load_percent: indicated torque, of the greatest at this speed (SPN 92).
-      engine_torque_mode: who decides on the torque, as numbered in SPN 899.
+      engine_torque_mode: source of the torque demand, as numbered in SPN 899.
       clutch_engagement: 0 open to 1 closed.
       input_shaft_speed, propeller_shaft_speed: of the gearbox's two ends [rad/s].
-      gear_engaged: the gear that is in; during a change the one before, see `EgoState.gear`.
+      gear_engaged: the engaged gear; during a change the previous one, see `EgoState.gear`.
       gear_ratio: of that gear, a magnitude; None in neutral.
       engine_brake_torque: braking, at the crankshaft, zero or positive [N m].
       retarder_torque: braking, at the propeller shaft, zero or positive [N m].
       engine_brake_torque_percent_intended, engine_brake_torque_percent_available: of the greatest
-        torque, negative when braking (SPN 1085, 1717); the retarder's alike.
+        torque, negative when braking (SPN 1085, 1717); likewise for the retarder.
       reservoir_pressure_front, reservoir_pressure_rear, reservoir_pressure_trailer: [Pa].
       compressor_active: 1 while the compressor fills the reservoirs.
       abs_active, xbr_active: 1 while ABS modulates, while an XBR demand is being answered.
@@ -224,7 +224,7 @@ class EgoFootprint:
 
     Attributes:
       front_overhang: from the pose point to the front bumper, 0 to the length.
-      length: 1 to 100 m, road trains have 53.5 m; width, height: 0.5 to 10 m, what roads carry.
+      length: 1 to 100 m, road trains have 53.5 m; width, height: 0.5 to 10 m.
 
     Raises:
       InputError: a size is not a number or is out of its range.
@@ -244,9 +244,9 @@ class EgoFootprint:
 
 
 class LightState(enum.Enum):
-    """What a traffic light shows; red with yellow counts as red.
+    """State of a traffic light; red with yellow counts as red.
 
-    STOP is red with a green arrow: stop, then go when nobody is in the way.
+    STOP is red with a green arrow: stop, then go if the way is free.
     """
 
     GREEN = "green"
@@ -261,9 +261,9 @@ class TrafficLight:
 
     Attributes:
       station: of its stop line [m].
-      state: what it shows now.
-      next_switch: time until it shows something else [s], None where nobody knows.
-      next_state: what it shows then, None where nobody knows.
+      state: at present.
+      next_switch: time until the state changes [s], None if unknown.
+      next_state: after the change, None if unknown.
     """
 
     station: float
@@ -288,7 +288,7 @@ class SpeedZone:
 
 @dataclass(frozen=True, slots=True)
 class RoadSignals:
-    """What lights and changing signs say; where zones overlap the later one holds."""
+    """States of traffic lights and variable signs; where zones overlap the later one applies."""
 
     light: TrafficLight | None = None
     zones: tuple[SpeedZone, ...] = ()
@@ -296,7 +296,7 @@ class RoadSignals:
 
 @dataclass(frozen=True)
 class Scene:
-    """What the stack sees at one instant: the truck, the traffic and the signs around it."""
+    """Input of the stack at one instant: ego truck, traffic and signals."""
 
     time: float
     ego: EgoState
@@ -322,7 +322,7 @@ class SpeedProfile:
     speed: FloatArray
 
     def at(self, station: float) -> float:
-        """Reference speed at a station [m/s], held constant beyond both ends."""
+        """Returns the reference speed at a station [m/s], constant beyond both ends."""
         return float(np.interp(station, self.station, self.speed))
 
 
@@ -335,7 +335,7 @@ class Trajectory:
       station, offset: route coordinates [m].
       x, y, z, yaw: map frame [m], [rad].
       curvature: of the path [1/m]; speed [m/s]; acceleration [m/s2].
-      mode: what the planner is doing; reason: why, in words, for logs and pictures.
+      mode: of the planner; reason: for it, in words, for logs and pictures.
       target_lane: lane index being kept or changed to.
     """
 

@@ -7,6 +7,7 @@ tri-axle share their group's load equally, so that each group acts at its centre
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -115,7 +116,7 @@ def laden_trailer(
     )
 
 
-def group_center(axles: tuple[Axle, ...]) -> float:
+def group_center(axles: Sequence[Axle]) -> float:
     """Returns the mean position of an axle group [m]."""
     return float(np.mean([axle.position for axle in axles]))
 
@@ -134,11 +135,53 @@ def static_axle_loads(parameters: TruckParameters, payload: float) -> FloatArray
     kingpin, origin = kingpin_load(parameters, payload), front.position
     moment = tractor.mass * GRAVITY * (tractor.cg_position - origin)
     moment += kingpin * (parameters.fifth_wheel.position - origin)
-    rear = moment / (group_center(tuple(drive)) - origin)
+    rear = moment / (group_center(drive) - origin)
     steer = tractor.mass * GRAVITY + kingpin - rear
     on_trailer = laden_trailer(parameters, payload).mass * GRAVITY - kingpin
     loads = [steer, *([rear / len(drive)] * len(drive))]
     return np.array(loads + [on_trailer / len(trailer_axles)] * len(trailer_axles))
+
+
+def cruise_axle_loads(parameters: TruckParameters, payload: float, speed: float) -> FloatArray:
+    """Returns axle loads at constant speed [m/s] on a level road [N], shape (6,), front to rear.
+
+    Statics of the two units with air drag at its height, the pull at the fifth wheel's, rolling
+    resistance as a forward shift of each wheel's load, and the drive force at the ground: the drive
+    axles carry more and the steer axle less than at rest. At speed 0 the loads are those at rest.
+    """
+    if speed <= 0.0:
+        return static_axle_loads(parameters, payload)
+    air, tires = parameters.aerodynamics, parameters.tires
+    rolling = parameters.tire_common.rolling_resistance
+    drag = 0.5 * air.density * air.drag_area * speed**2
+    drag_tractor, drag_trailer = air.tractor_share * drag, (1.0 - air.tractor_share) * drag
+    tractor, fifth = parameters.tractor, parameters.fifth_wheel
+    trailer = laden_trailer(parameters, payload)
+    front, *drive = tractor.axles
+
+    def lever(axles: Sequence[Axle]) -> float:
+        shift = rolling * tires[axles[0].tire].rolling_radius
+        return group_center(axles) - shift
+
+    weight = trailer.mass * GRAVITY
+    # Moments about the kingpin: the trailer's rolling resistance pulls at the ground, below it.
+    group = (weight * trailer.cg_position + drag_trailer * (air.pressure_height - fifth.height)) / (
+        lever(parameters.semitrailer.axles) + rolling * fifth.height
+    )
+    kingpin = weight - group
+    pull = drag_trailer + rolling * group
+    moment = (
+        tractor.mass * GRAVITY * (tractor.cg_position - front.position)
+        + kingpin * (fifth.position - front.position)
+        + pull * fifth.height
+        + drag_tractor * air.pressure_height
+    )
+    total = tractor.mass * GRAVITY + kingpin
+    front_lever, rear_lever = lever([front]) - front.position, lever(drive) - front.position
+    rear = (moment - total * front_lever) / (rear_lever - front_lever)
+    number = len(parameters.semitrailer.axles)
+    loads = [total - rear, *([rear / len(drive)] * len(drive)), *([group / number] * number)]
+    return np.array(loads)
 
 
 def axle_loads_by_name(parameters: TruckParameters, payload: float) -> dict[str, float]:

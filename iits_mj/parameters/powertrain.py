@@ -1,6 +1,6 @@
 """Parameters of engine, retarder, clutch and gearbox: `mjcf/truck.toml` and its CSV tables.
 
-Meaning, unit and source of each number stand in the TOML; all are in SI units here.
+The TOML gives meaning, unit and source of each number; all are in SI units.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.parameters.truck import Tire, TireCommon
+from iits_mj.parameters.truck import Tire, TireCommon, TruckParameters
 
 
 def cornering_stiffness(load: ArrayLike, tire: Tire, common: TireCommon) -> FloatArray:
@@ -23,6 +23,17 @@ def cornering_stiffness(load: ArrayLike, tire: Tire, common: TireCommon) -> Floa
     shape = _load_shape(np.maximum(np.asarray(load, dtype=float), 0.0), common)
     scale = tire.cornering_coefficient * tire.cornering_load
     return np.asarray(scale * shape / _load_shape(tire.cornering_load, common))
+
+
+def axle_cornering_stiffness(parameters: TruckParameters, loads: FloatArray) -> FloatArray:
+    """Returns the cornering stiffness of each axle [N/rad], (6,), at axle loads [N], (6,)."""
+    stiffness = []
+    for axle, load in zip(parameters.axles, loads, strict=True):
+        tire = parameters.tires[axle.tire]
+        tires = 2 * tire.count
+        one = cornering_stiffness(load / tires, tire, parameters.tire_common)
+        stiffness.append(tires * float(one))
+    return np.array(stiffness)
 
 
 def nominal_cornering_coefficient(tire: Tire, common: TireCommon) -> float:

@@ -49,25 +49,26 @@ class Design:
 
     Attributes:
       alignment: (length, curvature at start, at end, cross slope at start, at end) of each element.
+      start: x, y, z [m] and heading [rad] of the first point.
       grades: (station, grade after it, length of the parabola centred there).
       limits: (start, end, speed).
       structures: (kind, name, start, end).
     """
 
     name: str
-    start: tuple[float, float, float, float]
     lane_width: float
     lanes: int
     left_shoulder: float
     right_shoulder: float
     speed_limit: float
-    initial_grade: float
-    road_ends: tuple[float, ...]
     alignment: tuple[tuple[float, float, float, float, float], ...]
-    grades: tuple[tuple[float, float, float], ...]
-    extra_lanes: tuple[ExtraLane, ...]
-    limits: tuple[tuple[float, float, float], ...]
-    structures: tuple[tuple[str, str, float, float], ...]
+    start: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    initial_grade: float = 0.0
+    grades: tuple[tuple[float, float, float], ...] = ()
+    road_ends: tuple[float, ...] = ()
+    extra_lanes: tuple[ExtraLane, ...] = ()
+    limits: tuple[tuple[float, float, float], ...] = ()
+    structures: tuple[tuple[str, str, float, float], ...] = ()
 
     @property
     def length(self) -> float:

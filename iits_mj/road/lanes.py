@@ -73,17 +73,17 @@ class LaneBand:
     left_edge: PiecewiseCubic
 
     def boundary(self, i: int) -> PiecewiseCubic:
-        """Offset of boundary i from the right, 0 to the number of lanes."""
+        """Returns the offset of boundary i from the right, 0 to the number of lanes."""
         i = min(max(i, 0), len(self.lanes))
         return self.lanes[0].right if i == 0 else self.lanes[i - 1].left
 
 
 def lane_bands(piece: Piece) -> list[LaneBand]:
-    """The bands of one piece of a chain, in the order of travel."""
+    """Returns the bands of one piece of a chain, in the order of travel."""
     low, high = sorted((piece.s_start, piece.s_end))
     spans = []
     for start, end, section in piece.road.section_spans():
-        # The outer sections also cover what a bridged gap adds.
+        # The outer sections also cover the bridged gaps.
         start = min(start, low) if section is piece.road.sections[0] else start
         end = max(end, high) if section is piece.road.sections[-1] else end
         start, end = max(start, low), min(end, high)

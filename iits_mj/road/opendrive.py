@@ -148,7 +148,7 @@ def _read_road(reader: Reader, item: Element, notes: list[str]) -> Road:
 
 
 def _check_plan(place: Reader, road: Road) -> None:
-    """The records must cover the road and meet, but for what can be blended."""
+    """Fails if the records leave a gap in the road that is too large to be blended."""
     ends = [*(geometry.s for geometry in road.geometries[1:]), road.length]
     for geometry, end in zip(road.geometries, ends, strict=True):
         missing = end - geometry.s - geometry.length
@@ -333,7 +333,7 @@ def _read_section(place: Reader, item: Element) -> LaneSection:
         for element in () if group is None else group.findall("lane"):
             lane = _read_lane(where, element)
             if (lane.id > 0) - (lane.id < 0) != sign:
-                where.fail(f"lane {lane.id} stands in <{side}>")
+                where.fail(f"lane {lane.id} is in <{side}>")
             if any(other.id == lane.id for other in lanes):
                 where.fail(f"lane {lane.id} is defined twice")
             lanes.append(lane)

@@ -44,18 +44,7 @@ SUPERELEVATION_LIMIT = 0.10
 # A lane narrower than this is still opening or closing, and not used.
 USABLE_LANE_WIDTH = 2.0
 GRADE_WINDOW = 40.0
-TABLE_COLUMNS = (
-    "x",
-    "y",
-    "z",
-    "heading",
-    "curvature",
-    "grade",
-    "superelevation",
-    "friction_left",
-    "friction_right",
-    "friction_split",
-)
+TABLE_COLUMNS = (*RoadPoint._fields, "friction_left", "friction_right", "friction_split")
 
 
 class RoadMap:
@@ -65,7 +54,7 @@ class RoadMap:
       path: the file, or a name in words for a road made in memory.
       roads: by id, in the order of the file.
       content_hash: SHA-256 of the file.
-      notes: what of the file is not used, in words.
+      notes: unused parts of the file, in words.
     """
 
     def __init__(self, content: OpenDriveMap, path: str | Path, digest: str | None = None) -> None:
@@ -82,18 +71,18 @@ class RoadMap:
         """Reads an OpenDRIVE file.
 
         Raises:
-          MapError: it cannot be used; the message names file, road and what is wrong.
+          MapError: it cannot be used; the message names file, road and reason.
         """
         content = read_file(Path(path))
         return cls(parse(content, str(path)), path, content_hash(content))
 
     @classmethod
     def builtin(cls) -> RoadMap:
-        """Our own highway of 15 km; its SUMO net lies beside it, as `highway.net.xml`."""
+        """Returns the built-in highway of 15 km; its SUMO net is `highway.net.xml` beside it."""
         return cls.from_opendrive(MAPS / "highway.xodr")
 
     def routes(self) -> list[tuple[str, int]]:
-        """(road id, direction) of every place where a chain can begin."""
+        """Returns (road id, direction) of every place where a chain can begin."""
         return self._graph.starts()
 
     def route(
@@ -102,7 +91,7 @@ class RoadMap:
         superelevation_limit: float = SUPERELEVATION_LIMIT,
         knot_spacing: float = KNOT_SPACING,
     ) -> Route:
-        """A chain of roads as one road.
+        """Returns a chain of roads as one road.
 
         Args:
           start: "ID" or "ID:-1" of the first road; by default the longest chain of the map.
@@ -136,7 +125,7 @@ class Route:
       segments: the roads in the order of travel.
       tunnels, bridges: (start, end) stations of each.
       signals: signs and lights that face the route, by station.
-      notes: what of the map is not used or was changed, in words.
+      notes: unused or changed parts of the map, in words.
     """
 
     def __init__(

@@ -118,7 +118,7 @@ class Corridor:
 
 
 def drawing_stations(route: Route) -> FloatArray:
-    """Stations from one run-out to the other whose chords stay near the road."""
+    """Returns stations from one run-out to the other whose chords stay near the road."""
     step = max(1.0, route.length / 20_000.0)
     longest = STEP_MAX * max(1.0, route.length / 30_000.0)
     fine = np.linspace(0.0, route.length, max(int(route.length / step), 2) + 1)
@@ -145,9 +145,9 @@ def drawing_stations(route: Route) -> FloatArray:
 
 
 def run_outs(route: Route) -> tuple[float, float]:
-    """Length of the straight run-outs before and after the route; 0 where it would meet the road.
+    """Returns the lengths of the straight run-outs at both ends; 0 where one would meet the road.
 
-    A truck at the start needs road below its trailer, but a closed ring needs no tail.
+    A truck at the start needs road below its trailer; a closed ring needs no run-out.
     """
     station = np.linspace(0.0, route.length, max(int(route.length / 10.0), 2) + 1)
     point = route.evaluate(station)
@@ -163,11 +163,11 @@ def run_outs(route: Route) -> tuple[float, float]:
     return lengths[0], lengths[1]
 
 
-def chunks(route: Route, wanted: float) -> Iterator[tuple[float, float]]:
-    """Intervals of about `wanted` metres that together cover route and run-outs."""
+def chunks(route: Route, length: float) -> Iterator[tuple[float, float]]:
+    """Yields intervals of about `length` metres that cover route and run-outs."""
     before, after = run_outs(route)
     start, end = -before, route.length + after
-    count = max(1, round((end - start) / wanted))
+    count = max(1, round((end - start) / length))
     edges = np.linspace(start, end, count + 1)
     yield from zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
 

@@ -35,8 +35,8 @@ def add_road(spec: mujoco.MjSpec, route: Route, *, visuals: bool = True) -> None
     """Adds the visual road of a route, the sky and the light.
 
     Args:
-      spec: with the body `tractor`, which the sun follows; without it the sun stands still.
-      route: what to draw.
+      spec: the sun follows its body `tractor`, if it has one.
+      route: to draw.
       visuals: False adds only light and view settings.
     """
     start = route.evaluate(min(20.0, route.length))

@@ -1,4 +1,4 @@
-"""Tires, rims and axle beams. The rims' holes and bolts make rotation visible."""
+"""Tires, rims and axle beams; holes and bolts of the rims make rotation visible."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _wheel_parts(tire: Tire) -> dict[str, Shape]:
         disc = [(0.275, face - 0.06), (0.205, face - 0.005), (0.135, face + 0.01)]
         hub = [(0.135, face + 0.01), (0.125, face + 0.055), (0.10, face + 0.07), (0.0, face + 0.07)]
     else:
-        # Outer wheel of a pair: the disc lies deep and the hub comes out of it.
+        # Outer wheel of a pair: the disc is recessed and the hub protrudes.
         disc = [(0.275, face - 0.15), (0.215, face - 0.17), (0.150, face - 0.17)]
         hub = [(0.150, face - 0.17), (0.140, face - 0.03), (0.115, face - 0.01), (0.0, face - 0.01)]
     lip = [(RIM_RADIUS, face - 0.035), (RIM_RADIUS, face - 0.012), (0.285, face - 0.010)]
