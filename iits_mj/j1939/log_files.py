@@ -255,7 +255,7 @@ def _has_date(head: bytes) -> bool:
 
 
 def _format_of(head: bytes) -> str | None:
-    """Format of a log by its first bytes, `_BLOCK` or more if the file has them; None if unknown."""
+    """Format of a log by its first bytes, at least `_BLOCK` of a longer file; None if unknown."""
     text = head.lstrip()
     for name, sign in _SIGNS:
         if sign.match(text):
