@@ -194,7 +194,7 @@ class _Inputs:
     Attributes:
       time [s], speed [m/s], slope (sine and cosine of the road's angle).
       drive_force: engine force at the wheels for s = 1, less the retarder's [N].
-      brake_force: of the brakes for b = 1 [N]; circuit_forces: the same by circuit, shape (n, 3).
+      circuit_forces: of the brake circuits for b = 1 [N], shape (n, 3).
       rotating_mass: J / r^2 [kg]; density: of the air [kg/m3].
       windows: index ranges on which the model holds.
       brakes_seen: whether the log has the brakes' pressures.
@@ -205,7 +205,6 @@ class _Inputs:
     slope_sine: FloatArray
     slope_cosine: FloatArray
     drive_force: FloatArray
-    brake_force: FloatArray
     circuit_forces: FloatArray
     rotating_mass: FloatArray
     density: float
@@ -250,7 +249,6 @@ def _inputs(log: Log, parameters: TruckParameters, mass: float | None = None) ->
         slope_sine=grade * cosine,
         slope_cosine=cosine,
         drive_force=force,
-        brake_force=np.sum(circuits, axis=1),
         circuit_forces=circuits,
         rotating_mass=np.sum(spin / radii**2) + input_inertia * ratio**2 / radius**2,
         density=parameters.aerodynamics.density,
