@@ -290,12 +290,7 @@ class PccReference:
         planner = self.planner
         if planner is None or abs(ego.mass / planner.vehicle.mass - 1.0) > _MASS_CHANGE:
             planner = RecedingPlanner(
-                self.road,
-                self._parameters,
-                ego.mass,
-                self.config,
-                self.receding,
-                self.appointment,
+                self.road, self._parameters, ego.mass, self.config, self.receding, self.appointment
             )
             self.planner = planner
         return planner

@@ -178,9 +178,7 @@ class Relaxation:
         slowness = self.chord[0] + self.chord[1] * (b - self.b_box[0])
         return 0.5 * self.step * (slowness[:-1] + slowness[1:])
 
-    def solve(
-        self,
-    ) -> tuple[tuple[FloatArray, FloatArray, FloatArray], FloatArray, float, bool]:
+    def solve(self) -> tuple[tuple[FloatArray, FloatArray, FloatArray], FloatArray, float, bool]:
         """Point (b, E, t), multipliers, optimum [kg], and whether it converged.
 
         Columns of the multipliers: brakes low, brakes high, power, drag, time (1), chord; the price
