@@ -113,17 +113,6 @@ class FuelMap:
         gear = np.where(fits.any(axis=0), best, strongest)
         return rate[gear, np.arange(force.size)], gear + 1
 
-    def below_fit(self, fit: Willans, v_min: float, v_max: float) -> float:
-        """Greatest excess of a fit over the map [kg/s], over a band of speeds [m/s].
-
-        A drive of time T burns by the map at least what it burns by the fit, less T times this.
-        Sampled on a grid of speeds and powers, from overrun to full power.
-        """
-        speed = np.repeat(np.linspace(v_min, v_max, 60), 200)
-        power = np.tile(np.linspace(-fit.overrun_power, self.full_power(), 200), 60)
-        rate, _ = self.rate(power * self.efficiency / speed, speed)
-        return max(float((fit.rate(power) - rate).max()), 0.0)
-
     def fit(self, v_min: float, v_max: float) -> Willans:
         """Least-squares Willans parabola over the engine's power at a band of speeds [m/s]."""
         speed = np.repeat(np.linspace(v_min, v_max, 12), 41)

@@ -1,8 +1,4 @@
-"""The road of the speed planner: a uniform grid of stations with height and speed limit.
-
-Profiles come from a route, from a CSV file with heights, or from a certification cycle with grade
-over time, such as those of EPA's GEM.
-"""
+"""The road of the speed planner: a uniform grid of stations with height and speed limit."""
 
 from __future__ import annotations
 
@@ -22,7 +18,6 @@ if TYPE_CHECKING:
 
 _GRADE_MAX = 0.25
 _HEIGHT_COLUMNS = (("s_m", "s", "station_m", "station"), ("z_m", "z", "height_m", "height"))
-_CYCLE_COLUMNS = (("cycsecs", "time_s"), ("cycmps", "speed_mps"), ("cycgrade", "grade"))
 
 
 @dataclass(frozen=True)
@@ -197,50 +192,3 @@ def _grid(first: float, last: float, step: float, length: float | None, name: st
             f"{4.0 * step:g} m or more"
         )
     return np.asarray(first + step * np.arange(count + 1), dtype=float)
-
-
-@dataclass(frozen=True)
-class Cycle:
-    """A road made from a certification cycle.
-
-    A cycle gives speed and grade second by second. Integrated at its own speed the grades lie at
-    stations, and their rises add up to heights; the road can then be driven at any speed.
-
-    Attributes:
-      road: without speed limits, which a cycle does not give.
-      speed: mean over its time [m/s]; spread: greatest less smallest speed [m/s].
-    """
-
-    road: RoadProfile
-    speed: float
-    spread: float
-
-
-def read_cycle(path: str | Path, step: float = 50.0, length: float | None = None) -> Cycle:
-    """Reads a CSV with columns cycSecs [s], cycMps [m/s], cycGrade [1, rise over run].
-
-    Args:
-      path: of the file.
-      step: of the road's grid [m].
-      length: of the road [m]; default: to the end.
-
-    Raises:
-      InputError: the file cannot be read or lacks columns, time does not rise, a speed is below 0,
-        or the road is too short or too steep.
-    """
-    file = Path(path)
-    time, speed, grade = read_columns(file, "cycle", _CYCLE_COLUMNS)
-    if (np.diff(time) <= 0.0).any():
-        raise InputError(f"cycle {str(file)!r}: time must rise from row to row")
-    if speed.min() < 0.0:
-        raise InputError(f"cycle {str(file)!r}: speed {speed.min():g} m/s is below 0")
-    way = 0.5 * (speed[1:] + speed[:-1]) * np.diff(time)
-    rise = 0.5 * (grade[1:] + grade[:-1]) * way
-    # A standstill of the cycle adds nothing to the road.
-    moves = np.concatenate([[True], way > 0.0])
-    station = np.concatenate([[0.0], np.cumsum(way)])[moves]
-    height = np.concatenate([[0.0], np.cumsum(rise)])[moves]
-    if station.size < 2:
-        raise InputError(f"cycle {str(file)!r} never moves")
-    road = RoadProfile.from_heights(station, height, step, length, file.name)
-    return Cycle(road, float(way.sum() / (time[-1] - time[0])), float(np.ptp(speed)))

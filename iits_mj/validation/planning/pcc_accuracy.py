@@ -14,7 +14,7 @@ from controllers.pcc.planner import on_finer_road
 from controllers.pcc.vehicle import durations
 from iits_mj.core.errors import PlanningError
 from iits_mj.core.results import Check
-from iits_mj.validation.planning.pcc_bound import certificate
+from iits_mj.validation.planning.pcc_bound import below_fit, certificate
 from iits_mj.validation.planning.pcc_case import Case, balance, bound, solve
 
 PAPER_SECONDS = 60.0
@@ -66,7 +66,7 @@ def bound_checks(case: Case, gap_max: float = 0.1) -> list[Check]:
     task, base = case.task, case.solution.baseline
     fuel, _ = bound(case, 0.0)
     slowest, fastest = np.sqrt(task.b_low.min()), np.sqrt(task.b_high.max())
-    below = case.fuel_map.below_fit(case.vehicle.fuel, float(slowest), float(fastest))
+    below = below_fit(case.fuel_map, case.vehicle.fuel, float(slowest), float(fastest))
     by_map = max(fuel - below * task.time_max, 0.0)
     whole, _ = bound(case, case.task.k_a)
     gap = case.cost(case.solution.plan.speed) / whole - 1.0 if whole > 0.0 else np.inf

@@ -39,6 +39,7 @@ from typing import Any
 
 import numpy as np
 
+from controllers.pcc.fuel import FuelMap, Willans
 from controllers.pcc.problem import with_room
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.task import Solution, SpeedTask, require_feasible
@@ -324,3 +325,15 @@ def enough_speeds(
                     above = middle
             speed[k] = below
     return speed
+
+
+def below_fit(fuel_map: FuelMap, fit: Willans, v_min: float, v_max: float) -> float:
+    """Greatest excess of a fit over the map [kg/s], over a band of speeds [m/s].
+
+    A drive of time T burns by the map at least what it burns by the fit, less T times this.
+    Sampled on a grid of speeds and powers, from overrun to full power.
+    """
+    speed = np.repeat(np.linspace(v_min, v_max, 60), 200)
+    power = np.tile(np.linspace(-fit.overrun_power, fuel_map.full_power(), 200), 60)
+    rate, _ = fuel_map.rate(power * fuel_map.efficiency / speed, speed)
+    return max(float((fit.rate(power) - rate).max()), 0.0)

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from controllers.pcc import PccConfig, RoadProfile
-from controllers.pcc.profile import read_cycle
 from iits_mj.core.errors import PlanningError
 from iits_mj.core.results import Check, Line, Panel, Results
 from iits_mj.core.units import KMH
@@ -27,6 +26,7 @@ from iits_mj.validation.harness.config import (
     ValidateConfig,
     find_road,
 )
+from iits_mj.validation.planning.cycles import read_cycle
 from iits_mj.validation.planning.pcc_accuracy import (
     FINE_STEP,
     bound_checks,

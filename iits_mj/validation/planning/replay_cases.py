@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from controllers.pcc.planner import PccConfig
-from controllers.pcc.profile import RoadProfile, read_cycle
+from controllers.pcc.profile import RoadProfile
 from controllers.planning.speed_plan import SpeedConfig
 from iits_mj.core.units import KMH
 from iits_mj.road import RoadMap, Route
@@ -21,6 +21,7 @@ from iits_mj.validation.harness.config import (
     find_road,
 )
 from iits_mj.validation.planning.closed_loop import Task
+from iits_mj.validation.planning.cycles import read_cycle
 from iits_mj.validation.planning.pcc_savings import BAND, MPH, PAPER_LENGTH, STEP
 from iits_mj.validation.planning.replay_drives import RUN_IN, RUN_OUT, Case
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from controllers.pcc.profile import read_cycle
 from iits_mj.core.errors import InputError
+from iits_mj.validation.planning.cycles import read_cycle
 from tests.paths import ROOT
 
 CYCLES = ROOT / "../shared/data/cycles"
