@@ -24,8 +24,6 @@ from controllers.pcc.vehicle import (
 )
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError, PlanningError
-from iits_mj.core.messages import SpeedProfile
-from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 
 _NEARLY = 0.999  # of the fastest possible speed, so that more than one drive is possible
@@ -95,13 +93,11 @@ class PccComparison:
     Attributes:
       task, optimum: the problem and its solution. With the optimum's `time_price` and `costate` and
         the plan's clock a drive can follow the plan.
-      speed_profile: the plan for the trajectory planner.
       plan, baseline: both drives; v_set: set speed of the cruise [m/s].
     """
 
     task: SpeedTask
     optimum: Solution
-    speed_profile: SpeedProfile
     plan: Drive
     baseline: Drive
     v_set: float
@@ -143,7 +139,6 @@ def plan(
     mass: float = 55_000.0,
     config: PccConfig | None = None,
     method: str = "interior_point",
-    fine: RoadProfile | None = None,
 ) -> PccComparison:
     """Plans the whole road and compares it with the constant-speed cruise.
 
@@ -155,8 +150,6 @@ def plan(
       mass: of the combination [kg].
       config: set speed, band and weights.
       method: of `controllers.pcc.solver.solve`.
-      fine: the same road with closer nodes, at which the speed profile is wanted; see
-        `on_finer_road`.
 
     Raises:
       InputError: the mass is not that of a truck, or the method is not known.
@@ -176,12 +169,8 @@ def plan(
     total = float(durations(base, road).sum())
     task = SpeedTask(vehicle, road, b_low, b_high, total, k_a=1e-3 * config.k_a)
     optimum = solve(task, base, method)
-    profile = SpeedProfile(road.station, optimum.speed)
-    if fine is not None:
-        speed = on_finer_road(vehicle, road, optimum.speed, fine, config.v_max)
-        profile = SpeedProfile(fine.station, speed)
     drive, baseline = (evaluate(vehicle, fuel_map, road, v) for v in (optimum.speed, base))
-    return PccComparison(task, optimum, profile, drive, baseline, v_set)
+    return PccComparison(task, optimum, drive, baseline, v_set)
 
 
 def make_vehicle(
@@ -225,50 +214,6 @@ def evaluate(vehicle: PointMass, fuel_map: FuelMap, road: RoadProfile, speed: Fl
         gear,
         passing_times(speed, road),
     )
-
-
-def on_finer_road(
-    vehicle: PointMass,
-    road: RoadProfile,
-    speed: FloatArray,
-    fine: RoadProfile,
-    v_max: float = np.inf,
-) -> FloatArray:
-    """Speeds of a plan at the nodes of a finer profile of the same road [m/s].
-
-    A plan states one force for each interval. Straight lines of v^2 over a road that is rough
-    within the intervals would ask for forces that swing with every bump, up into the brakes: on the
-    paper's road a 50 m plan followed so burns 0.8 % more than planned. With the force held, kinetic
-    and potential energy change places there, and it burns what was planned: with force, rolling
-    resistance and drag as at the mean of the interval, `m_e v^2 / 2 + m g z` is linear in the
-    station between two nodes of the plan. The fine road's limits and the band are kept as well as
-    between the plan's nodes.
-
-    Args:
-      vehicle: the truck of the plan.
-      road: the plan's grid.
-      speed: of the plan at its nodes, shape (n + 1,) [m/s].
-      fine: the same road with closer nodes, within the stations of `road`.
-      v_max: of the band [m/s].
-
-    Raises:
-      InputError: the fine profile leaves the road, or the speeds do not match its nodes.
-    """
-    if speed.shape != road.station.shape or not np.isfinite(speed).all():
-        raise InputError(f"a plan over {road.name!r} needs {road.station.size} finite speeds")
-    first, last = road.station[[0, -1]]
-    if fine.station[0] < first - 1e-6 or fine.station[-1] > last + 1e-6:
-        raise InputError(
-            f"fine profile {fine.name!r} from {fine.station[0]:.0f} to {fine.station[-1]:.0f} m "
-            f"leaves the plan's {first:.0f} to {last:.0f} m"
-        )
-    line = np.interp(fine.station, road.station, speed**2)
-    above = fine.height - np.interp(fine.station, road.station, road.height)
-    b = line - 2.0 * GRAVITY * vehicle.mass / vehicle.inertial_mass * above
-    # No road dips by more than the kinetic energy; at least half the planned energy is kept.
-    b = np.maximum(b, 0.5 * line)
-    cap = np.maximum(np.minimum(fine.v_limit, v_max), np.sqrt(line))
-    return np.asarray(np.minimum(np.sqrt(b), cap))
 
 
 def _cruise(vehicle: PointMass, road: RoadProfile, config: PccConfig) -> tuple[float, FloatArray]:

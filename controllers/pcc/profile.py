@@ -76,14 +76,6 @@ class RoadProfile:
         """Mean grade dz/ds of the intervals, shape (n,)."""
         return np.diff(self.height) / np.diff(self.station)
 
-    def part(self, first: int, intervals: int) -> RoadProfile:
-        """The part of `intervals` intervals from node `first` on."""
-        stop = first + intervals + 1
-        if first < 0 or stop > self.station.size:
-            raise InputError(f"road profile {self.name!r} has no nodes {first} to {stop - 1}")
-        cut = slice(first, stop)
-        return RoadProfile(self.station[cut], self.height[cut], self.v_limit[cut], self.name)
-
     @classmethod
     def from_heights(
         cls,

@@ -10,12 +10,12 @@ import numpy as np
 import iits_mj.validation.planning.pcc_hermite  # noqa: F401  registers "finite_elements"
 from controllers.pcc import PccConfig, RoadProfile, Solution
 from controllers.pcc import solve as solve_task
-from controllers.pcc.planner import on_finer_road
 from controllers.pcc.vehicle import durations
 from iits_mj.core.errors import PlanningError
 from iits_mj.core.results import Check
 from iits_mj.validation.planning.pcc_bound import below_fit, certificate
 from iits_mj.validation.planning.pcc_case import Case, balance, bound, solve
+from iits_mj.validation.planning.pcc_roads import on_finer_road
 
 PAPER_SECONDS = 60.0
 LONG_SECONDS = 5.0  # for 1000 km

@@ -26,7 +26,6 @@ from iits_mj.validation.harness.config import (
     ValidateConfig,
     find_road,
 )
-from iits_mj.validation.planning.cycles import read_cycle
 from iits_mj.validation.planning.pcc_accuracy import (
     FINE_STEP,
     bound_checks,
@@ -47,6 +46,7 @@ from iits_mj.validation.planning.pcc_case import (
     with_rolling,
 )
 from iits_mj.validation.planning.pcc_command import PAPER_SAVING_PERCENT, panels
+from iits_mj.validation.planning.pcc_roads import read_cycle
 
 PAPER_LENGTH = 15_000.0
 MPH = 0.44704  # [m/s]

@@ -21,7 +21,7 @@ from iits_mj.validation.harness.config import (
     find_road,
 )
 from iits_mj.validation.planning.closed_loop import Task
-from iits_mj.validation.planning.cycles import read_cycle
+from iits_mj.validation.planning.pcc_roads import read_cycle
 from iits_mj.validation.planning.pcc_savings import BAND, MPH, PAPER_LENGTH, STEP
 from iits_mj.validation.planning.replay_drives import RUN_IN, RUN_OUT, Case
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from controllers.pcc.fuel import FuelMap
-from controllers.pcc.planner import Drive, PccConfig, evaluate, make_vehicle, on_finer_road
+from controllers.pcc.planner import Drive, PccConfig, evaluate, make_vehicle
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.schedule import Schedule, make_schedule
 from controllers.pcc.vehicle import PointMass, brakeable, cruise, durations, fastest_below
@@ -27,6 +27,7 @@ from iits_mj.core.messages import SpeedProfile
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.validation.planning.closed_loop import CONTROL_PERIOD, Record, Task, drive
+from iits_mj.validation.planning.pcc_roads import on_finer_road
 
 # --- What a cruise on the truck tells the planner: power that is left on climbs, speed to be set
 # Gear changes interrupt the pull, the turbocharger must catch up after them, and the gearbox shifts

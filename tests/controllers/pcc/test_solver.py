@@ -150,7 +150,7 @@ def test_costate_splits_the_drive_where_it_is_optimal():
     low, high = task.b_low[: half + 1], task.b_high[: half + 1]
     part = replace(
         task,
-        road=task.road.part(0, half),
+        road=road_of(task.road.grade[:half]),
         b_low=low,
         b_high=high,
         earliest=np.zeros(half + 1),
