@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import numbers
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -23,6 +22,7 @@ from controllers.pcc.vehicle import (
     passing_times,
 )
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.checks import in_range, require_positive
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.parameters import TruckParameters
 
@@ -51,11 +51,7 @@ class PccConfig:
     deceleration_max: float = 1.5
 
     def __post_init__(self) -> None:
-        """Refuses an empty band and numbers that are not finite."""
-        for name in ("v_ref", "v_min", "v_max", "k_a", "deceleration_max"):
-            value = getattr(self, name)
-            if not (isinstance(value, numbers.Real) and 0.0 <= float(value) < math.inf):
-                raise InputError(f"{name} = {value!r} is not allowed: use 0 or more")
+        require_positive(self, "v_ref", "v_min", "v_max", "k_a", "deceleration_max", zero=True)
         if not 1.0 <= self.v_min <= self.v_ref <= self.v_max <= 60.0:
             raise InputError(
                 f"band {self.v_min:g} to {self.v_max:g} m/s with v_ref {self.v_ref:g} m/s: "
@@ -146,7 +142,7 @@ def plan(
 
     Args:
       road: to be driven from end to end.
-      parameters: of the truck, default the packaged ones.
+      parameters: of the truck; default: the packaged ones.
       mass: of the combination [kg].
       config: set speed, band and weights.
       method: of `controllers.pcc.solver.solve`.
@@ -177,8 +173,7 @@ def make_vehicle(
     parameters: TruckParameters, fuel_map: FuelMap, mass: float, config: PccConfig
 ) -> PointMass:
     """The truck as point mass for the band of a plan; InputError for a mass that no truck has."""
-    if not (isinstance(mass, numbers.Real) and 5_000.0 <= mass <= 80_000.0):
-        raise InputError(f"mass {mass!r} kg is not allowed: use 5000 to 80000 kg")
+    in_range("mass", mass, 5_000.0, 80_000.0)
     return PointMass.of(
         parameters, fuel_map, mass, config.v_min, config.v_max, config.deceleration_max
     )
@@ -218,10 +213,12 @@ def evaluate(vehicle: PointMass, fuel_map: FuelMap, road: RoadProfile, speed: Fl
 
 def _cruise(vehicle: PointMass, road: RoadProfile, config: PccConfig) -> tuple[float, FloatArray]:
     """Set speed and node speeds of the cruise, which starts at its set speed."""
+    # The greatest first speed from which the limits ahead can be met.
+    b = brakeable(vehicle, road, np.minimum(road.v_limit, 1e3) ** 2, vehicle.brake_max)
+    start = math.sqrt(float(b[0]))
 
     def drive(v_set: float) -> FloatArray:
-        start = min(v_set, float(_start_speed(vehicle, road)))
-        return cruise(vehicle, road, v_set, start)
+        return cruise(vehicle, road, v_set, min(v_set, start))
 
     speed = drive(config.v_ref)
     if not config.mean_speed:
@@ -260,9 +257,3 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
         if -1e-9 < value <= 0.0:
             break
     return high
-
-
-def _start_speed(vehicle: PointMass, road: RoadProfile) -> float:
-    """Greatest speed at the first node from which the limits ahead can be met."""
-    b = brakeable(vehicle, road, np.minimum(road.v_limit, 1e3) ** 2, vehicle.brake_max)
-    return math.sqrt(float(b[0]))

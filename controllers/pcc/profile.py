@@ -37,7 +37,6 @@ class RoadProfile:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Raises InputError for an uneven grid, a steep grade, or a limit that is not above 0."""
         n = self.station.size
         if n < 5 or self.height.shape != (n,) or self.v_limit.shape != (n,):
             raise InputError(f"road profile {self.name!r} has {n} nodes: at least 5 are needed")
@@ -86,16 +85,15 @@ class RoadProfile:
         name: str = "",
         start: float | None = None,
     ) -> RoadProfile:
-        """A profile from rising stations and heights [m], without speed limits.
+        """A profile from rising stations and heights, shape (n,) [m], without speed limits.
 
         Args:
-          station: horizontal distances, as along a map; those measured along a road of 5 % are
-            0.1 % longer. Shape (n,).
-          height: of shape (n,).
+          station: horizontal, as along a map; along a road of 5 % they would be 0.1 % longer.
+          height: at the stations.
           step: of the grid.
-          length: of the profile; default: to the end.
+          length: of the profile; default: to the last station.
           name: for reports.
-          start: first station of the grid; default: the first given one.
+          start: of the profile; default: the first station.
 
         Raises:
           InputError: stations do not rise, numbers are not finite, or the road is too short.
@@ -140,14 +138,14 @@ class RoadProfile:
         lane: int = 0,
         lateral_acceleration: float = 1.5,
     ) -> RoadProfile:
-        """A profile along a route, with its lane speed limits and curve speeds.
+        """A profile along a route, with the speed limits of a lane and curve speeds.
 
         Args:
           route: the road.
-          start: first station [m].
-          length: default to the end of the route [m].
+          start: of the profile [m].
+          length: of the profile [m]; default: to the end of the route.
           step: of the grid [m].
-          lane: the lane with the speed limit.
+          lane: the lane with the speed limits.
           lateral_acceleration: greatest in curves [m/s2].
         """
         name = route.road_map.path.name if route.road_map.path else "route"

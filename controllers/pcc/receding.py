@@ -38,6 +38,7 @@ from controllers.pcc.trip import (
     RecedingConfig,
 )
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.checks import in_range
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.core.messages import SpeedProfile
 from iits_mj.parameters import TruckParameters
@@ -88,15 +89,9 @@ class RecedingPlanner:
         receding: RecedingConfig | None = None,
         appointment: Appointment | None = None,
     ) -> None:
-        """Prepares the planner.
+        """Plans for a truck of a gross mass [kg] on a whole road of any grid.
 
-        Args:
-          road: the whole road, of any grid.
-          parameters: of the truck.
-          mass: gross [kg].
-          config: set speed and band.
-          receding: settings.
-          appointment: the wanted end; default: the road's end in the time of a cruise at v_ref.
+        The default appointment is the road's end in the time of a cruise at v_ref.
 
         Raises:
           InputError: the truck cannot have this mass, empty or laden.
@@ -105,11 +100,7 @@ class RecedingPlanner:
         parameters = parameters or TruckParameters.load()
         least = _MASSES[0] * parameters.gross_mass(0.0)
         most = _MASSES[1] * parameters.gross_mass(parameters.payload.mass_max)
-        if not least <= mass <= most:
-            raise InputError(
-                f"speed planner: mass {mass!r} kg is not allowed for this truck; use {least:.0f} "
-                f"to {most:.0f}"
-            )
+        in_range("speed planner: mass [kg]", mass, least, most)
         vehicle = make_vehicle(parameters, FuelMap(parameters), mass, self.config)
         power = self.receding.power_share * vehicle.power_max
         self.vehicle = replace(vehicle, power_max=power)
@@ -181,19 +172,11 @@ class RecedingPlanner:
         self, station: float, speed: float, time: float, leader: Leader | None, flow: float
     ) -> None:
         """Raises InputError for a state that is not possible."""
-        for name, value in (("station", station), ("speed", speed), ("time", time)):
-            if not math.isfinite(value):
-                raise InputError(f"speed planner: {name} is {value!r}: must be finite")
-        first, last = float(self.trip.road.station[0]), float(self.trip.road.station[-1])
-        if not first - _OFF_ROAD <= station <= last + _OFF_ROAD:
-            raise InputError(
-                f"speed planner: station {station:g} m is off the road, which goes from {first:g} "
-                f"to {last:g} m"
-            )
-        if abs(speed) > _FASTEST:
-            raise InputError(
-                f"speed planner: speed {speed:g} m/s is not allowed; use at most {_FASTEST:g}"
-            )
+        first, last = self.trip.road.station[[0, -1]]
+        in_range("speed planner: station [m]", station, first - _OFF_ROAD, last + _OFF_ROAD)
+        in_range("speed planner: speed [m/s]", speed, -_FASTEST, _FASTEST)
+        if not math.isfinite(time):
+            raise InputError(f"speed planner: time is {time!r}: must be finite")
         if math.isnan(flow) or flow < 0.0:
             raise InputError(f"speed planner: flow is {flow!r}: must be 0 or more, or inf")
         if leader is not None and leader.rear < station:
@@ -293,12 +276,7 @@ def fallback_plan(
 ) -> tuple[FloatArray, str]:
     """Node speeds (n + 1,) of the first valid of last plan, schedule and cruise, and its name.
 
-    Args:
-      trip: of the truck.
-      road: ahead.
-      speed: at its first node [m/s].
-      leader: vehicle ahead, if any.
-      last: the last plan, if any.
+    The road begins at the truck's station, with a speed [m/s].
     """
     schedule, start = trip.ahead_of(float(road.station[0])), float(road.station[0])
     if last is not None and last.station[-1] - start > _KEEP:

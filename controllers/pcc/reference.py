@@ -45,12 +45,7 @@ class RoadLimits:
     They are that planner's own bounds, so that plan, schedule and lag belong to a drive that can be
     driven: the map's limits with the changing signs over them, bends limited by comfort and by the
     truck's roll-over margin, each approached at its gentle deceleration.
-
-    Args:
-      route: the truck's road.
-      step: between the nodes of plans [m].
-      planner: settings of the trajectory planner.
-      parameters: of the truck, with its payload's height.
+    `step` is that between the nodes of plans [m].
     """
 
     def __init__(
@@ -64,10 +59,7 @@ class RoadLimits:
         self._limit: FloatArray = np.empty(0)
 
     def update(self, scene: Scene) -> bool:
-        """Takes the signs and the mass of a scene; returns whether the limits have changed.
-
-        Args:
-          scene: the truck, its mass and lane, and the signs.
+        """Takes signs, lane and mass of a scene; returns whether the limits have changed.
 
         Raises:
           InputError: a zone's limit is not a positive number, or its ends are not finite.
@@ -115,7 +107,6 @@ class FlowConfig:
     presence: float = 0.5
 
     def __post_init__(self) -> None:
-        """Raises InputError for numbers that are not finite or not above 0."""
         require_positive(self, *vars(self))
 
 
@@ -137,10 +128,7 @@ class Flow:
     def update(self, time: float, station: float, vehicles: Iterable[TrackedVehicle]) -> float:
         """Greatest mean speed that the traffic allows [m/s]; inf without traffic.
 
-        Args:
-          time: now [s].
-          station: of the truck [m].
-          vehicles: those in sight.
+        `time` [s] and `station` [m] are the truck's, `vehicles` those in sight.
         """
         config = self.config
         ahead = [
@@ -202,13 +190,10 @@ class PccReference:
           route: the truck's road, with the limits and curve speeds of the plans.
           config: set speed and band.
           parameters: of the truck.
-          receding: settings.
+          receding: settings of the plans.
           appointment: the wanted end of the trip; default: the road's end.
-          period: between two plans [s].
+          period: between two plans [s]; InputError unless above 0.
           planner: settings of the trajectory planner, with the speed in bends.
-
-        Raises:
-          InputError: the period is not above 0.
         """
         if not math.isfinite(period) or period <= 0.0:
             raise InputError(f"period = {period!r} s is not allowed: use a number above 0")
