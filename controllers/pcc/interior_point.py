@@ -61,8 +61,7 @@ class Optimum:
       b, y: variables, (n + 1,) and (n,).
       time_price: multiplier of the trip time; prices: of the intervals' durations, (n,).
       costate: worth of b at a node for what comes after it, (n + 1,); of the last, its own cost.
-      iterations: of all runs; converged: whether the optimality conditions hold.
-      note: the reason where they do not.
+      iterations: of all runs; note: why the optimality conditions do not hold, "" if they do.
     """
 
     b: FloatArray
@@ -71,8 +70,12 @@ class Optimum:
     prices: FloatArray
     costate: FloatArray
     iterations: int
-    converged: bool
     note: str
+
+    @property
+    def converged(self) -> bool:
+        """Whether the optimality conditions hold."""
+        return not self.note
 
 
 def minimize(problem: Problem, b: FloatArray, settings: Settings | None = None) -> Optimum:
@@ -174,7 +177,6 @@ class _Run:
             self.limits.prices(self.z),
             np.append(-start, end[-1]),
             self.iterations,
-            not note,
             note,
         )
 

@@ -131,7 +131,7 @@ def _solution(
     """An optimum in SI units; PlanningError where it has not converged or misses the end speed."""
     note, reached = optimum.note, optimum.b[-1] * units.b
     short = math.sqrt(task.b_low[-1]) - math.sqrt(reached)
-    if optimum.converged and short > _END_SHORT:
+    if not note and short > _END_SHORT:
         note = f"the end speed is missed by {short:.2f} m/s"
     if note:
         raise PlanningError(
@@ -213,7 +213,6 @@ def _ipopt_optimum(
         ),
     )
     statistics = nlp.stats()
-    converged = bool(statistics["success"])
     x = np.asarray(result["x"]).ravel()
     found = np.clip(x[: n + 1] * _B / units.b, problem.low, problem.high)
     point = Point(problem, found, x[n + 1 : 2 * n + 1] / units.force - problem.net(found))
@@ -234,6 +233,5 @@ def _ipopt_optimum(
         prices=price,
         costate=np.append(-start, end[-1]),
         iterations=int(statistics["iter_count"]),
-        converged=converged,
-        note="" if converged else f"IPOPT ended with {statistics['return_status']}",
+        note="" if statistics["success"] else f"IPOPT ended with {statistics['return_status']}",
     )
