@@ -37,16 +37,13 @@ class Settings:
     """Settings of the method.
 
     Attributes:
-      tolerance: of the mean s z and of the inequalities' residuals.
-      dual_tolerance: of the Lagrangian's gradient.
-      polish: further steps at most once the tolerances are met.
+      tolerance: of the mean s z and of the inequalities' residuals; that of the Lagrangian's
+        gradient is 100 times as large.
       iterations: of one run, at most; time_limit: for both [s].
       guarded: True skips the quick run; fallback: False skips the guarded one.
     """
 
     tolerance: float = 1e-8
-    dual_tolerance: float = 1e-6
-    polish: int = 2
     iterations: int = 100
     time_limit: float = 20.0
     guarded: bool = False
@@ -128,7 +125,10 @@ class _Run:
     def go(self, guarded: bool) -> str:
         """Iterates until the optimality conditions hold; returns "", else why they do not."""
         settings, limits = self.settings, self.limits
-        mu, penalty, polished = _MU, 1.0, 0
+        tolerance, dual_tolerance = settings.tolerance, 100.0 * settings.tolerance
+        # Newton's last steps make the multipliers exact; rounding may forbid it.
+        polish = 2 if tolerance <= 1e-8 else 0
+        mu, penalty = _MU, 1.0
         errors: list[float] = []
         for _ in range(settings.iterations):
             residual = (limits.values(self.at) - self.s) * limits.present
@@ -138,12 +138,11 @@ class _Run:
             primal, gap = np.abs(residual).max(), _dot(self.s, self.z) / limits.count
             if not np.isfinite(dual + primal + gap):
                 return "the iterates are not finite"
-            if primal > settings.tolerance and self.z.max() > _DIVERGED:
+            if primal > tolerance and self.z.max() > _DIVERGED:
                 return _NO_DRIVE
-            if max(primal, gap) < settings.tolerance and dual < settings.dual_tolerance:
-                # Newton's last steps make the multipliers exact; rounding may forbid it.
-                polished += 1
-                if polished > settings.polish or dual < _EXACT:
+            if max(primal, gap) < tolerance and dual < dual_tolerance:
+                polish -= 1
+                if polish < 0 or dual < _EXACT:
                     return ""
             if self.late:
                 return f"the time limit of {settings.time_limit:g} s was reached"
@@ -160,9 +159,7 @@ class _Run:
                 return _NO_STEP
             errors.append(float(max(primal, gap)))
             self.iterations += 1
-        if max(primal, gap) < _ACCEPTED * settings.tolerance and (
-            dual < _ACCEPTED * settings.dual_tolerance
-        ):
+        if max(primal, gap) < _ACCEPTED * tolerance and dual < _ACCEPTED * dual_tolerance:
             return ""
         return f"no convergence within {self.iterations} iterations"
 

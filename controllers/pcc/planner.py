@@ -172,10 +172,35 @@ def plan(
 def make_vehicle(
     parameters: TruckParameters, fuel_map: FuelMap, mass: float, config: PccConfig
 ) -> PointMass:
-    """The truck as point mass for the band of a plan; InputError for a mass that no truck has."""
-    in_range("mass", mass, 5_000.0, 80_000.0)
-    return PointMass.of(
-        parameters, fuel_map, mass, config.v_min, config.v_max, config.deceleration_max
+    """The truck of a mass [kg] as point mass for the band of a plan.
+
+    Raises:
+      InputError: no truck has this mass.
+      PlanningError: at some speed of the band no gear runs.
+    """
+    in_range("mass [kg]", mass, 5_000.0, 80_000.0)
+    tires, air = parameters.tires, parameters.aerodynamics
+    turning = sum(
+        2.0 * axle.wheel_inertia_spin / tires[axle.tire].rolling_radius ** 2
+        for axle in parameters.axles
+    )
+    turning += parameters.engine.inertia * float(fuel_map.gear_speed[-1]) ** 2
+    band = np.linspace(config.v_min, config.v_max, 60)
+    powers = fuel_map.power_max(band)
+    if powers.min() <= 0.0:
+        v = float(band[int(powers.argmin())])
+        raise PlanningError(f"no gear runs at {v:.1f} m/s: change v_min or v_max of the band")
+    fuel = fuel_map.fit(config.v_min, config.v_max)
+    return PointMass(
+        mass=mass,
+        inertial_mass=mass + turning,
+        rolling=parameters.tire_common.rolling_resistance,
+        drag=0.5 * air.density * air.drag_area,
+        efficiency=fuel_map.efficiency,
+        power_max=fuel_map.full_power(),
+        power_drag=fuel.overrun_power,
+        brake_max=mass * config.deceleration_max,
+        fuel=fuel,
     )
 
 

@@ -26,7 +26,7 @@ from controllers.pcc.leader_constraint import (
 )
 from controllers.pcc.planner import PccConfig, make_vehicle
 from controllers.pcc.profile import RoadProfile
-from controllers.pcc.schedule import Bounds, Schedule, bounds_of, cruise_from, level_worth
+from controllers.pcc.schedule import Bounds, Schedule, bounds_of, level_worth
 from controllers.pcc.solver import solve
 from controllers.pcc.task import Solution, SpeedTask
 from controllers.pcc.trip import (
@@ -37,6 +37,7 @@ from controllers.pcc.trip import (
     PlanStart,
     RecedingConfig,
 )
+from controllers.pcc.vehicle import cruise
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import in_range
 from iits_mj.core.errors import InputError, PlanningError
@@ -289,7 +290,7 @@ def fallback_plan(
             return held, "schedule"
     slowest = braking_speeds(trip.vehicle, road, speed)
     try:
-        held = cruise_from(trip.vehicle, road, trip.config.v_ref, speed, slowest)
+        held = cruise(trip.vehicle, road, trip.config.v_ref, speed, slowest)
     except PlanningError:
         # Not even that can be driven: ask for the limits.
         held = np.minimum(road.v_limit, trip.config.v_ref)

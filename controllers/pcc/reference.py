@@ -111,10 +111,7 @@ class FlowConfig:
 
 
 class Flow:
-    """Filtered mean speed of the vehicles ahead.
-
-    A plan that counts on being faster than the traffic, as downhill, would be late.
-    """
+    """Filtered mean speed of the vehicles ahead: a plan to be faster would be late."""
 
     def __init__(self, config: FlowConfig | None = None) -> None:
         self.config = config or FlowConfig()
@@ -149,13 +146,10 @@ class Flow:
 
 @dataclass(frozen=True)
 class PccReport:
-    """Plans of PCC in a drive.
+    """Plans of PCC in a drive: counts by status and by reason of those that are not optimal.
 
-    Attributes:
-      plans: number by status; solve_time: of every solve [s]; reasons: number by reason why a plan
-        is not optimal.
-      price: of a second now [kg/s]; lag: behind the schedule now [s], NaN without one.
-      schedules: number made so far.
+    Times of solves [s]; price of a second now [kg/s]; lag behind the schedule now [s], NaN without
+    one; number of schedules.
     """
 
     plans: dict[str, int]

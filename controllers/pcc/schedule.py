@@ -19,7 +19,7 @@ from controllers.pcc.planner import PccConfig, lower_speeds
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.solver import solve
 from controllers.pcc.task import Solution, SpeedTask
-from controllers.pcc.vehicle import PointMass, durations, full_power_speed, passing_times
+from controllers.pcc.vehicle import PointMass, cruise, durations, full_power_speed, passing_times
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import PlanningError
 
@@ -87,9 +87,8 @@ class Schedule:
     def price_at(self, vehicle: PointMass, station: float, time: float) -> float:
         """Price of a second for a truck at a station and time [kg/s].
 
-        The rest of the trip must be driven faster by the share of its time that was lost, or by
-        which the schedule itself is late; the price changes as on the level between these two mean
-        speeds.
+        The rest of the trip must be faster by the share of its time that was lost; the price
+        changes as on the level between these two mean speeds.
         """
         planned = max(float(self.clock[-1]) - self.due(station), 1e-3)
         left = max(float(self.clock[-1]) - self.late - time, 1e-3)
@@ -180,7 +179,7 @@ def make_schedule(
       PlanningError: full power does not carry the truck, or the optimization fails.
     """
     slowest = braking_speeds(vehicle, road, speed)
-    held = cruise_from(vehicle, road, config.v_ref, speed, slowest)
+    held = cruise(vehicle, road, config.v_ref, speed, slowest)
     wanted = float(durations(held, road).sum()) * (1.0 + slack)
     if arrival is not None:
         wanted = arrival - time
@@ -247,11 +246,3 @@ def _held_back(
         # A higher price and a higher top speed both are faster.
         low, high = (low, middle) if took < wanted else (middle, high)
     return found, price, top
-
-
-def cruise_from(
-    vehicle: PointMass, road: RoadProfile, v_set: float, speed: float, slowest: FloatArray
-) -> FloatArray:
-    """Node speeds (n + 1,) of a cruise that begins at any speed; faster ones brake first."""
-    cap = np.maximum(np.minimum(road.v_limit, v_set), slowest)
-    return full_power_speed(vehicle, road, speed, cap)

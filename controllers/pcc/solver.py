@@ -1,10 +1,9 @@
 """Solves speed tasks: one entry, `solve(task, guess, method)`, for every method.
 
-Methods that come with the package: `interior_point` (default; no set-up, time linear in the number
-of intervals) and `ipopt` (the same program written once more with CasADi, as reference, and as
-fallback where the interior-point method does not converge). Other packages add methods with
-`register`: importing `iits_mj.validation.planning.pcc_hermite` adds `finite_elements`, the paper's
-transcription.
+`interior_point` is our own and needs time linear in the number of intervals. `ipopt` solves the
+same program, written once more with CasADi, as reference and where the former does not converge.
+Other packages add methods with `register`: importing `iits_mj.validation.planning.pcc_hermite` adds
+`finite_elements`, the paper's transcription.
 """
 
 from __future__ import annotations
@@ -96,12 +95,7 @@ def _by_interior_point(
     began = time.perf_counter()
     fastest = require_feasible(task)
     problem, units = scaled(task)
-    settings = Settings(
-        tolerance=tolerance,
-        dual_tolerance=100.0 * tolerance,
-        polish=2 if tolerance <= 1e-8 else 0,
-        time_limit=time_limit,
-    )
+    settings = Settings(tolerance=tolerance, time_limit=time_limit)
     b = guess**2 / units.b
     if fastest[-1] ** 2 < task.b_low[-1] * (1.0 + _END_NEAR):
         half = replace(settings, time_limit=0.5 * time_limit)
