@@ -77,9 +77,7 @@ class Optimum:
 
 def minimize(problem: Problem, b: FloatArray, settings: Settings | None = None) -> Optimum:
     """Solves from a guess of b, shape (n + 1,); the result says whether it converged."""
-    settings = settings or Settings()
-    began = time.perf_counter()
-    done = 0
+    settings, began, done = settings or Settings(), time.perf_counter(), 0
     with np.errstate(all="ignore"):
         if not settings.guarded:
             quick = _Run(problem, b, settings, began)
@@ -102,8 +100,8 @@ class _Run:
         began: float,
         iterations: int = 0,
     ) -> None:
-        self.problem, self.settings, self.iterations = problem, settings, iterations
-        self._began = began
+        self.problem, self.settings, self._began = problem, settings, began
+        self.iterations = iterations
         self.limits = limits = Inequalities(problem)
         edge = np.minimum(_INSIDE, 0.1 * (problem.high - problem.low))
         b = np.clip(guess, problem.low + edge, problem.high - edge)

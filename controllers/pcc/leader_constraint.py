@@ -47,8 +47,8 @@ class Leader:
 class LeaderConfig:
     """Gaps and speeds of plans behind a vehicle.
 
-    The gaps are a little less than those of the trajectory planner's car following, which takes
-    over when the truck is near: a plan with larger gaps would never come near enough to pass.
+    The gaps are a little less than those of the trajectory planner's car following: with larger
+    ones the truck would never come near enough to pass.
 
     Attributes:
       time_gap: [s]; standstill_gap: further distance to it [m].

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from controllers.pcc.fuel import FuelMap
 from controllers.pcc.profile import RoadProfile
-from controllers.pcc.solver import require_method, solve
+from controllers.pcc.solver import solve
 from controllers.pcc.task import Solution, SpeedTask
 from controllers.pcc.vehicle import (
     PointMass,
@@ -25,8 +25,6 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import in_range, require_positive
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.parameters import TruckParameters
-
-_NEARLY = 0.999  # of the fastest possible speed, so that more than one drive is possible
 
 
 @dataclass(frozen=True)
@@ -87,8 +85,7 @@ class PccComparison:
     """Plan and cruise over the same road, in equal time, to the same end speed.
 
     Attributes:
-      task, optimum: the problem and its solution. With the optimum's `time_price` and `costate` and
-        the plan's clock a drive can follow the plan.
+      task, optimum: the problem and its solution.
       plan, baseline: both drives; v_set: set speed of the cruise [m/s].
     """
 
@@ -151,7 +148,6 @@ def plan(
       InputError: the mass is not that of a truck, or the method is not known.
       PlanningError: a climb is beyond full power, limits contradict, or there is no solution.
     """
-    require_method(method)
     config = config or PccConfig()
     parameters = parameters or TruckParameters.load()
     fuel_map = FuelMap(parameters)
@@ -207,9 +203,9 @@ def make_vehicle(
 def lower_speeds(fastest: FloatArray, v_min: float) -> FloatArray:
     """Least speeds: v_min where it can be reached, else a thousandth below the fastest possible.
 
-    This makes them continuous along the road and nearly independent of the grid.
+    More than one drive remains possible, and they are continuous along the road.
     """
-    return np.asarray(np.minimum(v_min, _NEARLY * fastest))
+    return np.asarray(np.minimum(v_min, 0.999 * fastest))
 
 
 def _least_speeds(fastest: FloatArray, cruise: FloatArray, v_min: float) -> FloatArray:

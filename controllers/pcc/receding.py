@@ -1,9 +1,7 @@
 """Receding-horizon plan: the speed over the next 5 km behind the traffic, planned repeatedly.
 
-A schedule of the whole trip (`controllers.pcc.schedule`) gives what the horizon cannot see: the
-price of a second and the worth of speed at the horizon's end. So the plan on a free road is a piece
-of the plan of the whole trip. A lag behind the schedule raises the price; a lasting one makes a new
-schedule.
+A schedule of the whole trip (`controllers.pcc.schedule`) gives the price of a second and the worth
+of speed at the horizon's end. A lag behind it raises the price; a lasting one makes a new schedule.
 
 Where the optimizer has no solution, `fallback_plan` takes the first of these that begins at the
 truck's speed, keeps the limits and stays behind the vehicle ahead: the last plan, the schedule, a
@@ -59,8 +57,7 @@ class HorizonPlan:
 
     Attributes:
       profile: speed over station.
-      status: "optimal", "kept" (the last plan), "schedule" or "cruise"; reason: why it is not
-        optimal.
+      status: "optimal", "kept" (the last plan), "schedule" or "cruise"; reason: why not optimal.
       solve_time: wall time of the solver [s].
       price: of a second [kg/s]; lag: behind the schedule [s], NaN without one.
     """
@@ -140,7 +137,18 @@ class RecedingPlanner:
           InputError: a number is not finite, the station is not on the road, the speed is above
             60 m/s, or the leader is behind the truck.
         """
-        self._check(station, speed, time, leader, flow)
+        first, last = self.trip.road.station[[0, -1]]
+        in_range("speed planner: station [m]", station, first - _OFF_ROAD, last + _OFF_ROAD)
+        in_range("speed planner: speed [m/s]", speed, -_FASTEST, _FASTEST)
+        if not math.isfinite(time):
+            raise InputError(f"speed planner: time is {time!r}: must be finite")
+        if math.isnan(flow) or flow < 0.0:
+            raise InputError(f"speed planner: flow is {flow!r}: must be 0 or more, or inf")
+        if leader is not None and leader.rear < station:
+            raise InputError(
+                f"speed planner: gap {leader.rear - station:g} m to the vehicle ahead: must be 0 "
+                "or more"
+            )
         self.trip.flow = flow
         arriving = self._arriving(station)
         if arriving is not None:
@@ -168,23 +176,6 @@ class RecedingPlanner:
             nodes, asked = np.concatenate([[speed], nodes]), np.concatenate([[speed + more], asked])
         self.last = SpeedProfile(stations, nodes)
         return HorizonPlan(SpeedProfile(stations, asked), status, reason, solve_time, price, lag)
-
-    def _check(
-        self, station: float, speed: float, time: float, leader: Leader | None, flow: float
-    ) -> None:
-        """Raises InputError for a state that is not possible."""
-        first, last = self.trip.road.station[[0, -1]]
-        in_range("speed planner: station [m]", station, first - _OFF_ROAD, last + _OFF_ROAD)
-        in_range("speed planner: speed [m/s]", speed, -_FASTEST, _FASTEST)
-        if not math.isfinite(time):
-            raise InputError(f"speed planner: time is {time!r}: must be finite")
-        if math.isnan(flow) or flow < 0.0:
-            raise InputError(f"speed planner: flow is {flow!r}: must be 0 or more, or inf")
-        if leader is not None and leader.rear < station:
-            raise InputError(
-                f"speed planner: gap {leader.rear - station:g} m to the vehicle ahead: must be 0 "
-                "or more"
-            )
 
     def _asked(self, road: RoadProfile, nodes: FloatArray) -> FloatArray:
         """Speeds asked of the truck (n + 1,): more than planned where the plan uses all its power.
@@ -303,13 +294,11 @@ def _holds(
     trip: PccTrip, road: RoadProfile, held: FloatArray, speed: float, leader: Leader | None
 ) -> bool:
     """Whether node speeds begin at the truck's, keep the limits and stay behind the leader."""
-    near = abs(held[0] - speed) < _KEEP_SPEED
-    lawful = bool((held[1:] <= road.v_limit[1:] + 1e-6).all())
-    settings = trip.receding.leader
-    if not (near and lawful) or leader is None:
-        return near and lawful
-    if leader.pace < settings.jam:
+    settings, lawful = trip.receding.leader, (held[1:] <= road.v_limit[1:] + 1e-6).all()
+    if not (abs(held[0] - speed) < _KEEP_SPEED and lawful):
         return False
+    if leader is None or leader.pace < settings.jam:
+        return leader is None
     try:
         constraint = constraint_behind(leader, trip.vehicle, road, speed, settings)
     except PlanningError:

@@ -42,10 +42,9 @@ _GAIN_AHEAD = 500.0  # [m] within which a lane change must pay
 class RoadLimits:
     """Greatest speeds over station that the trajectory planner will allow.
 
-    They are that planner's own bounds, so that plan, schedule and lag belong to a drive that can be
-    driven: the map's limits with the changing signs over them, bends limited by comfort and by the
-    truck's roll-over margin, each approached at its gentle deceleration.
-    `step` is that between the nodes of plans [m].
+    The map's limits with the changing signs over them, bends limited by comfort and by the truck's
+    roll-over margin, each approached at the planner's gentle deceleration. `step` is that between
+    the nodes of plans [m].
     """
 
     def __init__(
@@ -146,10 +145,9 @@ class Flow:
 
 @dataclass(frozen=True)
 class PccReport:
-    """Plans of PCC in a drive: counts by status and by reason of those that are not optimal.
+    """Plans by status, those not optimal by reason, times of solves [s], price now, lag now.
 
-    Times of solves [s]; price of a second now [kg/s]; lag behind the schedule now [s], NaN without
-    one; number of schedules.
+    Price of a second [kg/s]; lag behind the schedule [s], NaN without one.
     """
 
     plans: dict[str, int]

@@ -1,9 +1,8 @@
 """The schedule of a trip: clock, price of a second and worth of speed over station.
 
-One optimization of the whole road gives all three. A short horizon needs them in place of the road
-beyond its end: with the price of time as running cost and the worth of kinetic energy at its end,
-the plan over 5 km is a piece of the plan over the whole road (Bellman's principle, to first order
-in the speed at the horizon's end). A lag behind the clock raises the price.
+One optimization of the whole road gives all three, which a short horizon needs in place of the road
+beyond its end: with them its plan is a piece of the plan over the whole road (Bellman's principle,
+to first order in the speed at the horizon's end). A lag behind the clock raises the price.
 """
 
 from __future__ import annotations
@@ -67,10 +66,8 @@ class Schedule:
     def due(self, station: float) -> float:
         """Planned time of passing a station [s]; v^2 is linear between nodes."""
         k = int(np.clip(np.searchsorted(self.station, station) - 1, 0, self.station.size - 2))
-        return float(
-            self.clock[k]
-            + 2.0 * (station - self.station[k]) / (self.speed[k] + self.speed_at(station))
-        )
+        way, sums = station - self.station[k], self.speed[k] + self.speed_at(station)
+        return float(self.clock[k] + 2.0 * way / sums)
 
     def speed_at(self, station: float | FloatArray) -> FloatArray:
         """Planned speed [m/s]."""
@@ -106,7 +103,7 @@ def least_price(vehicle: PointMass) -> float:
 def level_price(vehicle: PointMass, speed: float) -> float:
     """Price of a second for which a speed is optimal on the level [kg/s]; negative if very slow.
 
-    The cost of a metre is `f0/v + f1 R/eta + f2 R^2 v/eta^2 + price/v` with R = m g c + k v^2; its
+    The cost of a meter is `f0/v + f1 R/eta + f2 R^2 v/eta^2 + price/v` with R = m g c + k v^2; its
     derivative by v is zero at the best speed.
     """
     fuel, eta, k = vehicle.fuel, vehicle.efficiency, vehicle.drag

@@ -2,7 +2,7 @@
 
 `interior_point` is our own and needs time linear in the number of intervals. `ipopt` solves the
 same program, written once more with CasADi, as reference and where the former does not converge.
-Other packages add methods with `register`: importing `iits_mj.validation.planning.pcc_hermite` adds
+Other packages add methods to `METHODS`: importing `iits_mj.validation.planning.pcc_hermite` adds
 `finite_elements`, the paper's transcription.
 """
 
@@ -21,12 +21,12 @@ from controllers.pcc.problem import Point, Problem, Units, scaled
 from controllers.pcc.task import Solution, SpeedTask, require_feasible
 from controllers.pcc.vehicle import passing_times
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.checks import in_range
 from iits_mj.core.errors import InputError, PlanningError
 
 Method = Callable[..., Solution]
 """Solves a task from a guess of the node speeds (n + 1,); further settings are keywords."""
 
-METHODS: dict[str, Method] = {}
 _MORE = "finite_elements needs `import iits_mj.validation.planning.pcc_hermite`"
 
 _PATIENCE = 2.0  # [s] left, from which IPOPT may take over: CasADi alone takes a second to load
@@ -37,22 +37,6 @@ _END_SHORT = 0.02
 _END_ITERATIONS = 40  # with the end speed as a bound, before that
 _END_EXACT = 1e-6  # of v^2, within which the end speed is the wanted one
 _END_NEAR = 1e-3  # of v^2: how near the end speed is to the greatest possible one there
-
-
-def register(name: str) -> Callable[[Method], Method]:
-    """Decorator that makes a method known to `solve` by a name."""
-
-    def add(method: Method) -> Method:
-        METHODS[name] = method
-        return method
-
-    return add
-
-
-def require_method(name: str) -> None:
-    """Raises InputError when no method has that name."""
-    if name not in METHODS:
-        raise InputError(f"method {name!r} is not known; use one of {', '.join(METHODS)}; {_MORE}")
 
 
 def solve(
@@ -74,14 +58,15 @@ def solve(
       InputError: the method is not known, or the tolerance is not allowed.
       PlanningError: there is no such drive, with the reason, or no solution within the time limit.
     """
-    require_method(method)
+    if method not in METHODS:
+        known = ", ".join(METHODS)
+        raise InputError(f"method {method!r} is not known; use one of {known}; {_MORE}")
     if guess is None:
         guess = require_feasible(task)
     task.check_nodes("guess", guess)
     return METHODS[method](task, guess, **settings)
 
 
-@register("interior_point")
 def _by_interior_point(
     task: SpeedTask, guess: FloatArray, *, time_limit: float = 20.0, tolerance: float = 1e-8
 ) -> Solution:
@@ -90,8 +75,7 @@ def _by_interior_point(
     The tolerance is in the program's units of about 1: the default makes the multipliers exact,
     1e-6 gives speeds within 5 mm/s in three quarters of the time.
     """
-    if not 1e-12 <= tolerance <= 1e-2:
-        raise InputError(f"tolerance = {tolerance!r} is not allowed: use 1e-12 to 1e-2")
+    in_range("tolerance", tolerance, 1e-12, 1e-2)
     began = time.perf_counter()
     fastest = require_feasible(task)
     problem, units = scaled(task)
@@ -110,13 +94,15 @@ def _by_interior_point(
     return _solution(task, optimum, units, began, "interior_point")
 
 
-@register("ipopt")
 def _by_ipopt(task: SpeedTask, guess: FloatArray, *, time_limit: float = 20.0) -> Solution:
     began = time.perf_counter()
     require_feasible(task)
     problem, units = scaled(task)
     optimum = _ipopt_optimum(task, guess, problem, units, time_limit)
     return _solution(task, optimum, units, began, "ipopt")
+
+
+METHODS: dict[str, Method] = {"interior_point": _by_interior_point, "ipopt": _by_ipopt}
 
 
 def _solution(
@@ -215,7 +201,7 @@ def _ipopt_optimum(
     # The costate, from the multipliers of the brake rows and the prices of durations. What the
     # Lagrangian's level along F leaves belongs to overrun (below) or full power (above).
     by_force = -rows[:n] * units.force
-    own, by_duration, by_change = point.cost_slope()
+    own, by_duration, by_change = point.cost_slope
     rest = own - by_force
     by_duration = by_duration + price - problem.overrun * np.maximum(rest, 0.0)
     by_duration += np.minimum(rest, 0.0)

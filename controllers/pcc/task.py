@@ -86,16 +86,14 @@ class SpeedTask:
 class Solution:
     """The optimal speed of a task.
 
-    The multipliers (`time_price`, `costate`, `interval_price`) are NaN where the method does not
-    solve in the distance domain.
-
     Attributes:
       speed: at the nodes, shape (n + 1,) [m/s]; the last may miss its bound by 0.02 m/s after a
         long climb at full power.
       cost: of the task [kg]; fuel: the share of fuel in it [kg].
       method: that found it; status: "optimal".
       iterations: of the method; solve_time: wall time with set-up [s].
-      time_price: what a second of the trip time costs [kg/s].
+      time_price: what a second of the trip time costs [kg/s]; this and the arrays below are NaN if
+        the method is not in the distance domain.
       costate: how much less is burnt after a node for a little more v^2 there, shape (n + 1,)
         [kg/(m2/s2)]; at the last node, what v^2 there costs before it.
       interval_price: what a second in an interval costs by trip time and vehicle ahead, shape (n,)

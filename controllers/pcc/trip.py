@@ -1,8 +1,7 @@
 """The state of a trip for the receding horizon: destination, schedule, and the road ahead.
 
 All plans on a free road share the grid that ends at the destination, so that the short horizon's
-problem is a piece of the schedule's. A lag behind the schedule raises the price of a second; a
-lasting one makes a new schedule.
+problem is a piece of the schedule's.
 """
 
 from __future__ import annotations

@@ -40,11 +40,11 @@ class PointMass:
     fuel: Willans
 
     def slope_force(self, grade: FloatArray) -> FloatArray:
-        """Work of grade and tires for each metre of station [N].
+        """Work of grade and tires for each meter of station [N].
 
-        Stations are horizontal, as OpenDRIVE has them, and `grade` is dz/ds: the weight does
-        exactly m g dz, and the tires, with m g cos on ds / cos of road, exactly m g c ds. The
-        cosine of inertia and air, which act along the road, is neglected: 0.1 % on a grade of 5 %.
+        Stations are horizontal and `grade` is dz/ds: the weight does exactly m g dz, the tires,
+        with m g cos on ds / cos of road, exactly m g c ds. The cosine of inertia and air is left
+        out: 0.1 % on a grade of 5 %.
         """
         return np.asarray(self.mass * GRAVITY * (grade + self.rolling))
 
