@@ -10,13 +10,14 @@ import numpy as np
 import iits_mj.validation.planning.pcc_hermite  # noqa: F401  registers "finite_elements"
 from controllers.pcc import PccConfig, RoadProfile, Solution
 from controllers.pcc import solve as solve_task
-from controllers.pcc.planner import evaluate, on_finer_road
+from controllers.pcc.planner import evaluate
 from controllers.pcc.vehicle import durations
 from iits_mj.core.errors import PlanningError
 from iits_mj.core.results import Check, Line, Panel
 from iits_mj.core.units import KMH
-from iits_mj.validation.planning.pcc_bound import certificate
+from iits_mj.validation.planning.pcc_bound import below_fit, certificate
 from iits_mj.validation.planning.pcc_case import Case, balance, bound, solve
+from iits_mj.validation.planning.pcc_roads import on_finer_road
 
 PAPER_SECONDS = 60.0
 LONG_SECONDS = 5.0  # for 1000 km
@@ -67,7 +68,7 @@ def bound_checks(case: Case, gap_max: float = 0.1) -> list[Check]:
     task, base = case.task, case.solution.baseline
     fuel, _ = bound(case, 0.0)
     slowest, fastest = np.sqrt(task.b_low.min()), np.sqrt(task.b_high.max())
-    below = case.fuel_map.below_fit(case.vehicle.fuel, float(slowest), float(fastest))
+    below = below_fit(case.fuel_map, case.vehicle.fuel, float(slowest), float(fastest))
     by_map = max(fuel - below * task.time_max, 0.0)
     whole, _ = bound(case, case.task.k_a)
     gap = case.cost(case.solution.plan.speed) / whole - 1.0 if whole > 0.0 else np.inf

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from controllers.pcc import PccConfig, RoadProfile
-from controllers.pcc.profile import read_cycle
 from iits_mj.core.errors import PlanningError
 from iits_mj.core.results import Check, Line, Panel, Results
 from iits_mj.core.units import KMH
@@ -48,6 +47,7 @@ from iits_mj.validation.planning.pcc_case import (
     with_power,
     with_rolling,
 )
+from iits_mj.validation.planning.pcc_roads import read_cycle
 
 PAPER_LENGTH = 15_000.0
 MPH = 0.44704  # [m/s]
