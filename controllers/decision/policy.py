@@ -21,6 +21,7 @@ from controllers.decision.observation import (
     OBSERVATION_VERSION,
     ROWS,
 )
+from controllers.decision.trip import ACTIONS
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision
 
@@ -29,7 +30,6 @@ from iits_mj.core.messages import Decision
 # `metadata`, a JSON text that tells the version of the observation, the layers and the origin.
 
 LAYERS = (OBSERVATION_SIZE, 256, 512, 256, 3)
-ACTIONS = (Decision.LEFT, Decision.KEEP, Decision.RIGHT)
 _KEEP = ACTIONS.index(Decision.KEEP)
 FORMAT = "iits_mj.q_network.1"
 _SIZE_MAX = 64 * 2**20

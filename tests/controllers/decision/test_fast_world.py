@@ -18,13 +18,12 @@ from controllers.decision.fast_world.config import (
 )
 from controllers.decision.fast_world.env import HighwayEnv, HighwayTruck
 from controllers.decision.fast_world.traffic import HighwayTraffic
+from controllers.decision.observation import OBSERVATION_SIZE
 from controllers.decision.trip import (
     CELLS,
-    RewardConfig,
     TripConfig,
+    TripLog,
     cell_trip,
-    decision_charge,
-    speed_charge,
 )
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision
@@ -33,6 +32,7 @@ from traffic_bridge import TrafficConfig, default_types
 from traffic_bridge.vehicles import mobil
 
 PARAMETERS = TruckParameters.load()
+UNSEEN = np.zeros(OBSERVATION_SIZE, np.float32)
 
 
 def trip(decision_name, density="dense", speed=12.5, seed=0, duration=240.0):
@@ -275,11 +275,15 @@ def test_a_collision_is_a_termination_with_its_charge():
 
 
 def test_rewards_have_the_right_signs():
-    config = RewardConfig()
-    assert speed_charge(14.0, 16.0, 0.0, config) == -2.0
-    assert speed_charge(18.0, 16.0, 1.0, config) == pytest.approx(-2.0 * 0.99)
-    assert decision_charge(False, True, config).total == 0.0
-    assert decision_charge(True, True, config).total == -30.0
+    log = TripLog(TripConfig(reference_speed=16.0))
+    rest = {"changes": 0, "refused": 1, "dangerous": 1, "collision_at": None, "over": False}
+    log.charge_speed(14.0, 1.0)
+    assert log.end(Decision.KEEP, UNSEEN, **rest).reward.total == -2.0
+    log.charge_speed(18.0, 1.0)
+    assert log.end(Decision.KEEP, UNSEEN, **rest).reward.total == pytest.approx(-2.0 - 2.0 * 0.99)
+    log.begin()
+    assert log.end(Decision.KEEP, UNSEEN, **rest).reward.total == 0.0
+    assert log.end(Decision.LEFT, UNSEEN, **rest).reward.total == -30.0
 
 
 def test_unknown_density_is_refused():
