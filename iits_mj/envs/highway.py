@@ -209,10 +209,7 @@ class HighwayEnv(DecisionEnv):
 
     @property
     def _simulation(self) -> Simulation:
-        simulation = self._open().simulation
-        if simulation is None:
-            raise InputError("the episode has not begun: call reset first")
-        return simulation
+        return self._open().running
 
     def _state(self) -> dict[str, Any]:
         simulation = self._simulation

@@ -128,7 +128,7 @@ class TruckWorld(Closing):
         Raises:
           InputError: no trip was begun.
         """
-        simulation = self._running()
+        simulation = self.running
         return simulation.stack.context(simulation.scene)
 
     def tell(self, decision: Decision) -> None:
@@ -142,7 +142,7 @@ class TruckWorld(Closing):
           InputError: no trip was begun, or it is over.
           DivergedError, TrafficError: the simulation failed.
         """
-        simulation = self._running()
+        simulation = self.running
         if self._over(simulation):
             raise InputError("the trip is over: call reset first")
         stack, log = simulation.stack, self.log
@@ -174,7 +174,13 @@ class TruckWorld(Closing):
             self.simulation.close()
             self.simulation = None
 
-    def _running(self) -> Simulation:
+    @property
+    def running(self) -> Simulation:
+        """Simulation of the trip.
+
+        Raises:
+          InputError: no trip was begun.
+        """
         if self.simulation is None:
             raise InputError("the trip has not begun: call reset first")
         return self.simulation
