@@ -47,7 +47,11 @@ def blended(phase: Number, duration: float) -> tuple[Number, Number]:
 
 
 class HighwayTraffic:
-    """The vehicles around the truck; arrays of shape (n,), changed in place by `step`."""
+    """The vehicles around the truck; arrays of shape (n,), changed in place by `step`.
+
+    Attributes:
+      clock: time since the start [s]; the others: one entry a vehicle, stations of front bumpers.
+    """
 
     CHANGE_DURATION = 3.5
     CHANGE_INTERVAL = 6.0
@@ -67,7 +71,7 @@ class HighwayTraffic:
         self.config = config
         self._random = generator
         self._serial = 0
-        self._clock = 0.0
+        self.clock = 0.0
         self._round_due = 0.0
         for name, kind in COLUMNS.items():
             setattr(self, name, np.zeros(0, dtype=kind))
@@ -87,13 +91,13 @@ class HighwayTraffic:
                     break
                 near = truck.front - truck.length - 40.0 < front < truck.front + 40.0
                 if not (near and lane == truck.lane):
-                    self._spawn(lane, front)
+                    self.spawn(lane, front)
 
     def step(self, obstacles: list[Obstacle]) -> None:
         """Advances one timestep; obstacles are the lanes that the truck occupies."""
         dt = self.config.timestep
-        self._clock += dt
-        if self._clock >= self._round_due:
+        self.clock += dt
+        if self.clock >= self._round_due:
             self._round_due += 1.0
             self._change_lanes(obstacles)
         vehicles = self._vehicles(obstacles)
@@ -109,7 +113,7 @@ class HighwayTraffic:
         self._exchange(obstacles[0])
 
     def tracked(self, front: float | None = None) -> tuple[TrackedVehicle, ...]:
-        """The vehicles as messages, x along the straight road, y to the left of lane 0's centre.
+        """The vehicles as messages, x along the straight road, y to the left of lane 0's center.
 
         Args:
           front: of the truck [m]: only vehicles in sight of it; default: all.
@@ -120,7 +124,7 @@ class HighwayTraffic:
             low, high = -self.config.sight_behind, self.config.sight_ahead
             seen = np.flatnonzero((distance > low) & (distance < high))
         change_from = self.change_from[seen]
-        phase = (self._clock - self.change_time[seen]) / self.CHANGE_DURATION
+        phase = (self.clock - self.change_time[seen]) / self.CHANGE_DURATION
         blend, rate = blended(np.minimum(np.maximum(phase, 0.0), 1.0), self.CHANGE_DURATION)
         step = self.lane[seen] * LANE_WIDTH - change_from
         rows = zip(
@@ -172,7 +176,8 @@ class HighwayTraffic:
         least = KINDS[0].length + KINDS[0].minimum_gap + 1.5 * self.config.traffic_speed
         return max(least, float(self._random.exponential(mean)))
 
-    def _spawn(self, lane: int, front: float) -> None:
+    def spawn(self, lane: int, front: float) -> None:
+        """Adds a random vehicle with its front bumper at a station [m], where there is room."""
         random = self._random
         index = int(random.choice(len(KINDS), p=SHARES))
         kind = KINDS[index]
@@ -217,12 +222,12 @@ class HighwayTraffic:
         for lane in range(LANES):
             self._wait_ahead[lane] = min(self._wait_ahead[lane] - closing, self._most_ahead[lane])
             if self._wait_ahead[lane] <= 0.0 and self._free(lane, high):
-                self._spawn(lane, high)
+                self.spawn(lane, high)
                 self._wait_ahead[lane] = self._most_ahead[lane] = self._headway()
             wait = min(self._wait_behind[lane] + closing, self._most_behind[lane])
             self._wait_behind[lane] = wait
             if wait <= 0.0 and self._free(lane, low):
-                self._spawn(lane, low)
+                self.spawn(lane, low)
                 self._wait_behind[lane] = self._most_behind[lane] = self._headway()
 
     def _free(self, lane: int, front: float) -> bool:
@@ -243,7 +248,7 @@ class HighwayTraffic:
 
     def _change_lanes(self, obstacles: list[Obstacle]) -> None:
         """One MOBIL round, vehicle by vehicle; each sees the changes of those before it."""
-        rested = np.flatnonzero(self._clock - self.change_time > self.CHANGE_INTERVAL)
+        rested = np.flatnonzero(self.clock - self.change_time > self.CHANGE_INTERVAL)
         while rested.size:
             vehicles = self._vehicles(obstacles)
             wanting = np.flatnonzero(gains(vehicles, rested, self.config.keeps_right) > 0.0)
@@ -251,6 +256,6 @@ class HighwayTraffic:
                 return
             first = int(rested[wanting[0]])
             self.change_from[first] = self.lane[first] * LANE_WIDTH
-            self.change_time[first] = self._clock
+            self.change_time[first] = self.clock
             self.lane[first] = 1 - self.lane[first]
             rested = rested[wanting[0] + 1 :]

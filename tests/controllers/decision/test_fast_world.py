@@ -166,7 +166,7 @@ def test_density_is_kept_for_a_slower_and_a_faster_truck(truck_speed):
 
 def test_followers_brake_for_the_truck():
     traffic = HighwayTraffic(HighwayConfig(spawn_probability=0.0), np.random.default_rng(0))
-    traffic._spawn(0, 0.0)
+    traffic.spawn(0, 0.0)
     for _ in range(300):
         traffic.step([Obstacle(80.0, 16.5, 0.0, 0), Obstacle(80.0, 16.5, 0.0, 1)])
     assert traffic.speed[0] == pytest.approx(0.0, abs=0.1)
@@ -175,11 +175,11 @@ def test_followers_brake_for_the_truck():
 
 def test_lateral_move_of_a_change_is_smooth_and_ends_in_the_lane():
     traffic = HighwayTraffic(HighwayConfig(spawn_probability=0.0), np.random.default_rng(0))
-    traffic._spawn(0, 0.0)
+    traffic.spawn(0, 0.0)
     traffic.lane[0], traffic.change_time[0], traffic.change_from[0] = 1, 0.0, 0.0
     offsets = []
     for _ in range(25):
-        traffic._clock += 0.2
+        traffic.clock += 0.2
         offsets.append(traffic.tracked()[0].offset)
     assert offsets[-1] == pytest.approx(4.0)
     assert (np.diff(offsets) >= 0.0).all()
@@ -243,7 +243,7 @@ def test_after_a_change_the_next_one_is_refused_for_three_seconds():
 def test_a_change_beside_a_vehicle_is_refused_and_costs_thirty():
     env = HighwayEnv(parameters=PARAMETERS)
     env.reset(np.random.default_rng(0), TripConfig(spawn_probability=0.0))
-    env.traffic._spawn(1, env.truck.front - 5.0)
+    env.traffic.spawn(1, env.truck.front - 5.0)
     step = env.step(Decision.LEFT)
     assert (step.reward.change, step.reward.danger) == (-10.0, -20.0)
     assert (env.lane, env.summary.dangerous) == (0, 1)
@@ -266,7 +266,7 @@ def test_the_end_of_time_is_a_truncation():
 def test_a_collision_is_a_termination_with_its_charge():
     env = HighwayEnv(parameters=PARAMETERS)
     env.reset(np.random.default_rng(0), TripConfig(spawn_probability=0.0))
-    env.traffic._spawn(0, env.truck.front + 1.0)
+    env.traffic.spawn(0, env.truck.front + 1.0)
     env.traffic.change_time[0] = 0.0  # it has just changed lanes and will not get away
     step = env.step(Decision.KEEP)
     assert step.terminated
