@@ -8,21 +8,13 @@ import mujoco
 import numpy as np
 
 from controllers.decision.base import DecisionContext, Observation
-from controllers.decision.trip import (
-    RewardTerms,
-    TripConfig,
-    TripStep,
-    TripSummary,
-    decision_charge,
-    speed_charge,
-)
+from controllers.decision.trip import TripConfig, TripLog, TripStep, TripSummary
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision, EgoFootprint
 from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.road import Route
 from iits_mj.simulation.config import DriveConfig
-from iits_mj.simulation.frame import Frame
 from iits_mj.simulation.loop import Simulation
 from traffic_bridge import InterSim, SeparateTraffic, Traffic, TrafficConfig, sumo_runs_here
 
@@ -127,7 +119,8 @@ class TruckWorld(Closing):
         # The question at the very start was answered with "keep".
         while not (self._asks_next(simulation) or self._over(simulation)):
             simulation.cycle()
-        self.summary = TripSummary()
+        self.log = TripLog(trip)
+        self.summary = self.log.summary
         return simulation.stack.history.observation()
 
     def context(self) -> DecisionContext:
@@ -136,7 +129,7 @@ class TruckWorld(Closing):
         Raises:
           InputError: no trip was begun.
         """
-        simulation = self._running()
+        simulation = self.running
         return simulation.stack.context(simulation.scene)
 
     def tell(self, decision: Decision) -> None:
@@ -150,47 +143,30 @@ class TruckWorld(Closing):
           InputError: no trip was begun, or it is over.
           DivergedError, TrafficError: the simulation failed.
         """
-        simulation = self._running()
+        simulation = self.running
         if self._over(simulation):
             raise InputError("the trip is over: call reset first")
-        stack, reward = simulation.stack, self.trip.reward
-        before = (stack.lane_changes, stack.refused, stack.unsafe)
+        stack, log = simulation.stack, self.log
+        before = stack.lane_changes, stack.refused, stack.unsafe
         self.tell(decision)
-        terms = RewardTerms()
-        elapsed = 0.0
+        log.begin()
         # It is asked in the first cycle, and after the last one it is about to be asked again.
         while not self._over(simulation):
             frame = simulation.cycle()
-            speed = speed_charge(frame.ego.speed, self.trip.reference_speed, elapsed, reward)
-            terms += RewardTerms(speed=speed * CYCLE_PERIOD)
-            elapsed += CYCLE_PERIOD
-            self._note(frame)
+            log.charge_speed(frame.ego.speed, CYCLE_PERIOD)
+            log.drive(frame.ego.speed, CYCLE_PERIOD)
+            self.summary.distance = frame.distance
+            self.summary.time_gap_min = min(self.summary.time_gap_min, frame.time_gap)
             if self._asks_next(simulation):
                 break
-        changes, refused, unsafe = (
-            now - then
-            for now, then in zip(
-                (stack.lane_changes, stack.refused, stack.unsafe), before, strict=True
-            )
-        )
-        terms += decision_charge(decision is not Decision.KEEP, unsafe > 0, reward)
-        if simulation.failed:
-            factor = reward.discount**elapsed
-            terms += RewardTerms(collision=-reward.collision * factor)
-        summary = self.summary
-        summary.decisions += 1
-        summary.changes += changes
-        summary.refused += refused
-        summary.dangerous += unsafe
-        summary.collisions += int(simulation.failed)
-        summary.reward += terms
-        over = self._over(simulation)
-        return TripStep(
+        return log.end(
+            decision,
             stack.history.observation(),
-            terms,
-            elapsed,
-            terminated=simulation.failed,
-            truncated=over and not simulation.failed,
+            changes=stack.lane_changes - before[0],
+            refused=stack.refused - before[1],
+            dangerous=stack.unsafe - before[2],
+            collision_at=log.elapsed if simulation.failed else None,
+            over=self._over(simulation),
         )
 
     def close(self) -> None:
@@ -199,7 +175,13 @@ class TruckWorld(Closing):
             self.simulation.close()
             self.simulation = None
 
-    def _running(self) -> Simulation:
+    @property
+    def running(self) -> Simulation:
+        """Simulation of the trip.
+
+        Raises:
+          InputError: no trip was begun.
+        """
         if self.simulation is None:
             raise InputError("the trip has not begun: call reset first")
         return self.simulation
@@ -209,13 +191,6 @@ class TruckWorld(Closing):
 
     def _asks_next(self, simulation: Simulation) -> bool:
         return simulation.stack.asks_at(simulation.time + CYCLE_PERIOD)
-
-    def _note(self, frame: Frame) -> None:
-        summary, reference = self.summary, self.trip.reference_speed
-        summary.time += CYCLE_PERIOD
-        summary.distance = frame.distance
-        summary.loss_integral += (reference - frame.ego.speed) / reference * CYCLE_PERIOD
-        summary.time_gap_min = min(summary.time_gap_min, frame.time_gap)
 
     def _traffic(self, route: Route, footprint: EgoFootprint, seed: int) -> Traffic:
         trip = self.trip

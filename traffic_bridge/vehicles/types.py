@@ -15,6 +15,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from iits_mj.core.assets import VEHICLE_TYPES
 from iits_mj.core.checks import in_range, is_number, make_plain, shown
 from iits_mj.core.errors import InputError
 
@@ -64,7 +65,7 @@ HIGHEST = {
 
 @dataclass(frozen=True)
 class VehicleType:
-    """One type of vehicle; the four of the package, with sources, are in `types.toml`.
+    """One type of vehicle; `iits_mj/parameters/vehicle_types.toml` has those of the package.
 
     Numbers are zero or positive and at most `HIGHEST`: there SUMO and IDM still mean something on a
     road (a vehicle fits on it, tires hold, flows come to more than a vehicle a minute). They are
@@ -183,8 +184,8 @@ class VehicleType:
 
 @cache
 def default_types() -> tuple[VehicleType, ...]:
-    """The four kinds as `types.toml` has them."""
-    table = _table(Path(__file__).with_name("types.toml"))
+    """The four kinds of the package."""
+    table = _table(VEHICLE_TYPES)
     return tuple(_made(kind, table[kind]) for kind in KINDS)
 
 
