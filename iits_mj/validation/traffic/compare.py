@@ -224,8 +224,8 @@ def compare_flows(results: Results, recorded: RecordedFlow, fit: Fit, quick: boo
     _other_boundaries(results, recorded, drivers["calibrated"], flows["calibrated"], windows)
     covered = ", ".join(f"{100.0 * share:.0f} %" for share in conditions.covered)
     results.notes.append(
-        f"a vehicle was recorded in {covered} of the time, by lane from the right; in between place "
-        "and speed of the boundary are interpolated"
+        f"a vehicle was recorded in {covered} of the time, by lane from the right; in between "
+        "place and speed of the boundary are interpolated"
     )
     density = ", ".join(f"{name} {k:.0f}" for name, k in densities(reference, cells).items())
     results.notes.append(
