@@ -17,7 +17,7 @@ from pathlib import Path
 
 from iits_mj.evaluation import evaluate
 from iits_mj.evaluation.drives import drive
-from iits_mj.evaluation.montecarlo import NOMINAL, SampleTask, measure
+from iits_mj.evaluation.parameter_uncertainty import NOMINAL, SampleTask, measure
 from iits_mj.evaluation.trials import Task, Trial
 from iits_mj.scale import RayExecutor, Shards
 

@@ -1,7 +1,7 @@
-"""The command `iits-mj`: one line for every error, and an exit code that means something.
+"""The command `iits-mj`: runs a command, and reports every error on one line with an exit code.
 
-Exit codes: 0 done and every check holds, 1 a check falls short, 2 wrong use or unusable input,
-70 a fault of the program itself, 130 interrupted.
+Exit codes: 0 done and every check holds; 1 a check falls short; 2 wrong use or unusable input; 70 a
+fault of the program; 130 interrupted.
 """
 
 from __future__ import annotations
@@ -19,40 +19,41 @@ from iits_mj.commands import arguments
 from iits_mj.core.errors import Error, InputError
 
 COMMANDS = {
-    "drive": "drive the truck with its stack over a road in traffic; video, telemetry, report",
-    "view": "the same drive in MuJoCo's interactive viewer",
-    "validate": "hold the truck against closed-form solutions, standards and the paper",
+    "drive": "drive the truck in traffic; writes video, telemetry and report",
+    "view": "show a drive in MuJoCo's interactive viewer",
+    "validate": "compare truck, traffic and planning with theory, standards and the paper",
     "identify": "fit the truck's parameters to a recorded log",
-    "pcc": "plan a fuel-optimal speed profile and compare it with the constant-speed baseline",
+    "pcc": "plan a fuel-optimal speed profile and compare it with constant speed",
     "train": "train the decision maker",
-    "evaluate": "compare decision makers over the paper's traffic cells",
-    "montecarlo": "measure trucks drawn from what is not known of the figures",
-    "record": "run traffic and store what it did",
-    "replay": "drive in stored traffic",
-    "replay-stage": "run one module of a recorded drive again and compare what it says",
-    "import-trajectories": "place a data set of recorded trajectories on a map, for replay",
-    "serve": "the truck on a CAN bus in real time, for somebody's own controller",
-    "replay-can": "drive the truck with the commands of a CAN log, or decode it",
-    "bench": "measure what a step costs",
-    "doctor": "show versions, plugin, OpenGL and SUMO, each with a remedy",
+    "evaluate": "compare decision makers in the paper's traffic cells",
+    "montecarlo": "measure the effect of the uncertainty of the truck's parameters",
+    "record": "drive in traffic and store traffic, states and commands",
+    "replay": "drive in recorded traffic, or verify a recording",
+    "replay-stage": "run one module of a recorded drive again and compare its outputs",
+    "import-trajectories": "place recorded trajectories on a map, for replay",
+    "serve": "serve the truck on a CAN bus in real time, for an external controller",
+    "replay-can": "drive the truck with the commands of a CAN log, or decode the log",
+    "bench": "measure computing times",
+    "doctor": "check the installation and name remedies",
 }
 EXIT_SHORT, EXIT_USE, EXIT_FAULT, EXIT_INTERRUPTED = 1, 2, 70, 130
 TRACEBACK_VARIABLE = "IITS_MJ_TRACEBACK"
 
 
 def usage() -> str:
-    """The help page."""
+    """The text of `iits-mj --help`."""
     width = max(map(len, COMMANDS))
     lines = [f"  {name.ljust(width)}  {text}" for name, text in COMMANDS.items()]
     return "\n".join(
         [
-            "usage: iits-mj COMMAND [flags]",
+            "usage: iits-mj COMMAND [options]",
             "",
             "A self-driving articulated truck in MuJoCo.",
             "",
             *lines,
             "",
-            "'iits-mj COMMAND --help' explains the flags of a command; 'iits-mj --version'.",
+            "'iits-mj COMMAND --help' explains the options of a command; 'iits-mj --version' shows "
+            "the version.",
             "Exit codes: 0 done, 1 a check falls short, 2 wrong use or unusable input.",
         ]
     )
@@ -76,7 +77,7 @@ def dispatch(argv: Sequence[str]) -> int:
 
 
 def understood(argv: Sequence[str]) -> bool:
-    """True when a command line would be accepted; nothing is run."""
+    """True when a command line is valid; nothing is run."""
     try:
         name, rest = argv[0], argv[1:]
         _options(_module(name), name, rest)
@@ -94,8 +95,8 @@ def _options(module: ModuleType, name: str, words: Sequence[str]) -> Any:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point: `dispatch` with every error turned into one line on stderr."""
-    # libsumo would print a warning about an installed pyarrow on stdout, into our JSON.
+    """Entry point: `dispatch`, with every error as one line on stderr."""
+    # Without this, libsumo prints a warning about pyarrow on stdout, into JSON output.
     os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
     try:
         code = dispatch(sys.argv[1:] if argv is None else argv)
@@ -103,7 +104,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Error as error:
         return _fail(str(error), EXIT_USE)
     except BrokenPipeError:
-        # The reader has gone (`iits-mj bench | head`): nothing is left to say.
+        # The reader has closed the pipe (`iits-mj bench | head`).
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_USE
     except OSError as error:
@@ -112,7 +113,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail("interrupted", EXIT_INTERRUPTED)
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else 0
-    except Exception as error:  # a fault of ours must not show a traceback either
+    except Exception as error:  # a fault of the program shows no traceback either
         if os.environ.get(TRACEBACK_VARIABLE):
             traceback.print_exc()
         return _fail(

@@ -1,1 +1,1 @@
-"""The commands of `iits-mj`, one module each: `Options` (a frozen dataclass) and `run(options)`."""
+"""The commands of `iits-mj`: each module has a frozen dataclass `Options` and `run(options)`."""

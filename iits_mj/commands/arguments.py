@@ -1,7 +1,7 @@
-"""From a frozen dataclass of options to command-line flags and back.
+"""Command-line flags from a frozen dataclass of options, and the dataclass from a command line.
 
 A field made by `iits_mj.core.options.option` becomes `--name-with-dashes`; a bool becomes
-`--name/--no-name`; a size is `WIDTHxHEIGHT`. Whatever is wrong is an InputError of one line.
+`--name/--no-name`; a size is `WIDTHxHEIGHT`. Every error is an InputError of one line.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ class Parser(argparse.ArgumentParser):
     """ArgumentParser whose errors are an `InputError` instead of a usage page and an exit."""
 
     def error(self, message: str) -> NoReturn:
-        """Raises the message, on one line, with the command that explains the flags."""
+        """Raises the message on one line, with the command that explains the flags."""
         raise InputError(f"{' '.join(message.split())}; see '{self.prog} --help'")
 
 
 def parse_size(text: str) -> tuple[int, int]:
-    """Width and height in pixels from `WIDTHxHEIGHT`, both even (the video codec wants that).
+    """Width and height in pixels from `WIDTHxHEIGHT`, both even as the video codec requires.
 
     Raises:
-      InputError: anything else.
+      InputError: any other text.
     """
     parts = text.lower().split("x")
     if len(parts) == 2 and all(part.isascii() and part.isdigit() for part in parts):
@@ -47,27 +47,14 @@ def parse_size(text: str) -> tuple[int, int]:
     )
 
 
-def _whole(text: str) -> int:
-    try:
-        return int(text)
-    except ValueError:
-        raise InputError(f"{text[:40]!r} is not a whole number") from None
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError(f"{text[:40]!r} is not a number") from None
-
-
 _CONVERTERS: dict[Any, Callable[[str], Any]] = {
-    int: _whole,
-    float: _number,
+    int: int,
+    float: float,
     str: str,
     Path: Path,
     tuple[int, int]: parse_size,
 }
+_KINDS = {int: "a whole number", float: "a number"}
 
 
 def build_parser(kind: type[Any], prog: str, description: str) -> Parser:
@@ -89,7 +76,7 @@ def build_parser(kind: type[Any], prog: str, description: str) -> Parser:
 def parse(kind: type[T], arguments: Sequence[str], prog: str, description: str) -> T:
     """An instance of the dataclass `kind` from command-line arguments.
 
-    A field made by `options.given_names` gets the names of the options that were given.
+    A field made by `options.given_names` gets the names of the options on the command line.
 
     Raises:
       InputError: unknown flag, missing or unusable value; SystemExit(0) after `--help`.
@@ -119,12 +106,14 @@ def _convert(kind: type[Any], name: str, text: Any, rule: options.Option) -> Any
         value = _CONVERTERS[value_type](text)
     except InputError as error:
         raise InputError(f"{shown}: {error}") from None
+    except ValueError:
+        raise InputError(f"{shown}: {text[:40]!r} is not {_KINDS[value_type]}") from None
     options.check_value(shown, value, rule)
     return value
 
 
 def _plain_type(hint: Any) -> Any:
-    """`X` for a hint `X | None`."""
+    """`X` of a type hint `X | None`."""
     if isinstance(hint, types.UnionType):
         return next(part for part in typing.get_args(hint) if part is not types.NoneType)
     return hint

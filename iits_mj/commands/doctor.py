@@ -1,10 +1,11 @@
-"""Show versions, engine plugin, OpenGL, SUMO and netconvert, each with a remedy.
+"""Show versions, engine plugin, OpenGL, SUMO and netconvert, with a remedy for each problem.
 
-Exit code 0 when everything that is needed works, 1 otherwise; what is optional never counts.
+Exit code 0 when everything that is required works, 1 otherwise; optional parts do not count.
 """
 
 from __future__ import annotations
 
+import functools
 import importlib
 import importlib.metadata
 import json as json_module
@@ -13,7 +14,7 @@ import platform
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import mujoco
@@ -43,7 +44,7 @@ class Options:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One line of the doctor: what was looked at, whether it works, and what helps."""
+    """One line of the report: what was examined, whether it works, and what helps."""
 
     name: str
     ok: bool
@@ -56,30 +57,24 @@ class Finding:
         """One word: ok, MISSING (needed) or absent (optional)."""
         return "ok" if self.ok else ("MISSING" if self.needed else "absent")
 
+    @property
+    def remedy_text(self) -> str:
+        """The remedy, "" when none is needed."""
+        return "" if self.ok else self.remedy
+
 
 def run(options: Options) -> int:
-    """Looks at everything and prints one line each."""
+    """Examines everything and prints one line each."""
     findings = [probe() for probe in PROBES]
     well = all(finding.ok for finding in findings if finding.needed)
     if options.json:
-        rows = [
-            {
-                "name": f.name,
-                "ok": f.ok,
-                "needed": f.needed,
-                "detail": f.detail,
-                "remedy": "" if f.ok else f.remedy,
-            }
-            for f in findings
-        ]
+        rows = [asdict(finding) | {"remedy": finding.remedy_text} for finding in findings]
         print(json_module.dumps({"command": "doctor", "ok": well, "findings": rows}))
     else:
         width = max(len(finding.name) for finding in findings)
         for finding in findings:
             line = f"{finding.verdict:8}{finding.name.ljust(width)}  {finding.detail}"
-            if not finding.ok and finding.remedy:
-                line += f"; remedy: {finding.remedy}"
-            print(line)
+            print(line + (f"; remedy: {finding.remedy_text}" if finding.remedy_text else ""))
     return 0 if well else 1
 
 
@@ -99,7 +94,7 @@ def package() -> Finding:
 
 
 def engine() -> Finding:
-    """MuJoCo, whose plugin interface holds for one exact version."""
+    """MuJoCo; its plugin interface depends on the exact version."""
     return Finding(
         "MuJoCo",
         mujoco.__version__ == MUJOCO_WANTED,
@@ -118,7 +113,7 @@ def plugin() -> Finding:
 
 
 def truck() -> Finding:
-    """The truck: 0.2 s of it standing on a plane."""
+    """The truck, simulated for 0.2 s on a plane."""
     try:
         standing = iits_mj.Truck.load(visuals=False)
         standing.step(100)
@@ -128,7 +123,7 @@ def truck() -> Finding:
 
 
 def opengl() -> Finding:
-    """Offscreen OpenGL, tried in a process of its own since a bad driver may abort it."""
+    """Offscreen OpenGL, tried in another process because a bad driver may abort it."""
     backend = os.environ.get("MUJOCO_GL") or "egl"
     probe = subprocess.run(
         [sys.executable, "-c", _GL_PROBE],
@@ -170,13 +165,8 @@ def display() -> Finding:
     )
 
 
-def sumo() -> Finding:
-    """SUMO as a library."""
-    return _module("libsumo", "SUMO (libsumo)", "pip install libsumo==1.28.0")
-
-
 def netconvert() -> Finding:
-    """SUMO's network converter, which only the eclipse-sumo wheel brings."""
+    """SUMO's network converter, which is part of the eclipse-sumo wheel only."""
     try:
         home = importlib.import_module("sumo").SUMO_HOME
         program = Path(home) / "bin" / "netconvert"
@@ -189,24 +179,8 @@ def netconvert() -> Finding:
     return Finding("netconvert", answer.returncode == 0, f"{first}, {program}", _NETCONVERT_REMEDY)
 
 
-def casadi() -> Finding:
-    """The solver of the speed planner."""
-    return _module("casadi", "CasADi", "pip install casadi")
-
-
-def dm_control() -> Finding:
-    """What the tasks and their Gymnasium environments need."""
-    remedy = "pip install --no-deps dm-control==1.0.50"
-    return _module("dm_control", "dm_control (tasks)", remedy, needed=False)
-
-
-def torch() -> Finding:
-    """What training needs; driving with trained weights does not."""
-    return _module("torch", "torch (training)", "pip install 'iits-mj[train]'", needed=False)
-
-
-def _module(module: str, name: str, remedy: str, *, needed: bool = True) -> Finding:
-    """A Python package, imported for good: an installed one may still lack a library."""
+def module(module: str, name: str, remedy: str, *, needed: bool = True) -> Finding:
+    """A Python package; it is imported, because an installed one may still lack a library."""
     try:
         importlib.import_module(module)
         version = importlib.metadata.version(module)
@@ -221,12 +195,20 @@ PROBES: tuple[Callable[[], Finding], ...] = (
     engine,
     plugin,
     truck,
-    sumo,
+    functools.partial(module, "libsumo", "SUMO (libsumo)", "pip install libsumo==1.28.0"),
     netconvert,
-    casadi,
-    dm_control,
+    functools.partial(module, "casadi", "CasADi", "pip install casadi"),
+    functools.partial(
+        module,
+        "dm_control",
+        "dm_control (tasks)",
+        "pip install --no-deps dm-control==1.0.50",
+        needed=False,
+    ),
     opengl,
     ffmpeg,
     display,
-    torch,
+    functools.partial(
+        module, "torch", "torch (training)", "pip install 'iits-mj[train]'", needed=False
+    ),
 )

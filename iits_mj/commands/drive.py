@@ -1,8 +1,8 @@
 """Drive the truck with its stack over a road in SUMO traffic.
 
-Leaves in --out: drive.mp4, telemetry.csv, plots, summary.json and report.html, which shows them
-all. Exit code 0 when the drive ended well, 1 after a collision or a roll-over and when the
-simulation diverged, 2 on wrong use.
+Writes drive.mp4, telemetry.csv, plots, summary.json and report.html, which shows all of them, into
+--out. Exit code 0 when the drive ended well; 1 after a collision, a roll-over or a divergence of
+the simulation; 2 on wrong use.
 """
 
 from __future__ import annotations
@@ -45,28 +45,28 @@ CAPTIONS = {
 INTERRUPTED = 130
 UNSTEERED = (
     "No steering command (IITS_COMMAND) was accepted, and the truck does not obey the accelerator "
-    "while nobody steers: replay-can --keep-lane steers in place of a log."
+    "without steering: with --keep-lane, replay-can steers instead of the log."
 )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Kept:
-    """Flags of what is kept of a drive."""
+    """Options for the files of a drive."""
 
-    out: Path = option(Path("out"), help="folder for everything that is made", metavar="DIR")
+    out: Path = option(Path("out"), help="folder for all output", metavar="DIR")
     video: bool = option(True, help="make drive.mp4")
-    size: tuple[int, int] = option((960, 540), help="picture size", metavar="WxH")
-    camera: str = option("chase", help="view of the video", choices=CAMERAS)
+    size: tuple[int, int] = option((960, 540), help="size of the pictures", metavar="WxH")
+    camera: str = option("chase", help="camera of the video", choices=CAMERAS)
     fps: int = option(20, help="pictures per second of the video", low=5, high=50)
     can_log: Path | None = option(
         None,
-        help="write what is said on the truck's bus, commands and reports; the suffix is the "
-        f"format, one of {', '.join(WRITTEN)}",
+        help="write commands and reports on the truck's CAN bus; the suffix gives the format: "
+        f"{', '.join(WRITTEN)}",
         metavar="FILE",
     )
     bag: Path | None = option(
         None,
-        help="write what the modules say to each other as a ROS 2 bag (MCAP), for Foxglove, "
+        help="write the messages between the modules as a ROS 2 bag (MCAP), for Foxglove, "
         "'ros2 bag' and 'iits-mj replay-stage'",
         metavar="DIR",
     )
@@ -75,19 +75,19 @@ class Kept:
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Kept, DriveConfig):
-    """Flags of `iits-mj drive`: the drive itself and what is kept of it."""
+    """Flags of `iits-mj drive`: the drive itself and its files."""
 
     given: frozenset[str] = option_fields.given_names()
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A drive to be made and shown.
+    """A drive to perform.
 
     Attributes:
-      command: its name; options: its flags; config: the drive; kept: what is kept of it.
-      driver: who drives; None: the stack.
-      duration: how long it takes as far as known [s].
+      command: its name; options: its flags; config: of the drive; kept: its files.
+      driver: makes the driver; None: the stack drives.
+      duration: expected, if known [s].
     """
 
     command: str
@@ -100,12 +100,12 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What there is to show of a drive, finished or interrupted.
+    """The result of a drive, finished or interrupted.
 
     Attributes:
-      summary, telemetry: of the drive; video: where it lies, or None; notes: for the report.
-      receiver: of the truck's commands, where they came as frames; logged: frames written.
-      driver: who drove.
+      summary, telemetry: of the drive; video: its path, or None; notes: for the report.
+      receiver: of the truck's commands, if they came as frames; logged: number of frames written.
+      driver: of the truck.
     """
 
     summary: DriveSummary
@@ -117,7 +117,7 @@ class Outcome:
     driver: Driver
 
     def frames(self) -> dict[str, Mapping[str, int]]:
-        """What became of the frames, by kind and reason; nothing where there were none."""
+        """Counts of frames by fate and reason; empty without frames."""
         heard = self.receiver
         if heard is None:
             return {}
@@ -129,7 +129,7 @@ class Outcome:
         }
 
     def rows(self) -> list[tuple[str, str]]:
-        """Name and value of every figure, for tables that people read."""
+        """Name and value of every figure."""
         rows = self.summary.rows() + speed_rows(self.driver)
         rows += [(f"frames {what}", counts_text(n)) for what, n in self.frames().items()]
         return rows
@@ -142,7 +142,7 @@ def run(options: Options) -> int:
 
 
 def perform(job: Job) -> int:
-    """Makes a drive, writes everything and prints the summary; the exit code."""
+    """Drives, writes everything and prints the summary; returns the exit code."""
     prepare_folder(job.kept.out)
     outcome, interrupted = _drive(job)
     pages = _write(job, outcome)
@@ -171,11 +171,11 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
             log = stack.enter_context(BusLog(kept.can_log, simulation.truck))
             observers.append(log)
         if kept.bag is not None:
-            # rosbags is loaded by those who want bags.
+            # Load rosbags only for bags.
             from iits_mj.bag.mcap_file import BagWriter
 
             observers.append(stack.enter_context(BagWriter(kept.bag, simulation)))
-        # Last what complains on stderr when another one cannot be opened.
+        # Last, because it writes to stderr when another file cannot be opened afterwards.
         film, notes = _open_film(kept, simulation)
         if film is not None:
             observers.append(stack.enter_context(film))
@@ -200,14 +200,14 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
 
 
 def _receiver(simulation: Simulation) -> CommandReceiver | None:
-    """The truck's side of the bus, where its commands came as frames."""
+    """The receiver of the truck's commands, if they come as frames."""
     if isinstance(simulation.driver, LogDriver):
         return simulation.driver.receiver
     return simulation.path.receiver if simulation.path.over_bytes else None
 
 
 def _open_film(kept: Kept, simulation: Simulation) -> tuple[VideoObserver | None, tuple[str, ...]]:
-    """The video's writer; None, with a note that says why, where pictures cannot be made."""
+    """The writer of the video; None, with a note on the reason, if pictures cannot be made."""
     if not kept.video:
         return None, ()
     try:
@@ -221,7 +221,7 @@ def _open_film(kept: Kept, simulation: Simulation) -> tuple[VideoObserver | None
 
 
 def _write(job: Job, outcome: Outcome) -> list[tuple[str, Path]]:
-    """Writes plots, report and summary; the list of what lies where."""
+    """Writes plots, report and summary; returns the names and paths of all files."""
     out = job.kept.out
     images = []
     for name, panels in drive_figures(outcome.telemetry).items():

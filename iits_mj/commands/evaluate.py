@@ -1,6 +1,6 @@
 """Compare decision makers over the paper's six traffic cells, on the same traffic for all.
 
-With --quick one short trip a cell is driven, for a look at the table; its figures say little.
+With --quick one short trip in each cell is driven, to show the table; its figures mean little.
 """
 
 from __future__ import annotations
@@ -38,25 +38,25 @@ KEPT = "evaluate.csv"
 class Options(evaluate.EvaluateConfig, ClusterOptions, ResultOptions):
     """Flags of `iits-mj evaluate`."""
 
-    quick: bool = option(False, help="one short trip a cell; ends within minutes")
+    quick: bool = option(False, help="one short trip in each cell; ends within minutes")
 
 
 def run(options: Options) -> int:
-    """Drives the trips that are missing, shows the table and writes the page; 0 or 1."""
+    """Drives the missing trips, shows the table and writes the page; 0 or 1."""
     if options.quick:
         options = dataclasses.replace(options, trials=1, length=QUICK_LENGTH)
     if options.report is not None:
         prepare_folder(options.report, "report")
         options = dataclasses.replace(options, file=options.file or options.report / KEPT)
     if options.ray is not None and options.file is None:
-        raise InputError("--ray brings trials home into a file: name it by --file, or --report")
+        raise InputError("--ray needs a file for the trials: name it by --file, or give --report")
     if options.file is not None:
         prepare_file(options.file, "--file")
     trials = drive(options)
     results, cells = summarize(trials, options)
     print(results.to_json(iits_mj.__version__) if options.json else to_text(results))
     if options.report is not None and cells:
-        # matplotlib is loaded by those who want pictures.
+        # Load matplotlib only for pictures.
         from iits_mj.evaluation.page import write_page
 
         web, text = write_page(results, cells, trials, options, options.report)
@@ -66,7 +66,7 @@ def run(options: Options) -> int:
 
 
 def drive(options: Options) -> list[Trial]:
-    """The trials, with a progress bar while they are driven."""
+    """Drives the trials with a progress bar."""
     with tqdm(unit=" trips", disable=None, smoothing=0.05) as bar:
 
         def progress(done: int, total: int) -> None:
@@ -88,16 +88,15 @@ def _on_cluster(
     drive: Callable[[Task], Trial],
     keep: Callable[[Trial], None],
 ) -> None:
-    """Drives trials in shards on a Ray cluster; the shards lie beside the file until all are done.
+    """Drives trials in shards on a Ray cluster; the shards stay beside the file until all are done.
 
-    The file's rows come from the shards, so that a head that is stopped in the middle finds them.
+    The rows of the file come from the shards, so that a stopped run finds them again.
     """
     if not tasks:
         return
     if options.file is None:
-        raise InputError("the trials of a cluster want a file")
-    beside = options.file.with_name(f"{options.file.name}.shards")
-    shards = Shards(beside, Trial, "trials")
+        raise InputError("the trials of a cluster need a file")
+    shards = Shards(options.file.with_name(f"{options.file.name}.shards"), Trial, "trials")
     plan: Plan[Task, Trial] = Plan(
         drive, task_of, evaluate.describe, what="trials", size=options.shard
     )
@@ -112,9 +111,6 @@ def _on_cluster(
 
 
 def to_text(results: Results) -> str:
-    """The tables, and of the checks those that fall short: all of them are on the page."""
-    short = [check for check in results.checks if not check.ok]
-    lines = [*results.notes, ""]
-    lines += [f"falls short: {check.shortfall()}" for check in short]
-    held = len(results.checks) - len(short)
-    return "\n".join([*lines, f"{held} of {len(results.checks)} checks hold"])
+    """The tables and the checks that fall short; the page shows all checks."""
+    short = [f"falls short: {check.shortfall()}" for check in results.short()]
+    return "\n".join([*results.notes, "", *short, results.count_text()])

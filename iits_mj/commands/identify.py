@@ -1,4 +1,4 @@
-"""Fit the truck's parameters to a recorded log, the telemetry table of a drive for instance."""
+"""Fit the truck's parameters to a recorded log, for instance the telemetry of a drive."""
 
 from __future__ import annotations
 

@@ -28,14 +28,14 @@ from traffic_bridge.recording.file import target
 class Options:
     """Flags of `iits-mj import-trajectories`."""
 
-    data: Path = option(help="data set to lay", metavar="FILE", positional=True)
+    data: Path = option(help="data set to place on the map", metavar="FILE", positional=True)
     file: Path = option(help="recording to write", metavar="OUT.npz")
     map: Path | None = option(
-        None, help="OpenDRIVE map; without it the built-in 15 km highway", metavar="FILE.xodr"
+        None, help="OpenDRIVE map; default: the built-in 15 km highway", metavar="FILE.xodr"
     )
     start_station: float = option(
         0.0,
-        help="where the data set's station zero comes to lie on the map's route",
+        help="station of the map's route at which the data set begins",
         unit="m",
         low=-1e6,
         high=1e6,
@@ -43,37 +43,37 @@ class Options:
     )
     lanes: str | None = option(
         None,
-        help="lane of the map for each lane of the set, both counted from the right one, 0, as in "
-        "0:1,1:2; lanes that are not named are left out; without it every lane keeps its index",
+        help="lane of the map for each lane of the set, both counted from the right from 0, as in "
+        "0:1,1:2; other lanes are left out; default: every lane keeps its index",
         metavar="MAP",
     )
     begin: float | None = option(
-        None, help="leave out what is before this time of the set", unit="s", metavar="S"
+        None, help="leave out data before this time of the set", unit="s", metavar="S"
     )
     end: float | None = option(
-        None, help="leave out what is from this time of the set on", unit="s", metavar="S"
+        None, help="leave out data from this time of the set on", unit="s", metavar="S"
     )
-    filter_noise: bool = option(
-        False, help="average raw positions against noise, for NGSIM tables as published"
-    )
+    filter_noise: bool = option(False, help="smooth raw positions, for NGSIM tables as published")
     units: str | None = option(
-        None, help="units of an NGSIM table; without it ft, as published", choices=("ft", "m")
+        None, help="units of an NGSIM table; default: ft, as published", choices=("ft", "m")
     )
     main_lanes: int | None = option(
-        None, help="lanes of an NGSIM site without ramps; others are left out", low=1, high=30
+        None,
+        help="lanes of an NGSIM site without ramps; others are left out",
+        low=1,
+        high=30,
     )
     location: str | None = option(
-        None, help="site, for an NGSIM table of several, as in us-101", metavar="NAME"
+        None, help="site in an NGSIM table of several sites, as in us-101", metavar="NAME"
     )
     direction: int | None = option(
         None,
-        help="driving direction of a highD-like recording, 1 or 2; without it the one with more "
-        "vehicles",
+        help="driving direction of a highD-like recording; default: the one with more vehicles",
         low=1,
         high=2,
     )
     fcd: Path | None = option(
-        None, help="write it as SUMO's floating-car data too", metavar="FILE.xml[.gz]"
+        None, help="also write SUMO's floating-car data", metavar="FILE.xml[.gz]"
     )
 
 

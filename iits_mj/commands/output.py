@@ -1,8 +1,7 @@
-"""Where a command puts its files, and how it shows results."""
+"""Files, progress bars and results of commands, and options that several commands share."""
 
 from __future__ import annotations
 
-import contextlib
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -25,33 +24,33 @@ if TYPE_CHECKING:
 
 
 def prepare_folder(folder: Path, name: str = "out") -> Path:
-    """Makes the folder and proves that it can be written to; what lies in it stays.
+    """Makes the folder, whose content stays, and checks that it is writable.
 
     Raises:
-      InputError: it cannot be made, is not a folder, or cannot be written to.
+      InputError: it cannot be made, is not a folder, or is not writable.
     """
-    _prove(folder, f"--{name} {str(folder)!r}")
+    _check_writable(folder, f"--{name} {str(folder)!r}")
     return folder
 
 
 def prepare_file(path: Path, name: str) -> Path:
-    """Makes the folder of a file and proves that a file can be written in it.
+    """Makes the folder of a file and checks that it is writable.
 
     Args:
       path: of the file.
-      name: of the option as shown, for messages.
+      name: of the option, for messages.
 
     Raises:
-      InputError: the path is a folder, or nothing can be written where it is to lie.
+      InputError: the path is a folder, or its folder is not writable.
     """
     shown = f"{name} {str(path)!r}"
     if path.is_dir():
         raise InputError(f"{shown} is a folder; name a file")
-    _prove(path.parent, shown)
+    _check_writable(path.parent, shown)
     return path
 
 
-def _prove(folder: Path, shown: str) -> None:
+def _check_writable(folder: Path, shown: str) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -60,11 +59,11 @@ def _prove(folder: Path, shown: str) -> None:
         raise InputError(f"{shown} cannot be written: {error.strerror or error}") from None
 
 
-@contextlib.contextmanager
+@contextmanager
 def progress_bar(duration: float | None) -> Iterator[Callable[[Frame], None]]:
-    """A bar on stderr over the simulated time [s]; silent when stderr is not a terminal.
+    """A progress bar on stderr over the simulated time [s]; silent when that is not a terminal.
 
-    Without a duration it only counts, for a drive that ends with something else.
+    Without a duration it shows only the time.
     """
     form = "{desc} {n:.0f} s [{elapsed}]"
     if duration is not None:
@@ -83,18 +82,18 @@ def progress_bar(duration: float | None) -> Iterator[Callable[[Frame], None]]:
 
 @dataclass(frozen=True, kw_only=True)
 class ResultOptions:
-    """Flags of every command that measures something; to be inherited from."""
+    """Base class: options of every command that gives results."""
 
     json: bool = option(False, help="print one JSON object instead of the table")
     report: Path | None = option(
-        None, help="folder for the page with table and plots, as HTML and Markdown", metavar="DIR"
+        None, help="folder for a page with table and plots, as HTML and Markdown", metavar="DIR"
     )
 
 
 def finish(options: ResultOptions, measure: Callable[[], Results]) -> int:
-    """Measures, prints the table or the JSON object, writes the page; the exit code, 0 or 1.
+    """Measures, prints the table or the JSON object, and writes the page; the exit code, 0 or 1.
 
-    The folder of the page is tried before anything is measured.
+    The folder of the page is checked before the measurement.
 
     Raises:
       InputError: the page cannot be written.
@@ -113,29 +112,26 @@ def finish(options: ResultOptions, measure: Callable[[], Results]) -> int:
     return 0 if results.ok else 1
 
 
-# --- Flags of the commands whose work can be spread over machines ---
-
-
 @dataclass(frozen=True, kw_only=True)
 class ClusterOptions:
-    """Where the work is done; to be inherited from."""
+    """Base class: options of commands that can work on a cluster."""
 
     ray: str | None = option(
         None,
-        help="work on a Ray cluster instead of this machine: its head's HOST:PORT, auto, or local",
+        help="work on a Ray cluster instead of this machine: HOST:PORT of its head, auto, or local",
         metavar="ADDRESS",
     )
     shard: int = option(
-        5, help="how many a worker does before it brings them home", low=1, high=10_000
+        5, help="number of results that a worker returns at a time", low=1, high=10_000
     )
 
 
 def pool_of(options: ClusterOptions, digest: Callable[[], str]) -> Callable[[int], Executor] | None:
-    """What makes the pool of workers for `run_sharded`; None for processes of this machine.
+    """Makes the pool of workers for `run_sharded`; None for processes of this machine.
 
     Args:
       options: of the command.
-      digest: of the code that does the work, for the workers of a cluster to compare.
+      digest: of the code that does the work; the workers of a cluster compare it with theirs.
     """
     address = options.ray
     return None if address is None else lambda _: RayExecutor(address, digest)
@@ -143,6 +139,6 @@ def pool_of(options: ClusterOptions, digest: Callable[[], str]) -> Callable[[int
 
 @contextmanager
 def progress_of(total: int, unit: str) -> Iterator[Callable[[int], None]]:
-    """A bar on stderr; silent when that is not a terminal."""
+    """A progress bar on stderr; silent when that is not a terminal."""
     with tqdm(total=total, unit=f" {unit}", disable=None, smoothing=0.05, file=sys.stderr) as bar:
         yield lambda count: bar.update(count) and None

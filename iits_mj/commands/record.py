@@ -1,7 +1,7 @@
-"""Drive in SUMO traffic and store the whole drive: traffic, truck's states and its commands.
+"""Drive in SUMO traffic and store the whole drive: traffic, states and commands of the truck.
 
-'iits-mj replay FILE' drives in the stored traffic, and with --verify runs everything again and
-compares every bit. From Python it serves traffic_bridge's ReSim and RepSim.
+'iits-mj replay FILE' drives in the stored traffic; with --verify it runs everything again and
+compares every bit. In Python, ReSim and RepSim of traffic_bridge read the file.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Options(DriveConfig):
 
 
 def run(options: Options) -> int:
-    """Drives without pictures and writes the recording, also of a drive that was cut short."""
+    """Drives without pictures and writes the recording, also after an interruption."""
     prepare_file(target(options.file), "FILE")
     with Simulation(options, record=True, visuals=False) as simulation:
         try:

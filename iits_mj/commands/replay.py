@@ -1,10 +1,9 @@
-"""Drive in recorded traffic, which follows its recording whatever the truck does.
+"""Drive in recorded traffic, which does not react to the truck.
 
-With --reactive SUMO's traffic is around as well, and reacts to the recorded vehicles and the truck.
-With --verify nothing is driven anew: SUMO re-runs the recorded traffic from its configuration, its
-seed and the truck's states, and with --truck the truck drives again from its recorded commands.
-Every pose and state must come out bit for bit (exit code 1 otherwise); another map, version or
-option is refused with the reason.
+With --reactive there is also SUMO traffic, which reacts to the recorded vehicles and the truck.
+With --verify SUMO runs the recorded traffic again from its configuration, its seed and the truck's
+states; with --truck the truck also drives again from its recorded commands. Every pose and state
+must be equal bit for bit, otherwise the exit code is 1. Another map, version or option is refused.
 """
 
 from __future__ import annotations
@@ -32,22 +31,22 @@ class Options(drive.Options):
         metavar="FILE.npz",
         positional=True,
     )
-    verify: bool = option(False, help="re-run the traffic in SUMO and compare, without driving")
+    verify: bool = option(False, help="run the traffic again in SUMO and compare, without driving")
     truck: bool = option(
-        False, help="with --verify: drive the truck again as well, from its recorded commands"
+        False, help="with --verify: also drive the truck again from its recorded commands"
     )
 
 
 def run(options: Options) -> int:
-    """Drives as `iits-mj drive` does, or verifies the recording.
+    """Drives like `iits-mj drive`, or verifies the recording.
 
     Raises:
-      InputError: an option has no meaning here, or is not that of the recording.
+      InputError: an option has no meaning here, or differs from the recording.
     """
     if options.verify:
         return _verify(options)
     if options.truck:
-        raise InputError("truck goes with verify: use --verify --truck")
+        raise InputError("--truck needs --verify")
     return drive.run(options)
 
 
@@ -57,7 +56,7 @@ def _verify(options: Options) -> int:
     for field in dataclasses.fields(drive.Kept):
         if field.name in options.given:
             flag = field.name.replace("_", "-")
-            raise InputError(f"--{flag} has no meaning with --verify, which keeps nothing")
+            raise InputError(f"--{flag} has no meaning with --verify, which writes no files")
     try:
         lines = _drive_again(path, options) if options.truck else _traffic_again(path, options)
     except (TrafficError, RedriveError) as error:

@@ -1,8 +1,8 @@
 """Drive the truck with the commands of a CAN log, or decode the log into a table.
 
-The log's first frame is the start of the drive, on an empty road, and the log's end is its end.
-Give the map, payload and start of the drive that wrote the log, and the same drive follows. Leaves
-in --out what 'iits-mj drive' leaves there. A log without steering commands needs --keep-lane.
+The drive is on an empty road; it starts with the first frame of the log and ends with the last.
+With the map, payload and start of the drive that wrote the log, the same drive results. The output
+is that of 'iits-mj drive'. A log without steering commands needs --keep-lane.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from iits_mj.simulation.driver import LogDriver
 from iits_mj.simulation.parts import make_stack
 from iits_mj.truck import Truck
 
-# Greatest values that a drive takes: the log decides how long and how fast.
+# Greatest values that a drive accepts: the log determines duration and speed.
 _LONGEST = 86_400.0
 _FASTEST = 30.0
 
@@ -37,13 +37,13 @@ class Options(drive.Kept, TruckStart):
     """Flags of `iits-mj replay-can`."""
 
     file: Path = option(
-        help="CAN log: .asc, .blf, .log, .csv, .trc, candump's text",
+        help="CAN log: .asc, .blf, .log, .csv, .trc or the text of candump",
         metavar="FILE",
         positional=True,
     )
     duration: float | None = option(
         None,
-        help="time to drive; without it to the end of the log",
+        help="duration of the drive; default: to the end of the log",
         unit="s",
         low=1.0,
         high=_LONGEST,
@@ -51,30 +51,30 @@ class Options(drive.Kept, TruckStart):
     )
     source: int | None = option(
         None,
-        help="obey this sender only, for instance 0, a recorded truck's engine, whose EEC2 holds "
-        "its pedal; without it whoever may command",
+        help="address of the only sender to obey, for instance 0, the engine of a recorded truck, "
+        "whose EEC2 contains the pedal; default: every sender that may command",
         low=0,
         high=LAST_ADDRESS,
         metavar="ADDRESS",
     )
-    keep_lane: bool = option(False, help="steer in the lane, whatever the log says of steering")
+    keep_lane: bool = option(False, help="steer along the lane, ignoring steering in the log")
     video: bool = option(False, help="make drive.mp4")
     decode: Path | None = option(
         None,
-        help="do not drive, but write every signal of the log into this table and say what was on "
-        "the bus",
+        help="do not drive, but write every signal of the log into this table and summarize the "
+        "bus",
         metavar="FILE.csv",
     )
     all_signals: bool = option(
-        False, help="with --decode: those that say 'not available', too, which most do"
+        False, help="with --decode: also signals that are 'not available', which most are"
     )
 
 
 def run(options: Options) -> int:
-    """Decodes, or drives as `iits-mj drive` does.
+    """Decodes, or drives like `iits-mj drive`.
 
     Raises:
-      InputError: the log itself would be written over.
+      InputError: an output file is the log itself.
     """
     for flag, path in (("decode", options.decode), ("can-log", options.can_log)):
         if path is not None and _same(path, options.file):
@@ -114,7 +114,7 @@ def _same(path: Path, other: Path) -> bool:
 
 
 def _decode(options: Options, path: Path) -> int:
-    """Writes the table; prints what was on the bus, as text or as one JSON object."""
+    """Writes the table; prints a summary of the bus as text or as one JSON object."""
     summary = write_table(read_log(options.file), path, only_values=not options.all_signals)
     if options.json:
         content = {"command": "replay-can", "version": iits_mj.__version__, "table": str(path)}

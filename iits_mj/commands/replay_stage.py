@@ -1,9 +1,8 @@
-"""Run one module of a recorded drive again, on exactly what it was told, and compare what it says.
+"""Run one module of a recorded drive again with its recorded inputs, and compare its outputs.
 
-The bag is one of 'iits-mj drive --bag DIR'. With the code and the settings of then the outputs are
-the same, bit for bit. --decision and --payload put another one in the module's place: the table
-shows how far it is from the recorded one in the same situations. Exit code 0 when all is the same,
-1 when something differs.
+The bag comes from 'iits-mj drive --bag DIR'. With the same code and settings the outputs are equal
+bit for bit. --decision and --payload change the module; the table then shows its distance from the
+recorded one in the same situations. Exit code 0 when all outputs are equal, 1 otherwise.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from iits_mj.core.options import option
 from iits_mj.core.results import Check, Results
 from iits_mj.parameters import payload_option
 
-# Of many quantities that differ, these many are shown, the names in their order.
+# Number of differing quantities that are shown, in alphabetical order.
 _SHOWN = 12
 
 
@@ -28,24 +27,24 @@ _SHOWN = 12
 class Options(ResultOptions):
     """Flags of `iits-mj replay-stage`."""
 
-    bag: Path = option(help="of the drive", positional=True, metavar="DIR")
-    stage: str = option("all", help="which module", choices=("all", *STAGES))
+    bag: Path = option(help="bag of the drive", positional=True, metavar="DIR")
+    stage: str = option("all", help="module to run", choices=("all", *STAGES))
     map: Path | None = option(
-        None, help="OpenDRIVE file of a drive that was not on the built-in map", metavar="FILE"
+        None, help="OpenDRIVE map of the drive; default: the built-in highway", metavar="FILE"
     )
     decision: str | None = option(
-        None, help="another decision maker in the recorded one's place", choices=NAMES
+        None, help="decision maker instead of the recorded one", choices=NAMES
     )
-    payload: float | None = payload_option(None, help="another load of the truck")
+    payload: float | None = payload_option(None, help="load instead of the recorded one")
 
 
 def run(options: Options) -> int:
-    """Runs the stages and shows how far they are apart; 0 or 1."""
+    """Runs the stages and shows their differences; 0 or 1."""
     return finish(options, lambda: compare(options))
 
 
 def compare(options: Options) -> Results:
-    """One check a stage, and the greatest distances of what differs."""
+    """One check for each stage, and the greatest differences."""
     bag = read_bag(options.bag)
     changes: dict[str, Any] = {
         name: getattr(options, name)
@@ -57,11 +56,11 @@ def compare(options: Options) -> Results:
         stages = tuple(name for name in stages if name != "traffic")
     results = Results("replay-stage", seed=int(bag.options["seed"]))
     for name in stages:
-        _tell(results, run_stage(bag, name, options.map, **changes))
+        _add(results, run_stage(bag, name, options.map, **changes))
     return results
 
 
-def _tell(results: Results, found: Comparison) -> None:
+def _add(results: Results, found: Comparison) -> None:
     name = f"{found.stage}: outputs that differ, of {found.count}"
     results.checks.append(Check(name, float(found.differing), "1", 0.0, "<= 0"))
     if found.first is None:

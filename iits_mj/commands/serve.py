@@ -1,8 +1,8 @@
-"""Serve the truck on a CAN bus: it obeys the frames of somebody's own controller and reports.
+"""Serve the truck on a CAN bus in real time: it obeys an external controller and reports.
 
-Ends with its time, at the end of the road, or with Ctrl-C or SIGTERM (exit code 0), or when the
-truck rolls over or leaves the road or the simulation diverges (1); prints what was obeyed. Exit
-code 2 on wrong use.
+Ends after its duration, at the end of the road, or with Ctrl-C or SIGTERM (exit code 0), or when
+the truck rolls over or leaves the road or the simulation diverges (1). Prints a summary of the
+frames. Exit code 2 on wrong use.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def run(options: Options) -> int:
 
 @contextlib.contextmanager
 def _signals(stop: Callable[[str], None]) -> Iterator[None]:
-    """Ctrl-C and SIGTERM end the serving instead of the program."""
+    """Lets Ctrl-C and SIGTERM stop the server instead of the program."""
 
     def end(number: int, _frame: FrameType | None) -> None:
         stop(f"ended by {signal.Signals(number).name}")

@@ -1,8 +1,8 @@
 """Train the decision maker ("ddqn").
 
-Leaves in --out: ddqn.npz (the best policy so far, for 'iits-mj drive --decision ddqn'), the policy
-of every validation, training.csv, event files for TensorBoard, and a checkpoint that --resume
-continues from, given the same settings; Ctrl-C writes one too. Needs torch: pip install
+Writes into --out: ddqn.npz (the best policy so far, for 'iits-mj drive --decision ddqn'), the
+policy of every validation, training.csv, event files for TensorBoard, and a checkpoint, also on
+Ctrl-C; --resume continues from it with the same settings. Needs torch: pip install
 'iits-mj[train]'.
 """
 
@@ -27,25 +27,25 @@ from iits_mj.core.options import option
 
 @dataclass(frozen=True, kw_only=True)
 class Options(TrainConfig):
-    """Flags of `iits-mj train`: the settings of training, and these."""
+    """Flags of `iits-mj train`: the settings of the training, and its output."""
 
     out: Path = option(Path("out/train"), help="folder for weights and log", metavar="DIR")
     world: str = option(
         "fast",
-        help="point masses alone, or the MuJoCo truck in SUMO traffic after them",
+        help="fast: point masses; truck: afterwards also the MuJoCo truck in SUMO traffic",
         choices=("fast", "truck"),
     )
     ray: str | None = option(
         None,
-        help="drive the trips on a Ray cluster: its head's HOST:PORT, auto, or local; learning "
-        "stays here",
+        help="drive the trips on a Ray cluster: HOST:PORT of its head, auto, or local; learning "
+        "stays on this machine",
         metavar="ADDRESS",
     )
     json: bool = option(False, help="print the outcome as one JSON object")
 
 
 def run(options: Options) -> int:
-    """Trains and says where the weights are."""
+    """Trains and prints the path of the weights."""
     prepare_folder(options.out)
     with tqdm(total=options.decisions, unit=" decisions", disable=None) as bar:
         try:
@@ -83,7 +83,7 @@ def run(options: Options) -> int:
 
 
 def _world(name: str) -> WorldFactory | None:
-    """What makes the world of the second stage; None where there is no such stage."""
+    """Makes the world of the second stage; None without that stage."""
     if name == "fast":
         return None
     from iits_mj.simulation.truck_world import TruckWorld
@@ -92,7 +92,7 @@ def _world(name: str) -> WorldFactory | None:
 
 
 def _drivers(address: str | None) -> MakeDrivers | None:
-    """Who drives the trips; None for processes of this machine."""
+    """Makes the drivers of the trips; None for processes of this machine."""
     if address is None:
         return None
     from iits_mj.scale.ray_executor import ClusterDrivers

@@ -1,8 +1,8 @@
-"""Hold the truck against closed-form solutions, standards and the paper's figures.
+"""Compare the truck with closed-form solutions, standards and the paper's figures.
 
-The traffic is held against the theory of its model and, with --data, against recorded traffic; the
-planning against its limits, bounds and the truck itself, with --roads on roads of others as well.
-Exit code 0 when every check holds, 1 when one falls short; the table says which.
+The traffic is compared with the theory of its model and, with --data, with recorded traffic. The
+planning is compared with its limits and bounds and with the truck itself; with --roads also on
+other roads. Exit code 0 when every check holds, 1 when one falls short; the table shows which.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Options(ValidateConfig, ResultOptions):
 
     what: str = option(
         "all",
-        help="what to validate",
+        help="group of checks",
         choices=("all", *validation.COMMANDS),
         positional=True,
         metavar="WHAT",
@@ -35,8 +35,8 @@ def run(options: Options) -> int:
     """Runs one group of checks, or all of them.
 
     Raises:
-      InputError: asked for the traffic alone, without recorded trajectories; what needs none has
-        been checked and shown then.
+      InputError: the traffic alone was validated without recorded trajectories; the checks that
+        need none have been shown.
     """
     code = finish(options, lambda: measure(options))
     if options.what == "traffic" and options.data is None:
@@ -45,10 +45,10 @@ def run(options: Options) -> int:
 
 
 def measure(options: Options) -> Results:
-    """The checks asked for, as one set of results.
+    """The chosen checks as one set of results.
 
-    The quick form of all of them takes the laden truck, and leaves out the step sizes, which ask
-    the same figures again.
+    The quick form of all groups uses the laden truck, and leaves out the step sizes, which repeat
+    the same figures.
     """
     if options.what != "all":
         return validation.COMMANDS[options.what](options)

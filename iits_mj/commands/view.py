@@ -1,6 +1,6 @@
-"""Show the same drive live in MuJoCo's interactive viewer.
+"""Show a drive live in MuJoCo's interactive viewer.
 
-Space and the mouse work as in MuJoCo's own viewer; closing the window ends the drive.
+Space bar and mouse work as in MuJoCo's own viewer; closing the window ends the drive.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ class Options(DriveConfig):
     """Flags of `iits-mj view`."""
 
     pace: float = option(
-        1.0, help="simulated time over wall time", low=0.1, high=20.0, metavar="FACTOR"
+        1.0, help="simulated time per wall time", low=0.1, high=20.0, metavar="FACTOR"
     )
     given: frozenset[str] = given_names()
 
 
 class _Window(Observer):
-    """Observer that shows each instant and waits for the wall clock."""
+    """Observer that shows the drive at the pace of the wall clock."""
 
     period = PERIOD
 
@@ -42,7 +42,7 @@ class _Window(Observer):
         self._start = time.perf_counter()
 
     def observe(self, simulation: LockStep, frame: Frame) -> None:
-        """Draws the frame when its time has come."""
+        """Draws the frame and waits for its time."""
         if not self._window.is_running():
             simulation.stop("the window was closed")
             return
@@ -57,7 +57,7 @@ def run(options: Options) -> int:
 
     Raises:
       RenderError: there is no display.
-      InputError: an option has no meaning here.
+      InputError: an option has no meaning for this command.
     """
     check_given(options, options.given)
     check_display()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import operator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, SupportsFloat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,7 +119,7 @@ class Findings:
     def check(
         self,
         name: str,
-        value: float,
+        value: SupportsFloat,
         unit: str,
         reference: float | str | None = None,
         must: str = "",

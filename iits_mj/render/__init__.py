@@ -1,1 +1,1 @@
-"""What people see: films, pictures with instruments, plots and reports."""
+"""Videos, pictures with instruments, plots and pages."""

@@ -1,4 +1,4 @@
-"""Cameras that follow the truck: free cameras that we move, smooth whatever the truck does."""
+"""Cameras that follow the truck smoothly."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from iits_mj.core.errors import InputError
 
 @dataclass(frozen=True)
 class View:
-    """Where a camera stands, relative to the (smoothed) heading of the unit it follows.
+    """Position of a camera relative to the smoothed heading of the unit that it follows.
 
     Attributes:
       distance: from the point looked at [m]; azimuth, elevation: viewing direction [deg].
       ahead, left, up: point looked at, in the frame of the unit [m].
       time_constant: of the smoothing of the heading [s].
       follows: "tractor" or "trailer".
-      tunnel: the view that takes over inside a tunnel, whose roof and walls would hide the truck
-        from this one: "behind", "ahead", or "" where this one fits.
+      tunnel: view inside a tunnel, whose roof and walls would hide the truck: "behind", "ahead",
+        or "" when this view fits.
       slopes: whether the elevation follows the grade of the road.
     """
 
@@ -48,7 +48,7 @@ VIEWS = {
     "aerial": View(115.0, -28.0, -27.0, 25.0, 0.0, 0.0, 1.2, slopes=False),
 }
 CAMERAS = tuple(VIEWS)
-# Nearly straight along the truck: it may drive close to either wall.
+# Nearly along the truck, because it may drive close to either wall.
 _TUNNEL_VIEWS = {
     "behind": View(27.0, -0.5, -5.5, 2.0, 0.2, 2.9, 0.7),
     "ahead": View(16.0, 178.5, -6.0, -1.0, 0.2, 1.9, 0.5),
@@ -57,11 +57,11 @@ _TUNNEL_NEAR, _TUNNEL_TIME = 75.0, 1.2
 
 
 class FollowCamera:
-    """One of `CAMERAS`, moved frame by frame.
+    """One of `CAMERAS`, moved from frame to frame.
 
     Args:
       name: of the view.
-      tunnels: station intervals in which the road is covered.
+      tunnels: intervals of stations.
 
     Raises:
       InputError: unknown name.
@@ -82,7 +82,7 @@ class FollowCamera:
 
         Args:
           data: of a model with the bodies `tractor` and `trailer`, positions up to date.
-          station: of the truck on its route, to come down in tunnels.
+          station: of the truck on its route, for the view in tunnels.
         """
         view = self.view
         body = data.body(view.follows)
@@ -125,11 +125,11 @@ class FollowCamera:
         camera.distance = blend("distance")
         azimuth = blend("azimuth")
         camera.azimuth = math.degrees(self._heading) + azimuth
-        # Looking along the road the camera tilts with it, looking across it does not.
+        # A camera that looks along the road tilts with it.
         tilt = math.degrees(self._slope) * math.cos(math.radians(azimuth))
         camera.elevation = max(blend("elevation") + tilt, -89.0)
 
 
 def _share(elapsed: float, time_constant: float) -> float:
-    """How far a first-order lag moves in a time."""
+    """Share of the way that a first-order lag moves in a time."""
     return 1.0 if time_constant <= 0.0 else 1.0 - math.exp(-elapsed / time_constant)

@@ -1,4 +1,4 @@
-"""A small map of the lanes about the truck, seen from above, with the traffic as boxes."""
+"""The planned trajectory as a ribbon on the road, and a small map of lanes and traffic."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from PIL import Image, ImageDraw
 from iits_mj.core.messages import PlanMode, Trajectory
 from iits_mj.road import Route
 
-# --- The planned trajectory as a ribbon on the road, coloured by what the planner is doing ---
+if TYPE_CHECKING:
+    from iits_mj.simulation import Frame
+
+# --- The ribbon, with a color for each mode of the planner ---
 
 MODE_COLORS: dict[PlanMode, tuple[float, float, float]] = {
     PlanMode.LANE_KEEPING: (0.10, 0.78, 0.62),
@@ -25,19 +28,19 @@ HALF_WIDTH = 0.22  # [m]
 LIFT = 0.07
 PIECES_MAX = 60
 PIECE_LENGTH = 2.0
-HIDDEN_START = 2.2  # [m] ahead of the first point that lie below the cab
+HIDDEN_START = 2.2  # [m] of the trajectory below the cab
 
 
 def add_trajectory(scene: mujoco.MjvScene, trajectory: Trajectory, time: float) -> int:
-    """Draws the rest of a trajectory, from `time` on, into a scene.
+    """Adds the rest of a trajectory, from `time` on, to a scene.
 
     Args:
-      scene: filled by `mjv_updateScene`; geoms are added behind those it has.
+      scene: filled by `mjv_updateScene`.
       trajectory: to draw.
       time: now [s].
 
     Returns:
-      Number of geoms added; as many as there is room for.
+      Number of geoms added, limited by the size of the scene.
     """
     points = _ribbon_points(trajectory, time)
     color = MODE_COLORS.get(trajectory.mode, MODE_COLORS[PlanMode.LANE_KEEPING])
@@ -88,10 +91,7 @@ def _ribbon_points(trajectory: Trajectory, time: float) -> NDArray[np.float64]:
     return points
 
 
-# --- A small map of the lanes about the truck, seen from above, with the traffic as boxes ---
-
-if TYPE_CHECKING:
-    from iits_mj.simulation import Frame
+# --- The map, seen from above, with vehicles as boxes ---
 
 Project = Callable[[float, float], tuple[float, float]]
 
@@ -111,7 +111,7 @@ VEHICLE_COLORS = {
 
 
 class LaneSketch:
-    """Draws the sketch into the lower right corner of pictures of one size."""
+    """Draws the map into the lower right corner of pictures of one size."""
 
     def __init__(self, size: tuple[int, int], scale: float, route: Route) -> None:
         self.route = route
@@ -131,13 +131,13 @@ class LaneSketch:
         self._pad = 6.0 * scale
 
     def draw(self, image: Image.Image, frame: Frame) -> None:
-        """Draws what is around the truck in this frame."""
+        """Draws the surroundings of the truck in this frame."""
         image.paste(self._background, self._corner, self._background)
         pen = ImageDraw.Draw(image, "RGB")
         ego, route = frame.ego, self.route
         edges = route.lane_boundaries_at(ego.station)
         middle = 0.5 * (edges[0] + edges[-1])
-        # Metres across; wide roads and a truck beside them still fit.
+        # Half the width of the map [m]; it also fits wide roads and a truck beside the road.
         half = max(0.5 * (edges[-1] - edges[0]) + 1.5, 7.5)
         stations = np.clip(
             np.linspace(ego.station - BEHIND, ego.station + AHEAD, 35), 0.0, route.length
@@ -166,7 +166,7 @@ class LaneSketch:
                 pen.line(points, fill=LINE, width=stroke)
         self._plan(pen, frame, point)
         for vehicle in frame.scene.vehicles:
-            # Predicted from the scene's instant to the frame's.
+            # Extrapolated from the time of the scene to that of the frame.
             station = vehicle.station + vehicle.speed * max(frame.time - frame.scene.time, 0.0)
             ahead = station - ego.station
             if abs(vehicle.offset - middle) > half or not -BEHIND < ahead < AHEAD:

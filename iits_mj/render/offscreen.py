@@ -1,4 +1,4 @@
-"""Pictures of a model without a window: an EGL context, a scene, and culling of what is far."""
+"""Pictures of a model without a window (EGL), and checks for the viewer's window."""
 
 from __future__ import annotations
 
@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError, RenderError
 
-# --- Windows on a screen, where there is one ---
-
 
 def check_display() -> None:
-    """Refuses to open a window where none can be shown.
+    """Checks that a window can be shown.
 
     Raises:
       RenderError: there is no display.
@@ -34,26 +32,24 @@ def check_display() -> None:
 
 
 def follow(window: Any, model: mujoco.MjModel, prefix: str = "") -> None:
-    """Lets a viewer's camera follow the semitrailer of that prefix from behind."""
+    """Makes a viewer's camera follow the semitrailer with this prefix from behind."""
     window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
     window.cam.trackbodyid = model.body(f"{prefix}trailer").id
     window.cam.distance, window.cam.elevation = 28.0, -18.0
     window.cam.azimuth = 180.0
 
 
-# --- Pictures of a model without a window: an EGL context, a scene, and culling of what is far ---
-
 PACKAGES = "libegl1 libgl1-mesa-dri libopengl0"
 SIZE_MIN, SIZE_MAX = 64, 4096
 MAX_GEOMS = 6000
-# Static geoms farther away than this are not drawn, nor are those behind the camera [m].
+# Static geoms beyond these distances [m] are not drawn, nor those behind the camera.
 DRAW_DISTANCE = {"fine": 900.0, "coarse": 4000.0}
 _FINE = ("steel", "post", "reflector", "trunk", "conifer", "leaves", "gravel", "marking")
 _HIDDEN_GROUP = 5
 
 
 def check_size(size: tuple[int, int]) -> tuple[int, int]:
-    """Width and height as even numbers, as the video's pixel format wants them.
+    """Width and height as even numbers, which the pixel format of the video requires.
 
     Raises:
       InputError: not two whole numbers between 64 and 4096.
@@ -71,10 +67,10 @@ def check_size(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def make_context(width: int, height: int) -> Any:
-    """An OpenGL context of its own, by EGL unless the variable MUJOCO_GL asks for another.
+    """A new OpenGL context, by EGL unless the variable MUJOCO_GL names another backend.
 
     Raises:
-      RenderError: there is no OpenGL here; names the Debian packages that bring it.
+      RenderError: OpenGL is missing; names the Debian packages that contain it.
     """
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
     if wanted in ("disable", "disabled", "off", "false", "0"):
@@ -86,7 +82,7 @@ def make_context(width: int, height: int) -> Any:
             from mujoco.egl import GLContext
         context = GLContext(width, height)
         context.make_current()
-    # PyOpenGL raises whatever it meets first: AttributeError on None, ImportError, GLError.
+    # PyOpenGL raises errors of many types: AttributeError on None, ImportError, GLError.
     except Exception as error:
         remedy = f"on Debian or Ubuntu: apt-get install {PACKAGES}"
         if wanted != "osmesa" and _for_a_display():
@@ -101,7 +97,7 @@ def make_context(width: int, height: int) -> Any:
 
 
 def _for_a_display() -> bool:
-    """True when PyOpenGL was loaded with another platform than EGL."""
+    """True when PyOpenGL was loaded for another platform than EGL."""
     platform = sys.modules.get("OpenGL.platform")
     chosen = getattr(platform, "PLATFORM", None)
     return chosen is not None and "egl" not in type(chosen).__name__.lower()
@@ -110,20 +106,19 @@ def _for_a_display() -> bool:
 class Offscreen(Closing):
     """Draws a model's data into arrays of pixels.
 
-    It keeps a copy of the model, whose far geoms it hides from frame to frame; the model given is
-    never changed.
+    It hides distant geoms in a copy of the model; the given model is never changed.
 
     Attributes:
-      scene: MuJoCo's scene; `update` fills it, then others may add geoms to it.
+      scene: MuJoCo's scene; `update` fills it, then the caller may add geoms.
     """
 
     def __init__(self, model: mujoco.MjModel, size: tuple[int, int], samples: int = 0) -> None:
-        """Makes context and scene.
+        """Makes the context and the scene.
 
         Args:
           model: to draw.
           size: width and height in pixels, made even.
-          samples: of antialiasing; 4 look better and take twice as long without a GPU.
+          samples: of antialiasing; 4 look better, but take twice as long without a GPU.
 
         Raises:
           InputError: the size is out of range. RenderError: there is no OpenGL.
@@ -168,7 +163,7 @@ class Offscreen(Closing):
         self._group = model.geom_group[self._static].copy()
 
     def update(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> None:
-        """Fills the scene with the model as it is in `data`, seen by `camera`."""
+        """Fills the scene with the model in the state of `data`, seen by `camera`."""
         self._cull(data, camera)
         mujoco.mjv_updateScene(
             self._model,
@@ -181,14 +176,14 @@ class Offscreen(Closing):
         )
 
     def draw(self) -> NDArray[np.uint8]:
-        """The scene as pixels (height, width, 3), top row first; a new array each time."""
+        """The scene as a new array of pixels (height, width, 3), top row first."""
         self._gl.make_current()
         mujoco.mjr_render(self._rect, self.scene, self._mjr)
         mujoco.mjr_readPixels(self._pixels, None, self._rect, self._mjr)
         return np.ascontiguousarray(self._pixels[::-1])
 
     def close(self) -> None:
-        """Frees the context; may be called twice."""
+        """Frees the context; may be called again."""
         if self._mjr is not None:
             self._gl.make_current()
             self._mjr.free()
@@ -207,7 +202,7 @@ class Offscreen(Closing):
         half = math.radians(0.5 * self._model.vis.global_.fovy)
         aspect = self.width / self.height
         cone = math.atan(math.tan(half) * math.hypot(1.0, aspect)) + 0.05
-        # Outside when the sphere lies wholly beyond the cone's flank; 40 m are kept for shadows.
+        # Hidden when the bounding sphere is outside of the cone, with 40 m in reserve for shadows.
         gap = beside * math.cos(cone) - along * math.sin(cone)
         hidden = (distance > self._reach) | (gap > self._radius + 40.0)
         self._model.geom_group[self._static] = np.where(hidden, _HIDDEN_GROUP, self._group)

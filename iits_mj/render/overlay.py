@@ -1,7 +1,7 @@
-"""The instrument panel over a film: speed, gear, engine, pedals, brakes, grade, plan and lanes.
+"""The instrument panel of a video: speed, gear, engine, pedals, brakes, grade, plan and lanes.
 
-Everything that stays the same is drawn once, four times too large, and scaled down; a frame only
-adds needles, bars and text, about 2 ms at 960x540.
+The static part is drawn once at four times the size and scaled down; a frame adds needles, bars and
+text, which takes about 2 ms at 960x540.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ class Overlay:
 
     Args:
       size: width and height of the pictures.
-      route: for the sketch of the lanes.
+      route: for the map of the lanes.
     """
 
     def __init__(self, size: tuple[int, int], route: Route) -> None:
         self.size = size
         width, height = size
-        # Drawn for 960x540; small pictures get smaller instruments, never cut ones.
+        # Designed for 960x540 and scaled, so that small pictures show all instruments.
         self.scale = min(width / 960.0, height / 540.0)
         k = self.scale
         self._origin = (_MARGIN * k, height - (_MARGIN + _PANEL_SIZE[1]) * k)
@@ -81,8 +81,6 @@ class Overlay:
         self._plan(pen, frame)
         self._clock(pen, frame)
         return np.asarray(image)
-
-    # Parts -------------------------------------------------------------------------------------
 
     def _speed(self, pen: ImageDraw.ImageDraw, frame: Frame) -> None:
         self._text(pen, 76, 58, f"{abs(frame.ego.speed) * 3.6:.0f}", 46, INK, "rs")
@@ -172,8 +170,6 @@ class Overlay:
         )
         for x, text in texts:
             self._text(pen, x, 102, text, 12, INK, "ls")
-
-    # Drawing -----------------------------------------------------------------------------------
 
     def _point(self, x: float, y: float) -> tuple[float, float]:
         return self._origin[0] + x * self.scale, self._origin[1] + y * self.scale

@@ -1,4 +1,4 @@
-"""A film of a drive: the truck, traffic and plan from a following camera, with instruments.
+"""Videos of a drive: truck, traffic and plan from a following camera, with instruments.
 
 with VideoObserver("drive.mp4", truck, size=(960, 540), camera="chase", fps=20) as video:
     simulation.run([video])
@@ -25,16 +25,20 @@ from iits_mj.render.offscreen import Offscreen, check_size
 from iits_mj.render.overlay import Overlay
 from iits_mj.simulation.lock_step import LockStep, Observer
 
-# --- H.264 in an MP4 file, through the ffmpeg that comes inside the imageio-ffmpeg wheel ---
+if TYPE_CHECKING:
+    from iits_mj.simulation import Frame
+    from iits_mj.truck import Truck
 
 
 class Mp4Encoder(Finishing):
-    """Takes pictures one by one; the file appears whole when it is closed without an error.
+    """Encodes pictures as H.264 in an MP4 file, with the ffmpeg of the imageio-ffmpeg wheel.
+
+    The file appears when the encoder is closed without an error.
 
     Args:
-      path: of the film, ending in .mp4; its folder must exist.
+      path: of the file, ending in .mp4; its folder must exist.
       size: width and height, both even; fps: pictures per second.
-      quality: x264's constant rate factor, smaller is better and larger.
+      quality: constant rate factor of x264; a smaller value gives better and larger videos.
 
     Raises:
       InputError: the path is not usable. RenderError: ffmpeg does not start.
@@ -45,11 +49,11 @@ class Mp4Encoder(Finishing):
     ) -> None:
         self.path = Path(path)
         if self.path.suffix.lower() != ".mp4":
-            raise InputError(f"film {str(path)!r} is not allowed: its name must end in .mp4")
+            raise InputError(f"video {str(path)!r} is not allowed: its name must end in .mp4")
         folder = self.path.parent
         if not folder.is_dir() or not os.access(folder, os.W_OK):
             raise InputError(
-                f"film {str(path)!r} cannot be written: no writable folder {str(folder)!r}"
+                f"video {str(path)!r} cannot be written: no writable folder {str(folder)!r}"
             )
         if not 1.0 <= fps <= 120.0:
             raise InputError(f"fps {fps!r} is not allowed: use 1 to 120")
@@ -65,7 +69,7 @@ class Mp4Encoder(Finishing):
           InputError: the picture's shape does not fit. RenderError: ffmpeg failed.
         """
         if self._pipe is None:
-            raise RenderError(f"film {str(self.path)!r} is already closed")
+            raise RenderError(f"video {str(self.path)!r} is already closed")
         width, height = self.size
         if picture.shape != (height, width, 3) or picture.dtype != np.uint8:
             raise InputError(
@@ -80,7 +84,7 @@ class Mp4Encoder(Finishing):
         self.frames += 1
 
     def close(self) -> None:
-        """Ends the film and puts it in its place; without a picture nothing is left."""
+        """Completes the file; without a picture there is no file."""
         if self._pipe is None:
             return
         self._pipe.close()
@@ -93,7 +97,7 @@ class Mp4Encoder(Finishing):
             raise RenderError(f"ffmpeg wrote nothing to {str(self.path)!r}")
 
     def abandon(self) -> None:
-        """Ends without a film; an older one stays as it was."""
+        """Ends without a file; an older file stays unchanged."""
         if self._pipe is not None:
             self._pipe.close()
             self._pipe = None
@@ -124,23 +128,16 @@ def _pipe(
     return pipe
 
 
-# --- A film of a drive: the truck, traffic and plan from a following camera, with instruments ---
-
-if TYPE_CHECKING:
-    from iits_mj.simulation import Frame
-    from iits_mj.truck import Truck
-
-
 class VideoWriter(Finishing):
-    """A film of any model that has the bodies `tractor` and `trailer`.
+    """Writes a video of any model that has the bodies `tractor` and `trailer`.
 
     Args:
-      path: of the MP4 file; it appears whole when the writer is closed without an error.
+      path: of the MP4 file; it appears when the writer is closed without an error.
       model: to draw.
       size: width and height in pixels, made even.
       fps: pictures per second.
       camera: one of `iits_mj.render.cameras.CAMERAS`.
-      tunnels: station intervals where the camera has to come down.
+      tunnels: intervals of stations, for the view in tunnels.
 
     Raises:
       InputError: unknown camera, size or path not allowed. RenderError: no OpenGL, no ffmpeg.
@@ -158,7 +155,7 @@ class VideoWriter(Finishing):
         self.size = check_size(size)
         self.fps = fps
         self._camera = FollowCamera(camera, tunnels)
-        # First what fails most often: an encoder given up unused would complain on stderr.
+        # OpenGL fails most often; an unused encoder would write to stderr when it is abandoned.
         self._offscreen = Offscreen(model, self.size)
         try:
             self._encoder = Mp4Encoder(path, self.size, fps)
@@ -168,12 +165,12 @@ class VideoWriter(Finishing):
 
     @property
     def path(self) -> Path:
-        """Where the film will be."""
+        """Path of the video."""
         return self._encoder.path
 
     @property
     def frames(self) -> int:
-        """Pictures so far."""
+        """Number of pictures so far."""
         return self._encoder.frames
 
     def picture(
@@ -182,14 +179,14 @@ class VideoWriter(Finishing):
         trajectory: Trajectory | None = None,
         station: float | None = None,
     ) -> NDArray[np.uint8]:
-        """One picture (height, width, 3), not yet part of the film."""
+        """A picture (height, width, 3), which is not added to the video."""
         self._offscreen.update(data, self._camera.follow(data, station))
         if trajectory is not None:
             add_trajectory(self._offscreen.scene, trajectory, float(data.time))
         return self._offscreen.draw()
 
     def append(self, picture: NDArray[np.uint8]) -> None:
-        """Adds a picture to the film."""
+        """Adds a picture to the video."""
         self._encoder.add(picture)
 
     def add(
@@ -198,26 +195,26 @@ class VideoWriter(Finishing):
         trajectory: Trajectory | None = None,
         station: float | None = None,
     ) -> None:
-        """Draws a picture of `data` and adds it to the film."""
+        """Draws a picture of `data` and adds it to the video."""
         self.append(self.picture(data, trajectory, station))
 
     def close(self) -> None:
-        """Ends the film and frees the context."""
+        """Completes the video and frees the context."""
         self._offscreen.close()
         self._encoder.close()
 
     def abandon(self) -> None:
-        """Frees everything and leaves no film."""
+        """Frees everything and leaves no video."""
         self._offscreen.close()
         self._encoder.abandon()
 
 
 class VideoObserver(Finishing, Observer):
-    """Watches a drive and films it with the instrument panel.
+    """Observer that writes a video of a drive, with the instrument panel.
 
     Args:
       path, size, camera: see `VideoWriter`.
-      truck: whose model and data are drawn.
+      truck: to draw.
       fps: pictures per second; rounded to a whole number of 2 ms steps between pictures.
       overlay: whether to draw the instruments.
 
@@ -250,16 +247,16 @@ class VideoObserver(Finishing, Observer):
 
     @property
     def path(self) -> Path:
-        """Where the film will be."""
+        """Path of the video."""
         return self._writer.path
 
     @property
     def frames(self) -> int:
-        """Pictures so far."""
+        """Number of pictures so far."""
         return self._writer.frames
 
     def observe(self, simulation: LockStep | None, frame: Frame) -> None:
-        """Adds a picture of this instant. `simulation` is not needed: the truck is known."""
+        """Adds a picture of this instant; `simulation` is not used."""
         del simulation
         picture = self._writer.picture(self._truck.data, frame.trajectory, frame.ego.station)
         if self._overlay is not None:
@@ -272,9 +269,9 @@ class VideoObserver(Finishing, Observer):
         self.observe(None, frame)
 
     def close(self) -> None:
-        """Ends the film."""
+        """Completes the video."""
         self._writer.close()
 
     def abandon(self) -> None:
-        """Ends without a film."""
+        """Ends without a video."""
         self._writer.abandon()

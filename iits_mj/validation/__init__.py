@@ -1,21 +1,23 @@
-"""Manoeuvres, references and standards: what the truck model is worth, in figures.
+"""Validation of the truck, the traffic and the planning against references and standards.
 
-`COMMANDS` names what `iits-mj validate` can run; each takes a `ValidateConfig` and gives `Results`.
+`COMMANDS` names the groups of `iits-mj validate`; each takes a `ValidateConfig` and returns
+`Results`.
 """
 
 from collections.abc import Callable
 
 from iits_mj.core.results import Results
-from iits_mj.validation.handling import lateral, standards, step_size
+from iits_mj.validation.handling import step_size
+from iits_mj.validation.handling.group import run_lateral, run_standards
 from iits_mj.validation.harness.config import ValidateConfig
 from iits_mj.validation.longitudinal import group as longitudinal
 from iits_mj.validation.planning import group as planning
 from iits_mj.validation.traffic import group as traffic
 
 COMMANDS: dict[str, Callable[[ValidateConfig], Results]] = {
-    "lateral": lateral.run,
+    "lateral": run_lateral,
     "longitudinal": longitudinal.run,
-    "standards": standards.run,
+    "standards": run_standards,
     "step-size": step_size.run,
     "traffic": traffic.run,
     "planning": planning.run,

@@ -1,7 +1,7 @@
-"""Steady circle of 100 m radius (ISO 14792, constant radius): understeer, and what ends it.
+"""Steady circle of 100 m radius (ISO 14792, constant radius): understeer, and its limit.
 
-The references are asked the same as the truck: the road-wheel angle at each measured lateral
-acceleration and radius, less the wheelbase's share, and the slope of a line through these.
+The references are evaluated like the truck: the road-wheel angle at each measured lateral
+acceleration and radius, less the share of the wheelbase, and the slope of a line through these.
 """
 
 from __future__ import annotations
@@ -15,41 +15,33 @@ from scipy.interpolate import PchipInterpolator
 
 from iits_mj.analytic import Kinematic, YawSideslip, yaw_rate_gain
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.results import Check, Line, Panel
+from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
 from iits_mj.validation.handling.roll_plane import RollPlane
 from iits_mj.validation.handling.steady_turn import SteadyTurn
 from iits_mj.validation.handling.step_steer import FREE_HITCH
-from iits_mj.validation.harness.config import restore, state_of
-from iits_mj.validation.harness.recorder import (
-    PERIOD,
-    Recording,
-    SpeedHold,
-    drive,
-    run_straight,
-    trailer_roll,
-)
+from iits_mj.validation.harness.maneuver import restore_state, save_state, steady_truck
+from iits_mj.validation.harness.recorder import PERIOD, Recording, SpeedHold, drive, trailer_roll
 
 RADIUS = 100.0
-# Lateral acceleration up to which a gradient is taken [m/s2].
+# Lateral acceleration up to which the gradient is measured [m/s2].
 LINEAR = 2.0
-_START = 20.0
 _SETTLE = 8.0
 _AVERAGE = 4.0
-# Natural frequency of the driver who keeps the radius [rad/s].
+# Natural frequency of the driver, who keeps the radius [rad/s].
 _DRIVER = 0.6
-# Speeds of upshifts against the shipped table, as of a driver who holds the gear by hand.
+# Speeds of upshifts relative to the shipped table: the driver holds the gear by hand.
 _LATER = 1.3
 # Lowest speed [m/s], growth of speed [m/s2], and its steps at the limit [m/s].
 _SLOWEST, _RAMP, _FINE = 6.0, 0.15, 0.25
-# Speed and yaw rate are steady when they change by this share within a window; so many windows are
-# waited for. A circle is held when radius [m] and speed [m/s] are right within these, and speed and
-# yaw rate change by no more than this share.
+# Speed and yaw rate are steady when they change by less than this share in a window; the truck gets
+# this many windows to settle. A circle is held when radius [m] and speed [m/s] have at most these
+# errors, and speed and yaw rate change by no more than this share.
 _STEADY, _WINDOWS = 0.002, 8
 _HELD, _HELD_SPEED, _HELD_SWAY = 1.0, 0.3, 0.02
-# It is lost when the trailer rolls beyond this [rad] or the steer axle is so far off [m].
+# A circle is lost when the trailer rolls beyond this [rad] or the steer axle is this far off [m].
 _ROLLED, _LOST = np.deg2rad(15.0), 6.0
 
 
@@ -58,12 +50,12 @@ class Circle:
     """Steady states on the circle, each of shape (k,).
 
     Attributes:
-      lateral: lateral acceleration [m/s2]; steer: road-wheel angle less the wheelbase's share of
-        the curvature driven [rad].
-      linear, saturating: the same of the yaw-sideslip model, and of the statics with the tires'
-        whole law; NaN beyond its limit.
-      gradient: slope of steer over lateral [rad s2/m]; reference: the linear model's;
-        saturating_gradient: that of the statics.
+      lateral: lateral acceleration [m/s2]; steer: road-wheel angle less the share of the
+        wheelbase [rad].
+      linear, saturating: the same of the yaw-sideslip model, and of the statics with the full law
+        of the tires; NaN beyond its limit.
+      gradient: slope of steer over lateral [rad s2/m]; reference: slope of the linear model;
+        saturating_gradient: slope of the statics.
     """
 
     lateral: FloatArray
@@ -76,19 +68,19 @@ class Circle:
 
 
 def circle(payload: float, timestep: float, speeds: tuple[float, ...]) -> Circle:
-    """Drives the circle at ever greater speeds [m/s], each until it is steady."""
+    """Drives the circle at rising speeds [m/s], each until it is steady."""
     run = _Staircase.start(payload, timestep, speeds[0])
     records = [run.climb(speed) for speed in speeds]
     return _circle(run.truck, records)
 
 
 def limit(payload: float, timestep: float, *, coarse: float = 2.0) -> tuple[Circle, str]:
-    """Drives ever faster until the circle cannot be held; what ended it, in words.
+    """Drives faster and faster until the circle cannot be held; also returns the reason, in words.
 
     Args:
       payload: [kg].
       timestep: of the physics [s].
-      coarse: steps of speed far from the limit [m/s].
+      coarse: first steps of speed [m/s]; they shrink near the limit.
     """
     run = _Staircase.start(payload, timestep, _SLOWEST)
     records, speed, step = [run.climb(_SLOWEST)], _SLOWEST, coarse
@@ -107,7 +99,7 @@ def limit(payload: float, timestep: float, *, coarse: float = 2.0) -> tuple[Circ
 
 
 class _Staircase:
-    """The truck on the circle, from one steady speed to the next."""
+    """The truck on the circle, driven from one steady speed to the next."""
 
     def __init__(self, truck: Truck, hold: SpeedHold, speed: float) -> None:
         self.truck = truck
@@ -115,7 +107,7 @@ class _Staircase:
         self._speed = speed
         self._drift = 0.0
         self._begin = float(truck.data.body("tractor").xpos[0])
-        # The linear model's steer angle times radius is a constant and a multiple of v^2.
+        # In the linear model steer angle times radius is a constant plus a multiple of v^2.
         model = YawSideslip.from_parameters(truck.parameters, truck.payload, cruise_speed=speed)
         slow, fast = (v / yaw_rate_gain(model.at(v)) for v in (5.0, 15.0))
         self._slope = (fast - slow) / (15.0**2 - 5.0**2)
@@ -123,13 +115,13 @@ class _Staircase:
 
     @classmethod
     def start(cls, payload: float, timestep: float, speed: float) -> _Staircase:
-        """Straight on at this speed [m/s], about to enter the circle."""
-        truck = Truck.load(payload, parameters=_parameters(), timestep=timestep, visuals=False)
-        truck.reset(station=_START, speed=speed)
-        return cls(truck, run_straight(truck, speed), speed)
+        """The truck straight on at this speed [m/s], at the entry of the circle."""
+        # With a free hitch; in a bend the automatic gearbox would change between two gears.
+        parameters = gears_held(TruckParameters.load(overlay=FREE_HITCH))
+        return cls(*steady_truck(payload, speed, timestep, parameters=parameters), speed)
 
     def climb(self, speed: float) -> Recording:
-        """The last seconds at a new speed [m/s], as soon as all is steady or time is over."""
+        """Recording of the last seconds at a new speed [m/s], when it is steady or time is over."""
         before, self._speed = self._speed, speed
         rise = abs(speed - before) / _RAMP
         record = self._drive(
@@ -155,16 +147,16 @@ class _Staircase:
         )
 
     def save(self) -> tuple[FloatArray, SpeedHold, float, float]:
-        """Everything that a later `load` needs."""
-        return state_of(self.truck), copy.copy(self._hold), self._speed, self._drift
+        """State for a later `load`."""
+        return save_state(self.truck), copy.copy(self._hold), self._speed, self._drift
 
     def load(self, saved: tuple[FloatArray, SpeedHold, float, float]) -> None:
-        """Goes back to what was saved."""
-        restore(self.truck, saved[0])
+        """Returns to a saved state."""
+        restore_state(self.truck, saved[0])
         self._hold, self._speed, self._drift = copy.copy(saved[1]), saved[2], saved[3]
 
     def _outside(self) -> tuple[float, float]:
-        """Distance from the circle, positive outside [m]; direction of the circle here [rad]."""
+        """Distance outside of the circle [m], and direction of the circle at this place [rad]."""
         position = self.truck.data.body("tractor").xpos
         east, north = float(position[0]) - self._begin, float(position[1]) - RADIUS
         return float(np.hypot(east, north)) - RADIUS, float(np.arctan2(east, -north))
@@ -176,7 +168,7 @@ class _Staircase:
         course = yaw + np.arctan2(float(velocity[1]), speed)
         error = float(np.angle(np.exp(1j * (direction - course))))
         self._drift += PERIOD * outside
-        # The distance is to vanish, not only to stay: hence its integral.
+        # The integral brings the distance to zero.
         wanted = _DRIVER**2 * (outside + 0.15 * self._drift) + 1.6 * _DRIVER * speed * error
         angle = (self._base + self._slope * speed**2) * (1.0 / RADIUS + wanted / speed**2)
         return float(self.truck.parameters.steering.ratio * np.clip(angle, -0.6, 0.6))
@@ -187,7 +179,7 @@ class _Staircase:
 
 
 def _circle(truck: Truck, records: list[Recording]) -> Circle:
-    """Steady states of recordings, and the references' at the same speed and radius."""
+    """Steady states of recordings, and of the references at the same speed and radius."""
     wheelbase = Kinematic.from_parameters(truck.parameters).L
     turn = SteadyTurn.from_parameters(truck.parameters, truck.payload)
     rows = []
@@ -209,20 +201,15 @@ def _circle(truck: Truck, records: list[Recording]) -> Circle:
     return Circle(lateral, steer, linear, saturating, *slopes)
 
 
-def _parameters() -> TruckParameters:
-    """A free hitch, and gears held longer: in a bend the automatic would hunt between two."""
-    return gears_held(TruckParameters.load(overlay=FREE_HITCH))
-
-
 def gears_held(parameters: TruckParameters) -> TruckParameters:
-    """Gears held longer than the automatic does, as by hand."""
+    """Parameters with later upshifts, as by a driver who holds the gear by hand."""
     table = parameters.gearbox.upshift
     later = replace(table, values=_LATER * table.values)
     return replace(parameters, gearbox=replace(parameters.gearbox, upshift=later))
 
 
 def _ending(record: Recording, speed: float) -> str:
-    """Why the circle was not held at a speed [m/s]; empty when it was."""
+    """Why the circle was not held at a speed [m/s]; "" when it was held."""
     if np.max(np.abs(record.trailer_roll)) > _ROLLED:
         return "roll-over"
     if float(record.speed.mean()) < speed - _HELD_SPEED:
@@ -230,74 +217,93 @@ def _ending(record: Recording, speed: float) -> str:
     radius = float(record.speed.mean() / record.yaw_rate.mean())
     if abs(radius - RADIUS) < _HELD and _sway(record) < _HELD_SWAY:
         return ""
-    # The steer axle at its limit lets the truck run wide, the drive axles' lets it turn in.
+    # The truck runs wide when the steer axle slides, and turns in when the drive axles slide.
     return "steer axle slides" if radius > RADIUS else "drive axles slide"
 
 
 def _sway(record: Recording) -> float:
-    """Greatest change of speed and yaw rate, as a share of their means [1]."""
+    """Greatest change of speed and yaw rate as a share of their means [1]."""
     return max(
         float(np.ptp(signal) / abs(np.mean(signal))) for signal in (record.speed, record.yaw_rate)
     )
 
 
-# --- ISO 14792, steady circle of 100 m from walking pace to its end, laden and empty ---
+# --- Comparison with the references ---
 
-# How near the statics with the tires' whole law must come to the truck, up to `LINEAR` [%].
+# Allowed error of the statics with the full law of the tires, up to `LINEAR` [%].
 _ERROR = 10.0
-# The slope near the end must exceed that of the beginning by this factor for the tires to saturate.
+# The tires saturate when the slope near the end exceeds the slope at the beginning by this factor.
 _SATURATED = 1.5
-# Near the end: between these shares of the roll-over threshold by statics, the same at any step.
+# Near the end: between these shares of the static roll-over threshold, the same at any time step.
 _LATE = (0.6, 0.8)
+_SCALE = float(np.rad2deg(GRAVITY))  # from rad s2/m to deg/g
 
 
-def compare(payload: float, timestep: float) -> tuple[list[Check], list[Panel], str]:
-    """Checks, panels, and a sentence on what ended the circle."""
-    found, end = limit(payload, timestep)
-    parameters = TruckParameters.load()
-    label = f"ISO 14792 circle of {RADIUS:g} m, {payload / 1e3:g} t"
-    scale = float(np.rad2deg(GRAVITY))
-    error = 100.0 * abs(found.gradient / found.saturating_gradient - 1.0)
-    linear = 100.0 * abs(found.gradient / found.reference - 1.0)
-    last = _late_slope(found, GRAVITY * RollPlane.from_parameters(parameters, payload).threshold())
-    checks = [
-        Check(
-            f"{label}: understeer to {LINEAR:g} m/s2",
-            found.gradient * scale,
-            "deg/g",
-            found.saturating_gradient * scale,
-        ),
-        Check(f"{label}: understeer error to the statics", error, "%", None, f"<= {_ERROR:g}"),
-        Check(
-            f"{label}: understeer error to the linear model", linear, "%", found.reference * scale
-        ),
-        Check(f"{label}: greatest lateral acceleration", found.lateral[-1] / GRAVITY, "g"),
-        Check(
-            f"{label}: slope near the end over slope at the beginning",
-            last / found.gradient,
-            "1",
-            None,
-            f">= {_SATURATED:g}",
-        ),
+def compare(payload: float, timestep: float, speeds: tuple[float, ...]) -> Findings:
+    """Understeer at some speeds [m/s] against the linear model and the statics."""
+    done = circle(payload, timestep, speeds)
+    found = Findings(f"steady circle of {RADIUS:g} m, {payload / 1e3:g} t")
+    errors = [
+        100.0 * abs(done.gradient / reference - 1.0)
+        for reference in (done.reference, done.saturating_gradient)
     ]
-    steer = [np.rad2deg(y) for y in (found.linear, found.saturating, found.steer)]
-    lines = (
-        Line("statics with the tires' whole law", found.lateral, steer[1], "reference"),
-        Line("truck", found.lateral, steer[2], "simulation"),
-        Line("yaw-sideslip model", found.lateral, steer[0]),
+    found.check("understeer", done.gradient * _SCALE, "deg/g", done.reference * _SCALE)
+    found.check("understeer error", errors[0], "%", "yaw-sideslip", "<= 10")
+    found.check(
+        "understeer error of the statics with load transfer, rolling resistance and bending tires",
+        errors[1],
+        "%",
+        done.saturating_gradient * _SCALE,
+        "<= 10",
     )
-    panel = Panel(label, "lateral acceleration [m/s2]", "steer beyond Ackermann [deg]", lines)
-    return checks, [panel], f"{label} ends at {found.lateral[-1]:.2f} m/s2: {end}."
+    _panel(
+        found,
+        Line("yaw-sideslip model", done.lateral, np.rad2deg(done.linear), "reference"),
+        Line("statics of the steady turn", done.lateral, np.rad2deg(done.saturating)),
+        Line("truck", done.lateral, np.rad2deg(done.steer), "simulation"),
+    )
+    return found
+
+
+def compare_limit(payload: float, timestep: float) -> Findings:
+    """Understeer up to the limit of the circle, with a note on what ended it."""
+    done, end = limit(payload, timestep)
+    found = Findings(f"ISO 14792 circle of {RADIUS:g} m, {payload / 1e3:g} t")
+    plane = RollPlane.from_parameters(TruckParameters.load(), payload)
+    last = _late_slope(done, GRAVITY * plane.threshold())
+    statics, linear = done.saturating_gradient, done.reference
+    name = f"understeer to {LINEAR:g} m/s2"
+    found.check(name, done.gradient * _SCALE, "deg/g", statics * _SCALE)
+    error = 100.0 * abs(done.gradient / statics - 1.0)
+    found.check("understeer error to the statics", error, "%", must=f"<= {_ERROR:g}")
+    error = 100.0 * abs(done.gradient / linear - 1.0)
+    found.check("understeer error to the linear model", error, "%", linear * _SCALE)
+    found.check("greatest lateral acceleration", done.lateral[-1] / GRAVITY, "g")
+    name = "slope near the end over slope at the beginning"
+    found.check(name, last / done.gradient, "1", must=f">= {_SATURATED:g}")
+    statics_line = np.rad2deg(done.saturating)
+    _panel(
+        found,
+        Line("statics with the tires' whole law", done.lateral, statics_line, "reference"),
+        Line("truck", done.lateral, np.rad2deg(done.steer), "simulation"),
+        Line("yaw-sideslip model", done.lateral, np.rad2deg(done.linear)),
+    )
+    found.notes.append(f"{found.label} ends at {done.lateral[-1]:.2f} m/s2: {end}.")
+    return found
+
+
+def _panel(found: Findings, *lines: Line) -> None:
+    found.panel("", "lateral acceleration [m/s2]", "steer beyond Ackermann [deg]", *lines)
 
 
 def _late_slope(found: Circle, threshold: float) -> float:
-    """Slope of steer over lateral acceleration [rad s2/m]; NaN when the truck does not get there.
+    """Slope of steer over lateral acceleration near the end [rad s2/m]; NaN when not reached.
 
     Args:
       found: steady states.
       threshold: of roll-over [m/s2].
     """
-    # At the limit a faster circle may be a wider one: only states that went further count.
+    # At the limit a faster circle may be a wider one: only states with more acceleration count.
     before = np.maximum.accumulate(np.concatenate([[-np.inf], found.lateral[:-1]]))
     further = found.lateral > before
     steer = PchipInterpolator(found.lateral[further], found.steer[further], extrapolate=False)

@@ -1,17 +1,17 @@
 """Static roll-over threshold of the compliant truck, by statics in the roll plane.
 
-Two sprung bodies, coupled in roll by the fifth wheel, stand on axles that roll on their tires. On a
-table tilted by phi, each axle's tires give the moment `M_t = min(K_t phi_u, W T cos(phi) / 2)`: the
-second when its inner wheels have lifted. With the suspension's `M_s = K_s (phi_b - phi_u)`,
+Two sprung bodies, coupled in roll by the fifth wheel, rest on axles that roll on their tires. On a
+table tilted by phi, the tires of an axle give the moment `M_t = min(K_t phi_u, W T cos(phi) / 2)`,
+the second when the inner wheels have lifted. With the suspension's `M_s = K_s (phi_b - phi_u)`,
 
     axle:    M_t = M_s + (n h_rc + m_u g h_u) (sin phi + phi_u cos phi) + W cos phi y
     body:    sum M_s + M_5 = sum n (h - h_rc) (sin phi + phi_b cos phi),
 
-about the track's centre and about the roll centres; n is the sprung weight on a support, h the
-height of that weight, and `y = W sin phi sigma / C` how far the carcass bends aside (sigma the
-relaxation length, C the cornering stiffness). The kingpin is a support of the trailer and a load of
-the tractor. The threshold is the tilt at which this equilibrium ceases to be stable, or at which no
-axle but the steer axle has a wheel on the upper side. Parameters are the truck's.
+about the center of the track and about the roll centers. n is the sprung weight on a support, h its
+height, and `y = W sin phi sigma / C` the lateral deflection of the carcass (sigma: relaxation
+length, C: cornering stiffness). The kingpin is a support of the trailer and a load of the tractor.
+The threshold is the tilt at which this equilibrium becomes unstable, or at which the upper wheels
+of all axles but the steer axle have lifted. The parameters are those of the truck.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _LIMIT = math.radians(60.0)
 
 @dataclass(frozen=True)
 class Pull:
-    """What pulls at every mass, as shares of g: to the side, and down to the ground."""
+    """Acceleration of every mass as shares of g: to the side, and towards the ground."""
 
     side: float
     down: float = 1.0
@@ -68,15 +68,15 @@ class _Support:
         return self.suspension * (body - self._rolls(body, pull)[0])
 
     def transfer(self, body: float, pull: Pull) -> float:
-        """Share of the load that has gone over to the outer wheels, 1 when the inner ones lift."""
+        """Load transfer to the outer wheels [1]; 1 when the inner wheels have lifted."""
         roll, lifted = self._rolls(body, pull)
         return 1.0 if lifted else 2.0 * self.tire * roll / (self.load * self.track * pull.down)
 
     def _rolls(self, body: float, pull: Pull) -> tuple[float, bool]:
-        """Roll of the axle [rad], and whether its inner wheels lift."""
+        """Roll of the axle [rad], and whether its inner wheels have lifted."""
         arm = self.sprung * self.roll_center + (self.load - self.sprung) * self.height
         push, lean = arm * pull.side, arm * pull.down
-        # The tires bend sideways under the side force and take the load along.
+        # The side force deflects the tires, and with them the point where the load acts.
         push += self.load * pull.down * self.load * pull.side * self.carcass
         roll = (self.suspension * body + push) / (self.tire + self.suspension - lean)
         most = 0.5 * self.load * self.track * pull.down
@@ -87,10 +87,10 @@ class _Support:
 
 @dataclass(frozen=True)
 class Leaning:
-    """How a truck leans in a turn.
+    """Roll equilibrium of the truck in a turn.
 
     Attributes:
-      transfers: of load, of each axle, see `_Support.transfer`, shape (k,).
+      transfers: load transfer of each axle, see `_Support.transfer`, shape (k,).
       hitch_moment: roll moment that the trailer puts on the tractor [N m].
     """
 
@@ -176,11 +176,11 @@ class RollPlane:
         return np.array(restoring)
 
     def _scaled(self, rolls: FloatArray, pull: Pull) -> FloatArray:
-        """The residual as a share of the kingpin's load times a metre."""
+        """The residual as a share of the kingpin load times one meter."""
         return self.residual(rolls, pull) / self.kingpin
 
     def threshold(self) -> float:
-        """Tangent of the tilt at which the truck ceases to stand [g]."""
+        """Tangent of the greatest tilt at which the truck stays upright [g]."""
         tilt, rolls = 0.0, np.zeros(2)
         while tilt < _LIMIT:
             next_rolls = self._settle(rolls, Pull.tilted(tilt + _STEP))
@@ -207,7 +207,7 @@ class RollPlane:
         return Leaning(np.array(transfers), self.coupling(float(rolls[1] - rolls[0])))
 
     def _settle(self, rolls: FloatArray, pull: Pull) -> FloatArray | None:
-        """Rolls [rad], (2,), in equilibrium near others; None when there the truck tips over."""
+        """Rolls in equilibrium near other rolls [rad], (2,); None when the truck tips over."""
         found = optimize.root(self._scaled, rolls, args=(pull,), tol=1e-9)
         if not found.success or np.max(np.abs(found.x - rolls)) > 0.02:
             return None
@@ -217,7 +217,7 @@ class RollPlane:
         return np.asarray(found.x) if self._stable(found.x, pull) else None
 
     def _stable(self, rolls: FloatArray, pull: Pull) -> bool:
-        """True when the residual's slope, its symmetric part, is positive definite."""
+        """True when the symmetric part of the residual's slope is positive definite."""
         small = 1e-7
         base = self.residual(rolls, pull)
         slope = np.column_stack(
@@ -229,7 +229,7 @@ class RollPlane:
 def _sprung(
     mass: float, height: float, supports: tuple[_Support, ...], extra: float
 ) -> tuple[float, float]:
-    """Sprung weight of a unit [N] and its height [m]: the whole less its axles."""
+    """Sprung weight of a unit [N] and its height [m]: the unit less its axles."""
     weight = mass * GRAVITY
     unsprung = [support.load - support.sprung for support in supports]
     moment = weight * height - sum(

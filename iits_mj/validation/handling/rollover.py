@@ -1,9 +1,9 @@
 """Static roll-over threshold on a tilt table (SAE J2180): gravity tilts until the truck falls.
 
-The table rises at 0.25 deg/s where the truck may fall, as the standard wants. Because a fall takes
-seconds during which a table goes on rising, what counts is not the angle at which the fall is seen:
-the table is put back to angles that were passed and held there, to find the greatest angle at which
-the truck stays standing. The Australian PBS asks a threshold of 0.35 g of any truck.
+Near the fall the table rises at 0.25 deg/s, as the standard requires. A fall takes seconds, during
+which the table rises further; so the angle at which the fall is seen does not count. The table goes
+back to earlier angles and is held there, to find the greatest angle at which the truck stays
+upright. The Australian PBS requires a threshold of 0.35 g of every truck.
 """
 
 from __future__ import annotations
@@ -18,25 +18,26 @@ from numpy.typing import NDArray
 
 from iits_mj.analytic import laden_trailer
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.results import Check, Line, Panel
+from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
 from iits_mj.validation.handling.roll_plane import RollPlane
-from iits_mj.validation.harness.config import restore, state_of
+from iits_mj.validation.harness.maneuver import restore_state, save_state
 from iits_mj.validation.harness.recorder import trailer_roll
 
-# Rates of the table [rad/s], below and above the angle where a fall may be near (share of T / 2h).
+# Rates of the table [rad/s] below and above an angle near the fall, a share of T / 2h.
 _FAST, _SLOW = math.radians(1.0), math.radians(0.25)
 _NEAR = 0.7
 _LIMIT = math.radians(60.0)
-# The trailer's roll against the table beyond which it has fallen [rad].
+# Roll of a fallen trailer against the table [rad].
 _FALLEN = math.radians(15.0)
-# A hold [s]; its halves may differ so much in mean roll [rad]. A standing truck may sway.
+# Duration of a hold [s], and allowed difference of the mean roll of its halves [rad], as an upright
+# truck may sway.
 _HOLD = 8.0
 _CREEP = math.radians(0.2)
 _BLOCK = 0.1
-# Checkpoints kept before the fall, one a block.
+# Checkpoints before the fall, one in each block.
 _KEPT = 200
 
 
@@ -45,10 +46,10 @@ class Tilt:
     """One tilt-table test.
 
     Attributes:
-      threshold: the lesser of `held` and `lifted` [g]: roll instability as PBS has it.
-      held: tangent of the greatest angle at which the truck stays standing [g].
-      lifted: tangent of the angle at which the last upper wheel of the drive and trailer axles has
-        left the table [g]; infinite when one never did.
+      threshold: the smaller of `held` and `lifted` [g]: roll instability as PBS defines it.
+      held: tangent of the greatest angle at which the truck stays upright [g].
+      lifted: tangent of the angle at which the last upper wheel of the drive and trailer axles
+        leaves the table [g]; infinite when one never does.
       table, roll: angle of the table and roll of the trailer against it [rad], shape (n,).
     """
 
@@ -71,7 +72,7 @@ def tilt_table(
       payload: [kg].
       timestep: of the physics [s].
       height: of the payload's CG [m]; default: the truck's.
-      parameters: overlay over the shipped figures.
+      parameters: overlay over the shipped parameters.
     """
     truck = Truck.load(
         payload, payload_height=height, parameters=parameters, timestep=timestep, visuals=False
@@ -85,7 +86,7 @@ def tilt_table(
     lifted = math.inf
     left = [f"{axle.name}_left_tire_force" for axle in truck.parameters.axles[1:]]
     while table[-1] < _LIMIT and abs(roll[-1]) < _FALLEN:
-        kept = [*kept[-_KEPT:], (table[-1], state_of(truck))]
+        kept = [*kept[-_KEPT:], (table[-1], save_state(truck))]
         rate = _SLOW if table[-1] > near else _FAST
         _tilt(truck, table[-1], rate, _BLOCK)
         table.append(table[-1] + rate * _BLOCK)
@@ -97,7 +98,7 @@ def tilt_table(
 
 
 def _tilt(truck: Truck, angle: float, rate: float, duration: float) -> None:
-    """Tilts to the right (gravity pulls towards -y) from an angle [rad], step by step."""
+    """Tilts to the right (gravity towards -y) from an angle [rad] at a rate [rad/s]."""
     step = truck.model.opt.timestep
     for i in range(round(duration / step)):
         now = angle + rate * (i + 1) * step
@@ -106,17 +107,17 @@ def _tilt(truck: Truck, angle: float, rate: float, duration: float) -> None:
 
 
 def _last_held(truck: Truck, kept: list[tuple[float, NDArray[np.float64]]]) -> float:
-    """Greatest angle [rad] of the checkpoints at which the truck stays standing, by bisection."""
+    """Greatest angle [rad] of the checkpoints at which the truck stays upright, by bisection."""
     low, high = 0, len(kept)
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (middle, high) if _stands(truck, *kept[middle]) else (low, middle)
+        low, high = (middle, high) if _stays_upright(truck, *kept[middle]) else (low, middle)
     return kept[low][0]
 
 
-def _stands(truck: Truck, angle: float, state: NDArray[np.float64]) -> bool:
-    """True when the truck does not fall with the table held at this angle [rad]."""
-    restore(truck, state)
+def _stays_upright(truck: Truck, angle: float, state: NDArray[np.float64]) -> bool:
+    """True when the truck does not fall while the table is held at this angle [rad]."""
+    restore_state(truck, state)
     lean = np.zeros((2, round(0.5 * _HOLD / _BLOCK)))
     for index in np.ndindex(*lean.shape):
         _tilt(truck, angle, 0.0, _BLOCK)
@@ -128,7 +129,7 @@ def _stands(truck: Truck, angle: float, state: NDArray[np.float64]) -> bool:
 
 
 def rigid_threshold(parameters: TruckParameters, payload: float) -> float:
-    """Upper bound `T / (2 h)` [g] of a rigid truck on rigid tires, all axles weighted by load."""
+    """Upper bound `T / (2 h)` [g]: threshold of a rigid truck on rigid tires."""
     trailer, tractor = laden_trailer(parameters, payload), parameters.tractor
     mass = tractor.mass + trailer.mass
     height = (tractor.mass * tractor.cg_height + trailer.mass * trailer.cg_height) / mass
@@ -136,51 +137,50 @@ def rigid_threshold(parameters: TruckParameters, payload: float) -> float:
     return track / (2.0 * height)
 
 
-def compare(payload: float, timestep: float) -> tuple[list[Check], list[Panel], float]:
-    """Checks, panels and the threshold [g] of one tilt test."""
+def compare(payload: float, timestep: float) -> tuple[Findings, float]:
+    """One tilt test; also returns the threshold [g]."""
     parameters = TruckParameters.load()
     tilt = tilt_table(payload, timestep)
-    label = f"SAE J2180 tilt table, {payload / 1e3:g} t"
-    # Laden, trucks of this kind are known to tip between 0.33 and 0.40 g; PBS asks 0.35 g of any.
+    found = Findings(f"SAE J2180 tilt table, {payload / 1e3:g} t")
+    # Laden trucks of this kind tip between 0.33 and 0.40 g; PBS requires 0.35 g of every truck.
     laden = payload == parameters.payload.mass_max
     must = "0.33 .. 0.40" if laden else ">= 0.35"
     compliant = RollPlane.from_parameters(parameters, payload).threshold()
-    rigid = rigid_threshold(parameters, payload)
-    checks = [
-        Check(f"{label}: static roll-over threshold", tilt.threshold, "g", compliant, must),
-        Check(f"{label}: share of the rigid bound T/2h", tilt.threshold / rigid, "1", 1.0, "<= 1"),
-    ]
-    angle = np.rad2deg(tilt.table)
-    mark = np.rad2deg(math.atan(compliant)) * np.ones(2)
+    found.check("static roll-over threshold", tilt.threshold, "g", compliant, must)
+    share = tilt.threshold / rigid_threshold(parameters, payload)
+    found.check("share of the rigid bound T/2h", share, "1", 1.0, "<= 1")
     roll = np.rad2deg(np.abs(tilt.roll))
-    lines = (
+    mark = np.rad2deg(math.atan(compliant)) * np.ones(2)
+    found.panel(
+        "",
+        "table angle [deg]",
+        "roll on the table [deg]",
         Line("threshold by statics", mark, np.array([0.0, roll.max()]), "reference"),
-        Line("trailer", angle, roll, "simulation"),
+        Line("trailer", np.rad2deg(tilt.table), roll, "simulation"),
     )
-    return (
-        checks,
-        [Panel(label, "table angle [deg]", "roll on the table [deg]", lines)],
-        tilt.threshold,
-    )
+    return found, tilt.threshold
 
 
-def by_height(payload: float, heights: FloatArray, timestep: float) -> tuple[list[Check], Panel]:
-    """Thresholds over the height of the payload's CG [m], shape (n,)."""
-    parameters = TruckParameters.load()
-    found, compliant, rigid, checks = [], [], [], []
+def by_height(payload: float, heights: FloatArray, timestep: float) -> Findings:
+    """Thresholds over the height of the payload's center of gravity [m], shape (n,)."""
+    parameters, label = TruckParameters.load(), f"SAE J2180 tilt table, {payload / 1e3:g} t"
+    measured, compliant, rigid, found = [], [], [], Findings()
     for height in heights:
         raised = parameters.with_payload_height(float(height))
-        found.append(tilt_table(payload, timestep, float(height)).threshold)
+        measured.append(tilt_table(payload, timestep, float(height)).threshold)
         compliant.append(RollPlane.from_parameters(raised, payload).threshold())
         rigid.append(rigid_threshold(raised, payload))
-        name = f"SAE J2180 tilt table, {payload / 1e3:g} t with its CG at {height:.2f} m: threshold"
-        checks.append(Check(name, found[-1], "g", compliant[-1]))
-    error = 100.0 * float(np.max(np.abs(np.array(found) / np.array(compliant) - 1.0)))
-    label = f"SAE J2180 tilt table, {payload / 1e3:g} t by height"
-    checks.append(Check(f"{label}: greatest error to statics", error, "%", "roll plane", "<= 5"))
-    lines = (
+        name = f"{label} with its CG at {height:.2f} m: threshold"
+        found.check(name, measured[-1], "g", compliant[-1])
+    error = 100.0 * np.max(np.abs(np.array(measured) / np.array(compliant) - 1.0))
+    label += " by height"
+    found.check(f"{label}: greatest error to statics", error, "%", "roll plane", "<= 5")
+    found.panel(
+        label,
+        "height of the payload's CG [m]",
+        "threshold [g]",
         Line("statics of the roll plane", heights, np.array(compliant), "reference"),
-        Line("truck", heights, np.array(found), "simulation"),
+        Line("truck", heights, np.array(measured), "simulation"),
         Line("rigid bound T/2h", heights, np.array(rigid)),
     )
-    return checks, Panel(label, "height of the payload's CG [m]", "threshold [g]", lines)
+    return found

@@ -1,4 +1,16 @@
-"""ISO 14792, steady circle of 100 m from walking pace to its end, laden and empty."""
+"""Steady turn up to the limit, by planar statics with the full law of the tires.
+
+It adds what the yaw-sideslip model leaves out: exact angles; the Magic Formula of each tire up to
+saturation; load transfer to the outer wheels, which then have more rolling resistance, from the
+roll plane; and what takes load off the steer axle at the fifth wheel: its pull, which grows with
+the drag of the turn, and the roll moment of the trailer, which at a hitch angle lifts the front of
+the tractor. Without rolling resistance a gentle turn is that of the yaw-sideslip model. All
+parameters are those of the truck; nothing is fitted.
+
+The unknowns are lateral velocity, hitch angle, road-wheel angle and drive force. The equations are
+the balance of forces and yaw moment of the tractor, and the yaw moment of the trailer about the
+kingpin.
+"""
 
 from __future__ import annotations
 
@@ -8,22 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
-from iits_mj.analytic import YawSideslip, cruise_axle_loads
+from iits_mj.analytic import YawSideslip, cruise_axle_loads, static_axle_loads
 from iits_mj.core.arrays import FloatArray
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import TireCommon, TruckParameters
 from iits_mj.parameters.tire_law import cornering_stiffness, friction, lateral_shape
+from iits_mj.road.elements import DEFAULT_FRICTION
 from iits_mj.validation.handling.roll_plane import Leaning, RollPlane
-
-# --- Steady turn of the truck up to its limit, by planar statics with the tires' whole law ---
-# What the yaw-sideslip model leaves out is put in: exact angles, each tire's Magic Formula up to
-# saturation, load that moves to the outer wheels as the roll plane says and makes them roll harder,
-# and what takes load off the steer axle at the fifth wheel: its pull, which grows with the drag of
-# the turn, and the trailer's roll moment, which at a hitch angle lifts the tractor's nose. Without
-# rolling resistance a gentle turn is that of the yaw-sideslip model. Parameters are the truck's;
-# nothing is fitted.
-#
-# Unknown are lateral velocity, hitch angle, road-wheel angle and drive force; the equations are the
-# tractor's balance of forces and yaw moment, and the trailer's yaw moment about the kingpin.
 
 # Scale of forces in the equations [N].
 _SCALE = 1e4
@@ -31,7 +33,7 @@ _SCALE = 1e4
 
 @dataclass(frozen=True)
 class SteadyTurn:
-    """The truck with its payload [kg], ready to be asked for steady states."""
+    """Steady turns of the truck with a payload [kg]."""
 
     parameters: TruckParameters
     payload: float
@@ -39,11 +41,11 @@ class SteadyTurn:
 
     @classmethod
     def from_parameters(cls, parameters: TruckParameters, payload: float) -> SteadyTurn:
-        """The steady turn of this truck."""
+        """Steady turns of this truck."""
         return cls(parameters, payload, RollPlane.from_parameters(parameters, payload))
 
     def steer(self, radius: float, lateral: float) -> float:
-        """Road-wheel angle [rad] that holds a turn; NaN beyond the limit of grip or of roll-over.
+        """Road-wheel angle [rad] of a turn; NaN beyond the limit of grip or of roll-over.
 
         Args:
           radius: of the steer axle's path [m].
@@ -62,7 +64,7 @@ class SteadyTurn:
         return float(found.x[2]) if found.success else float("nan")
 
     def axle_force(self, index: int, slip: float, load: float, transfer: float) -> float:
-        """Lateral force of an axle [N] at a slip angle [rad], load [N], share gone outside [1]."""
+        """Lateral force of an axle [N] by slip angle [rad], load [N] and load transfer [1]."""
         axle, common = self.parameters.axles[index], self.parameters.tire_common
         tire = self.parameters.tires[axle.tire]
         total = 0.0
@@ -79,7 +81,7 @@ class SteadyTurn:
 
 @dataclass(frozen=True)
 class _Balance:
-    """The equations at one speed [m/s] and yaw rate [rad/s], as a function of the unknowns (4,)."""
+    """Residual of the equations at a speed [m/s] and yaw rate [rad/s], by the unknowns (4,)."""
 
     turn: SteadyTurn
     model: YawSideslip
@@ -93,7 +95,7 @@ class _Balance:
         p = self.turn.parameters
         resistance = self._resistance()
         loads = cruise_axle_loads(p, self.turn.payload, v)
-        # Trailer, in its own frame: its axles first, then what the kingpin must give it.
+        # Trailer, in its own frame: forces of its axles, then those at the kingpin.
         at_hitch = sideways - model.L_h * rate
         along = v * math.cos(hitch) - at_hitch * math.sin(hitch)
         across = v * math.sin(hitch) + at_hitch * math.cos(hitch)
@@ -108,7 +110,7 @@ class _Balance:
         pull = resistance[1] - model.m_t * rate * center
         lateral = model.m_t * rate * along - side
         about_hitch = moment + model.L_t1 * model.m_t * rate * along
-        # Tractor: the kingpin's forces turned into its frame, and the load that they shift.
+        # Tractor: forces at the kingpin in its frame, and the load transfer by them.
         back = -pull * math.cos(hitch) - lateral * math.sin(hitch)
         push = pull * math.sin(hitch) - lateral * math.cos(hitch)
         lifting = self.leaning.hitch_moment * math.sin(hitch)
@@ -131,13 +133,13 @@ class _Balance:
         return self.turn.axle_force(index, slip, float(loads[index]), transfer)
 
     def _drag_couple(self, index: int, loads: FloatArray) -> float:
-        """Moment by which the loaded outer wheels of an axle roll harder than the inner [N m]."""
+        """Yaw moment of an axle by the greater rolling resistance of its outer wheels [N m]."""
         p = self.turn.parameters
         gone = float(self.leaning.transfers[index] * loads[index])
         return 0.5 * p.axles[index].track * p.tire_common.rolling_resistance * gone
 
     def _resistance(self) -> tuple[float, float]:
-        """Drag and rolling resistance of tractor and trailer [N]."""
+        """Drag plus rolling resistance of tractor and of trailer [N]."""
         p, payload = self.turn.parameters, self.turn.payload
         loads = cruise_axle_loads(p, payload, self.speed)
         rolling = p.tire_common.rolling_resistance * loads
@@ -147,3 +149,57 @@ class _Balance:
             float(rolling[:first].sum()) + share * drag,
             float(rolling[first:].sum()) + (1.0 - share) * drag,
         )
+
+
+# --- Greatest side force of the tires with loads at rest ---
+# The tires' friction is that on a surface of 0.8; it scales with the friction of the surface.
+
+
+def grip_limit(parameters: TruckParameters, payload: float, surface: float) -> float:
+    """Upper bound of the lateral acceleration [g]: every tire at its peak, with loads at rest.
+
+    Load transfer to the outer tires, pull and drag reduce it.
+    """
+    loads = static_axle_loads(parameters, payload)
+    best = [
+        load * _friction(parameters, index, float(load), surface)
+        for index, load in enumerate(loads)
+    ]
+    return float(np.sum(best) / np.sum(loads))
+
+
+def effort(
+    parameters: TruckParameters, payload: float, surface: float, index: int, slip: FloatArray
+) -> FloatArray:
+    """Side force of an axle as a share of its greatest, 1 beyond the peak, shape (n,).
+
+    Args:
+      parameters: of the truck.
+      payload: [kg].
+      surface: friction of the road [1].
+      index: of the axle, from the front.
+      slip: angle [rad], shape (n,).
+    """
+    common = parameters.tire_common
+    tire = parameters.tires[parameters.axles[index].tire]
+    load = float(static_axle_loads(parameters, payload)[index])
+    each = load / (2 * tire.count)
+    most = each * _friction(parameters, index, load, surface)
+    stiffness = float(cornering_stiffness(each, tire, common))
+    stretch = np.tan(np.abs(slip)) * stiffness / (common.shape_lateral * most)
+    stretch = np.minimum(stretch, _peak(common))
+    return lateral_shape(stretch, common)
+
+
+def _friction(parameters: TruckParameters, index: int, load: float, surface: float) -> float:
+    """Peak friction [1] of the tires of an axle at the axle's load [N]."""
+    tire, common = parameters.tires[parameters.axles[index].tire], parameters.tire_common
+    each = load / (2 * tire.count)
+    return float(friction(each, common.friction_lateral, common)) * surface / DEFAULT_FRICTION
+
+
+def _peak(common: TireCommon) -> float:
+    """`B tan(alpha)` at which the Magic Formula peaks: `C atan(...) = 90 deg`, for C above 1."""
+    wanted, curve = math.tan(0.5 * math.pi / common.shape_lateral), common.curvature_lateral
+    found = optimize.brentq(lambda b: b - curve * (b - math.atan(b)) - wanted, 0.0, 10.0 * wanted)
+    return float(found)

@@ -1,4 +1,15 @@
-"""Frequency response of yaw rate and articulation to the road-wheel angle, by a sum of sines."""
+"""Steering response at 80 km/h against linear models: step steer, and frequency response.
+
+The step steer follows the figure of the paper. The references get the road-wheel angle that the
+truck's steering produced, and cornering stiffnesses of the axle loads at that speed; nothing is
+fitted. Their hitch turns freely, so the comparison uses a fifth wheel without friction; the effect
+of the shipped truck's friction is reported in addition. The yaw-sideslip model has no roll, tire
+lag, side air or rolling resistance; the yaw-roll model has them. What remains against the latter is
+nonlinear, or an error.
+
+The frequency response of yaw rate and articulation to the road-wheel angle comes from a sum of
+sines at the steering wheel.
+"""
 
 from __future__ import annotations
 
@@ -9,43 +20,33 @@ import numpy as np
 
 from iits_mj.analytic import LateralSystem, YawRoll, YawSideslip, simulate
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.results import Check, Line, Panel
+from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
-from iits_mj.truck import Truck
-from iits_mj.validation.harness.config import restore, state_of
-from iits_mj.validation.harness.recorder import (
-    Recording,
-    drive,
-    fit,
-    harmonic,
-    peak_ratio,
-    run_straight,
-)
-
-# --- Step steer at 80 km/h against the corrected yaw-sideslip model, as in the paper's figure ---
-# The references get the road-wheel angle that the truck's steering really made, and the stiffness
-# of axle loads at that speed; nothing is fitted. Their hitch turns freely, so the comparison is
-# made with a frictionless fifth wheel; what the friction of the shipped truck changes is reported
-# beside it. The yaw-sideslip model knows no roll, no tire lag, no side air and no rolling
-# resistance; the yaw-roll model does. What is left against that one is not linear, or it is an
-# error.
+from iits_mj.validation.harness.maneuver import restore_state, save_state, steady_truck
+from iits_mj.validation.harness.recorder import Recording, drive, fit, harmonic, peak_ratio
 
 SPEED = 80.0 * KMH
 FREE_HITCH = {"fifth_wheel": {"yaw_friction": 0.0}}
-_BEFORE = 2.0
-_AFTER = 10.0
-_step_steer_SIGNALS = (
+_BEFORE, _AFTER = 2.0, 10.0
+_SIGNALS = (
     ("yaw rate of the tractor", "yaw_rate", "rad/s"),
     ("yaw rate of the trailer", "trailer_yaw_rate", "rad/s"),
     ("hitch angle", "articulation", "rad"),
     ("lateral position", "y", "m"),
 )
+# Whole periods in 20 s, so that the spectral lines stay separate [Hz].
+FREQUENCIES = np.array([0.1, 0.2, 0.3, 0.5, 0.7, 1.0])
+_LIMIT = 0.7
+_AMPLITUDE = np.deg2rad(4.0)
+_SETTLE, _LENGTH = 10.0, 20.0
+# Title, attribute, and index in the state of the linear model.
+_RESPONSES = (("yaw rate", "yaw_rate", 1), ("articulation", "articulation", 3))
 
 
 @dataclass(frozen=True)
 class References:
-    """What the two linear models answer to the road-wheel angle of a recording, by signal name."""
+    """Answers of the two linear models to a recorded road-wheel angle, by signal."""
 
     yaw_sideslip: dict[str, FloatArray]
     yaw_roll: dict[str, FloatArray]
@@ -54,15 +55,13 @@ class References:
 def step_steers(
     payload: float, angles: tuple[float, ...], timestep: float, *, free_hitch: bool = True
 ) -> list[Recording]:
-    """The truck's answers to steps at the steering wheel [rad] at 80 km/h, from 2 s before them."""
+    """Recordings of steps at the steering wheel [rad] at 80 km/h, from 2 s before each step."""
     overlay = FREE_HITCH if free_hitch else None
-    truck = Truck.load(payload, parameters=overlay, timestep=timestep, visuals=False)
-    truck.reset(speed=SPEED)
-    hold = run_straight(truck, SPEED)
-    steady = state_of(truck)
+    truck, hold = steady_truck(payload, SPEED, timestep, parameters=overlay)
+    steady = save_state(truck)
     recordings = []
     for angle in angles:
-        restore(truck, steady)
+        restore_state(truck, steady)
 
         def steering(time: float, _: float, angle: float = angle) -> float:
             return angle if time >= _BEFORE else 0.0
@@ -75,110 +74,83 @@ def step_steers(
 
 
 def references(recording: Recording, payload: float) -> References:
-    """Answers of the linear models of the shipped truck to the recorded road-wheel angle."""
+    """Answers of the shipped truck's linear models to the recorded road-wheel angle."""
     speed = float(recording.speed.mean())
     parameters = TruckParameters.load()
 
     def answer(system: LateralSystem) -> dict[str, FloatArray]:
         response = simulate(system, recording.time, recording.road_wheel)
-        return {name: getattr(response, name) for _, name, _ in _step_steer_SIGNALS}
+        return {name: getattr(response, name) for _, name, _ in _SIGNALS}
 
     plane = YawSideslip.from_parameters(parameters, payload, cruise_speed=speed)
     roll = YawRoll.from_parameters(parameters, payload, cruise_speed=speed)
     return References(answer(plane.at(speed)), answer(roll.at(speed)))
 
 
-def compare(
-    payload: float, degrees: float, must: str, recording: Recording
-) -> tuple[list[Check], list[Panel]]:
-    """Checks and panels of one step steer [deg at the steering wheel]."""
+def compare_step(payload: float, degrees: float, must: str, recording: Recording) -> Findings:
+    """One step steer [deg at the steering wheel] against both linear models."""
     answers = references(recording, payload)
-    label = f"step steer {degrees:g} deg, {payload / 1e3:g} t"
-    checks, panels = [], []
-    for title, name, unit in _step_steer_SIGNALS:
+    found = Findings(f"step steer {degrees:g} deg, {payload / 1e3:g} t")
+    for title, name, unit in _SIGNALS:
         simulated = getattr(recording, name) - getattr(recording, name)[0]
         wanted, extended = answers.yaw_sideslip[name], answers.yaw_roll[name]
-        steady = float(simulated[-1] / wanted[-1])
-        checks += [
-            Check(f"{label}: {title}, fit", fit(simulated, wanted), "%", "yaw-sideslip", must),
-            Check(f"{label}: {title}, peak", peak_ratio(simulated, wanted), "1", 1.0),
-            Check(f"{label}: {title}, end value", steady, "1", 1.0),
-            Check(
-                f"{label}: {title}, fit of the yaw-roll model",
-                fit(simulated, extended),
-                "%",
-                "yaw-roll",
-                must,
-            ),
-        ]
-        lines = (
+        found.check(f"{title}, fit", fit(simulated, wanted), "%", "yaw-sideslip", must)
+        found.check(f"{title}, peak", peak_ratio(simulated, wanted), "1", 1.0)
+        found.check(f"{title}, end value", simulated[-1] / wanted[-1], "1", 1.0)
+        explained = fit(simulated, extended)
+        found.check(f"{title}, fit of the yaw-roll model", explained, "%", "yaw-roll", must)
+        found.panel(
+            title,
+            "time [s]",
+            f"{title} [{unit}]",
             Line("yaw-sideslip model", recording.time, wanted, "reference"),
             Line("yaw-roll model", recording.time, extended),
             Line("truck", recording.time, simulated, "simulation"),
         )
-        panels.append(Panel(f"{label}: {title}", "time [s]", f"{title} [{unit}]", lines))
-    return checks, panels
+    return found
 
 
-def friction_effect(payload: float, degrees: float, timestep: float) -> list[Check]:
-    """For information: the shipped fifth wheel, whose plate rubs, against the same model."""
+def friction_effect(payload: float, degrees: float, timestep: float) -> Findings:
+    """The shipped fifth wheel, with its friction, against the same model; for information."""
     recording = step_steers(payload, (np.deg2rad(degrees),), timestep, free_hitch=False)[0]
     answer = references(recording, payload).yaw_sideslip
-    label = f"step steer {degrees:g} deg, {payload / 1e3:g} t, fifth wheel with friction"
-    return [
-        Check(
-            f"{label}: {title}, fit",
-            fit(getattr(recording, name), answer[name]),
-            "%",
-            "yaw-sideslip",
-        )
-        for title, name, _ in _step_steer_SIGNALS[:1]
-    ]
+    found = Findings(f"step steer {degrees:g} deg, {payload / 1e3:g} t, fifth wheel with friction")
+    title, name, _ = _SIGNALS[0]
+    found.check(f"{title}, fit", fit(getattr(recording, name), answer[name]), "%", "yaw-sideslip")
+    return found
 
 
-# --- Frequency response of yaw rate and articulation to the road-wheel angle, by a sum of sines ---
-
-# Whole periods in 20 s, so that the lines do not leak into one another [Hz].
-FREQUENCIES = np.array([0.1, 0.2, 0.3, 0.5, 0.7, 1.0])
-_LIMIT = 0.7
-_AMPLITUDE = np.deg2rad(4.0)
-_SETTLE = 10.0
-_LENGTH = 20.0
-_SIGNALS = (("yaw rate", "yaw_rate", 1), ("articulation", "articulation", 3))
-
-
-def compare_frequency(payload: float, timestep: float) -> tuple[list[Check], list[Panel]]:
-    """Worst gain and phase errors up to 0.7 Hz, and the curves."""
-    truck = Truck.load(payload, parameters=FREE_HITCH, timestep=timestep, visuals=False)
-    truck.reset(speed=SPEED)
-    # Schroeder's phases keep the sum's peak low.
+def compare_frequency(payload: float, timestep: float) -> Findings:
+    """Greatest gain and phase errors up to 0.7 Hz, and the curves."""
+    truck, hold = steady_truck(payload, SPEED, timestep, parameters=FREE_HITCH)
+    # Schroeder's phases keep the peak of the sum low.
     phases = -np.pi * np.arange(len(FREQUENCIES)) ** 2 / len(FREQUENCIES)
 
     def steering(time: float, _: float) -> float:
         angles = 2.0 * np.pi * FREQUENCIES * time + phases
         return float(_AMPLITUDE * np.sum(np.sin(angles))) * min(time / 5.0, 1.0)
 
-    hold = run_straight(truck, SPEED)
     recording = drive(truck, steering, speed=SPEED, duration=_SETTLE + _LENGTH, hold=hold)
     recording = recording.after(_SETTLE)
     speed = float(recording.speed.mean())
     model = YawSideslip.from_parameters(TruckParameters.load(), payload, cruise_speed=speed)
     wanted = model.at(speed).frequency_response(FREQUENCIES)
     steer = harmonic(recording.time, recording.road_wheel, FREQUENCIES)
-    checks, panels = [], []
-    inside = FREQUENCIES <= _LIMIT
-    for title, name, state in _SIGNALS:
-        found = harmonic(recording.time, getattr(recording, name), FREQUENCIES) / steer
-        ratio = found / wanted[:, state]
-        gain = float(np.max(np.abs(np.abs(ratio[inside]) - 1.0)) * 100.0)
-        phase = float(np.max(np.abs(np.rad2deg(np.angle(ratio[inside])))))
+    found, inside = Findings(), FREQUENCIES <= _LIMIT
+    for title, name, state in _RESPONSES:
+        response = harmonic(recording.time, getattr(recording, name), FREQUENCIES) / steer
+        ratio = response / wanted[:, state]
+        gain = np.max(np.abs(np.abs(ratio[inside]) - 1.0)) * 100.0
+        phase = np.max(np.abs(np.rad2deg(np.angle(ratio[inside]))))
         label = f"frequency response, {payload / 1e3:g} t: {title}"
-        checks.append(Check(f"{label}, gain error", gain, "%", "yaw-sideslip", "<= 5"))
-        checks.append(Check(f"{label}, phase error", phase, "deg", "yaw-sideslip", "<= 5"))
+        found.check(f"{label}, gain error", gain, "%", "yaw-sideslip", "<= 5")
+        found.check(f"{label}, phase error", phase, "deg", "yaw-sideslip", "<= 5")
         for part, of in (("gain", np.abs), ("phase [deg]", lambda z: np.rad2deg(np.angle(z)))):
-            lines = (
+            found.panel(
+                f"{label}, {part}",
+                "frequency [Hz]",
+                part,
                 Line("yaw-sideslip model", FREQUENCIES, of(wanted[:, state]), "reference"),
-                Line("truck", FREQUENCIES, of(found), "simulation"),
+                Line("truck", FREQUENCIES, of(response), "simulation"),
             )
-            panels.append(Panel(f"{label}, {part}", "frequency [Hz]", part, lines))
-    return checks, panels
+    return found

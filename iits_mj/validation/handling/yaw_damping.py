@@ -1,9 +1,9 @@
-"""Yaw damping after a pulse steer (ISO 14791): how fast the swings of the combination die out.
+"""Yaw damping after a pulse steer (ISO 14791): how fast the swings of the combination decay.
 
-The pulse is a triangle at the steering wheel, 0.2 s up and 0.2 s down, sized by the linear model to
-a wanted lateral acceleration of the steer axle. Our choice: the standard leaves shape and size to
-the tester, the actuator's rate limit is kept. The Australian PBS asks 0.15 of the worst signal
-(a number known to us without the text of its Rules at hand).
+The pulse is a triangle at the steering wheel, 0.2 s up and 0.2 s down. The linear model sets its
+size for a given lateral acceleration of the steer axle. The standard leaves shape and size to the
+tester; this choice respects the actuator's rate limit. The Australian PBS requires a damping of
+0.15 of the worst signal (a number taken without the text of its Rules at hand).
 """
 
 from __future__ import annotations
@@ -12,12 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from iits_mj.analytic import LateralSystem, Response, YawSideslip, simulate
+from iits_mj.analytic import LateralSystem, Response, simulate
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.results import Check, Line, Panel
+from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
-from iits_mj.truck import Truck
-from iits_mj.validation.harness.recorder import Recording, drive, run_straight
+from iits_mj.validation.handling.lane_change import linear_system
+from iits_mj.validation.harness.maneuver import steady_truck
+from iits_mj.validation.harness.recorder import Recording, drive
 
 SIGNALS = (
     ("yaw rate of the tractor", "yaw_rate"),
@@ -31,9 +32,9 @@ _RISE = 0.2
 _PEAK = 2.0
 _LEAD = 0.5
 _LENGTH = 10.0
-# The greatest swing must be this share of the decay's range: otherwise the signal does not swing.
+# Below this share of the decay's range the greatest swing does not count as a swing.
 _SWINGS = 0.05
-# Every swing counted must be this share of the greatest.
+# Every counted swing must be this share of the greatest.
 _FLOOR = 0.01
 
 
@@ -52,11 +53,11 @@ class Pulse:
     system: LateralSystem
 
     def damping(self) -> dict[str, float]:
-        """Damping ratio by signal, of the truck."""
+        """Damping ratios of the truck by signal."""
         return self._ratios(self.recording)
 
     def model_damping(self) -> dict[str, float]:
-        """The same figures of the linear model, by the same procedure."""
+        """Damping ratios of the linear model by the same procedure."""
         return self._ratios(self.model)
 
     def _ratios(self, source: Recording | Response) -> dict[str, float]:
@@ -65,13 +66,10 @@ class Pulse:
 
 
 def pulse(payload: float, speed: float, timestep: float) -> Pulse:
-    """A pulse steer at this speed [m/s], steering wheel held at zero afterwards."""
-    truck = Truck.load(payload, timestep=timestep, visuals=False)
-    truck.reset(speed=speed)
-    model = YawSideslip.from_parameters(truck.parameters, payload, cruise_speed=speed)
-    system = model.at(speed)
+    """A pulse steer at this speed [m/s]; afterwards the steering wheel is held at zero."""
+    truck, hold = steady_truck(payload, speed, timestep)
+    system = linear_system(truck, speed)
     height = _PEAK / _unit_peak(system) * truck.parameters.steering.ratio
-    hold = run_straight(truck, speed)
     record = drive(
         truck,
         lambda time, _: height * float(triangle(np.array(time))),
@@ -83,7 +81,7 @@ def pulse(payload: float, speed: float, timestep: float) -> Pulse:
 
 
 def triangle(time: FloatArray) -> FloatArray:
-    """The pulse of height 1 over time [s] of any shape."""
+    """The pulse with height 1 at times [s], any shape."""
     return np.maximum(1.0 - np.abs(time - _LEAD - _RISE) / _RISE, 0.0)
 
 
@@ -98,16 +96,15 @@ def damping_ratio(signal: FloatArray) -> float:
     """Damping ratio of a free decay by the mean ratio of successive amplitudes (ISO 14791).
 
     With `A_k` the successive half-period amplitudes, `r = mean((A_k + A_{k+1}) / (A_{k+1} +
-    A_{k+2}))` and `D = ln r / sqrt(pi^2 + (ln r)^2)`. The sums are distances from extreme to
-    extreme, so that an offset of the signal does not matter.
+    A_{k+2}))` and `D = ln r / sqrt(pi^2 + (ln r)^2)`. The sums are distances between extremes, so
+    an offset of the signal has no effect.
 
     Args:
-      signal: uniform samples of a decay that nothing excites any more, shape (n,).
+      signal: uniform samples of a free decay, shape (n,).
 
     Returns:
-      1.0 when fewer than three extremes stand out (the decay is aperiodic, or so well
-      damped that it cannot be told from it); negative when the swings grow; NaN for a signal
-      that is not finite.
+      1.0 when fewer than three extremes stand out (an aperiodic decay, or one that is damped as
+      well); negative when the swings grow; NaN for a signal that is not finite.
     """
     if not np.isfinite(signal).all():
         return float("nan")
@@ -125,7 +122,7 @@ def damping_ratio(signal: FloatArray) -> float:
 
 
 def _extremes(signal: FloatArray, floor: float) -> FloatArray:
-    """Values of the local extremes in turn, each more than `floor` from the one before, (k,)."""
+    """Values of successive local extremes, each more than `floor` from the previous, (k,)."""
     rising = np.sign(np.diff(signal))
     # A plateau belongs to the slope before it.
     for i in np.flatnonzero(rising == 0.0):
@@ -136,7 +133,7 @@ def _extremes(signal: FloatArray, floor: float) -> FloatArray:
         if not kept or abs(value - kept[-1]) > floor:
             kept.append(value)
         elif len(kept) > 1 and (value - kept[-1]) * (kept[-1] - kept[-2]) > 0.0:
-            # Beyond a wiggle that was passed over, the same swing goes on.
+            # After a skipped wiggle the same swing continues.
             kept[-1] = value
     return np.array(kept)
 
@@ -147,40 +144,24 @@ def _vertex(three: FloatArray) -> float:
     return float(three[1] - 0.5 * slope**2 / bend) if bend else float(three[1])
 
 
-def compare(payload: float, kph: float, timestep: float) -> tuple[list[Check], list[Panel]]:
-    """Checks and panels of one pulse steer [km/h]."""
+def compare(payload: float, kph: float, timestep: float) -> Findings:
+    """One pulse steer at a speed [km/h]."""
     done = pulse(payload, kph * KMH, timestep)
-    label = f"ISO 14791 pulse steer, {payload / 1e3:g} t, {kph:g} km/h"
+    found = Findings(f"ISO 14791 pulse steer, {payload / 1e3:g} t, {kph:g} km/h")
     measured, wanted = done.damping(), done.model_damping()
-    worst = min(measured, key=lambda name: measured[name])
-    checks = [
-        Check(
-            f"{label}: yaw damping, worst signal (PBS)",
-            measured[worst],
-            "1",
-            min(wanted.values()),
-            f">= {REQUIRED:g}",
-        ),
-        Check(
-            f"{label}: yaw damping by the hitch angle",
-            measured["articulation"],
-            "1",
-            wanted["articulation"],
-        ),
-        Check(
-            f"{label}: least damped mode of the linear model",
-            done.system.damping_ratio(),
-            "1",
-            "eigenvalues",
-        ),
-    ]
-    panels = []
+    worst, must = min(measured.values()), f">= {REQUIRED:g}"
+    found.check("yaw damping, worst signal (PBS)", worst, "1", min(wanted.values()), must)
+    hitch = "articulation"
+    found.check("yaw damping by the hitch angle", measured[hitch], "1", wanted[hitch])
+    mode = "least damped mode of the linear model"
+    found.check(mode, done.system.damping_ratio(), "1", "eigenvalues")
+    time = done.recording.time - _LEAD
     for title, name in SIGNALS[1:3]:
-        unit = "rad" if name == "articulation" else "rad/s"
-        time = done.recording.time - _LEAD
-        lines = (
+        found.panel(
+            title,
+            "time [s]",
+            f"{title} [{'rad' if name == hitch else 'rad/s'}]",
             Line("yaw-sideslip model", time, getattr(done.model, name), "reference"),
             Line("truck", time, getattr(done.recording, name), "simulation"),
         )
-        panels.append(Panel(f"{label}: {title}", "time [s]", f"{title} [{unit}]", lines))
-    return checks, panels
+    return found

@@ -1,1 +1,1 @@
-"""What every validation group uses: settings, recorder and the cache of finished drives."""
+"""Shared by all validation groups: settings, maneuvers, recorder, and kept drives."""

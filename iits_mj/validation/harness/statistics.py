@@ -1,4 +1,4 @@
-"""Statistics of the evaluation: means, confidence intervals and paired tests."""
+"""Statistics: means with confidence intervals, paired tests, correction for several tests."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ LEVEL = 0.95
 
 @dataclass(frozen=True)
 class Estimate:
-    """A mean of `count` values, their standard deviation, and half of the mean's 95 % interval.
+    """Mean of `count` values, standard deviation, and half of the 95 % interval of the mean.
 
-    A single value has no interval: its half is inf.
+    The half interval of a single value is inf.
     """
 
     mean: float
@@ -39,10 +39,10 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Paired(Estimate):
-    """An estimate of a difference, with what two tests say of the hypothesis that there is none.
+    """Estimate of a difference, with two tests of the hypothesis that it is zero.
 
     Attributes:
-      t_p: of Student's paired test; wilcoxon_p: of Wilcoxon's signed ranks; both two-sided.
+      t_p: of Student's paired test; wilcoxon_p: of Wilcoxon's signed-rank test; both two-sided.
     """
 
     t_p: float
@@ -72,9 +72,9 @@ def deviation(values: NDArray[np.float64]) -> float:
 
 
 def paired(first: ArrayLike, second: ArrayLike) -> Paired:
-    """The first less the second, trip by trip, both of shape (n,).
+    """Difference first less second, value by value, both of shape (n,).
 
-    Fewer than two trips, or trips that are all the same, tell nothing: both p are 1.
+    Both p are 1 for fewer than two values, and when all differences are zero.
     """
     difference = np.asarray(first, dtype=float) - np.asarray(second, dtype=float)
     known = estimate(difference)
@@ -89,7 +89,7 @@ def paired(first: ArrayLike, second: ArrayLike) -> Paired:
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Holm's correction for several tests, in their order (Scand. J. Stat. 6, 1979, 65-70)."""
+    """p-values with Holm's correction for several tests (Scand. J. Stat. 6, 1979, 65-70)."""
     corrected = [math.nan] * len(p_values)
     least = 0.0
     for rank, i in enumerate(sorted(range(len(p_values)), key=p_values.__getitem__)):

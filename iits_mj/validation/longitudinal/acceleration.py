@@ -1,4 +1,4 @@
-"""Pedal tests: the paper's 40 % for 40 s, and full pedal at 55 t against the force balance."""
+"""Pedal tests: 40 % for 40 s as in the paper, and full pedal at 55 t against the force balance."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import VehicleCommand
-from iits_mj.core.results import Check, Line, Panel
+from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.truck import Truck
+from iits_mj.validation.harness.maneuver import Run, run
 from iits_mj.validation.longitudinal.force_balance import ForceBalance
-from iits_mj.validation.longitudinal.runs import Run, run
 
-# --- What a gear change looks like in a recorded drive: how long, how deep, and taken back or not
+# --- Gear changes in a recorded drive ---
 
-# After this speed the launch is over and changes are those of a moving truck [m/s].
+# Above this speed the launch is over [m/s].
 _MOVING = 0.5
-# A crankshaft below it drives nothing to speak of [N m].
+# Torque below which the engine counts as not driving [N m].
 _NO_TORQUE = 60.0
-# The dip lasts while less than this share of the pull before it is there.
+# The dip lasts while less than this share of the earlier pull remains.
 _LEFT = 0.2
-# So long before a change the pull is still whole [s].
+# Time before a change at which the pull is still complete [s].
 _BEFORE = 0.2
 
 
@@ -35,10 +35,10 @@ class Shift:
     """One gear change.
 
     Attributes:
-      start: [s]; gear: the new one; duration: while the driveline is open [s].
-      idle: for how long the crankshaft has less than 60 N m [s].
-      dip: for how long the acceleration is near that of coasting, less than a fifth of the way to
-        what it was before [s].
+      start: [s]; gear: the new gear; duration: time with an open driveline [s].
+      idle: time with less than 60 N m at the crankshaft [s].
+      dip: time in which the acceleration is near that of coasting: less than a fifth of the way up
+        to the earlier acceleration [s].
     """
 
     start: float
@@ -49,13 +49,13 @@ class Shift:
 
 
 def shifts(record: Run) -> list[Shift]:
-    """The gear changes of a moving truck, complete ones only."""
-    edges = np.flatnonzero(np.diff(record.shift) != 0.0) + 1
+    """The complete gear changes of the moving truck."""
+    edges = np.flatnonzero(np.diff(record.shift_in_process) != 0.0) + 1
     edges = edges[record.speed[edges] > _MOVING]
     step = float(record.time[1] - record.time[0])
     found = []
     for a, b in itertools.pairwise(edges):
-        if record.shift[a] < 0.5 or record.shift[b] > 0.5:
+        if record.shift_in_process[a] < 0.5 or record.shift_in_process[b] > 0.5:
             continue
         idle = _span(record.engine_torque < _NO_TORQUE, int(a), int(b)) * step
         found.append(
@@ -71,7 +71,7 @@ def shifts(record: Run) -> list[Shift]:
 
 
 def hunting(record: Run, within: float = 5.0) -> int:
-    """Number of gear changes that the gearbox takes back within some seconds."""
+    """Number of gear changes that are reversed within a time [s]."""
     changes = np.flatnonzero(np.diff(record.gear))
     return sum(
         record.time[b] - record.time[a] < within and record.gear[b + 1] == record.gear[a]
@@ -80,17 +80,17 @@ def hunting(record: Run, within: float = 5.0) -> int:
 
 
 def _dip(record: Run, start: int, end: int, step: float) -> float:
-    """Time for which the acceleration is missing [s]; nan when it began before the drive."""
+    """Duration of the dip of the acceleration [s]; nan when it began before the record."""
     rate, before = record.acceleration, start - round(_BEFORE / step)
     if before < 0:
         return float("nan")
-    # The driveline swings when it lets go: its quarter quantile is what the truck coasts with.
+    # The driveline oscillates when it opens: the lower quartile is the deceleration of coasting.
     coasting = float(np.quantile(rate[start:end], 0.25))
     return _span(rate < coasting + _LEFT * (rate[before] - coasting), start, end) * step
 
 
 def _span(low: NDArray[np.bool_], start: int, end: int) -> int:
-    """Samples from the first to the last low one between start and end, and those joined to it."""
+    """Samples from the first to the last low one in an interval; the last may extend beyond it."""
     places = np.flatnonzero(low[start:end])
     if not len(places):
         return 0
@@ -100,94 +100,68 @@ def _span(low: NDArray[np.bool_], start: int, end: int) -> int:
     return last + 1 - (start + int(places[0]))
 
 
-# --- Pedal tests: the paper's 40 % for 40 s, and full pedal at 55 t against the force balance ---
+# --- Pedal tests ---
 
-# What the paper's Fig. "Drive-line" and the published reference run, without air drag, read.
+# Readings of the paper's figure "Drive-line" and of the published reference run without air drag.
 PAPER_SPEED_KPH = 46.9
 _PAPER_TENTH = 31.0
-# Way of the PBS acceleration capability [m], and level 1 of it [s].
+# Distance of the PBS acceleration capability [m], and its level 1 [s].
 _HUNDRED, PBS_HUNDRED = 100.0, 20.0
 
 
 def part_throttle_run(timestep: float, *, air: bool = True) -> Run:
-    """40 % pedal for 40 s from standstill at 19 t; without air drag as the published run has it."""
+    """40 % pedal for 40 s from standstill at 19 t; the published run has no air drag."""
     parameters = TruckParameters.load(overlay=None if air else {"aerodynamics": {"density": 0.0}})
     truck = Truck.load(0.0, parameters=parameters, timestep=timestep, visuals=False)
     truck.reset()
     return run(truck, lambda *_: VehicleCommand(accelerator_pedal=0.4), 40.0)
 
 
-def part_throttle(record: Run, without: Run) -> tuple[list[Check], list[Panel]]:
-    """The paper's test, of runs with and without air drag."""
+def part_throttle(record: Run, without: Run) -> Findings:
+    """The paper's test, with a run with air drag and one without."""
+    found = Findings("40 % pedal, 19 t")
     moving = record.gear[record.speed > 0.5]
+    found.check("first gear used", moving[0], "1", 2.0, "2 .. 2")
+    found.check("gear at 40 s", record.gear[-1], "1", 10.0, "9 .. 10")
+    found.check("speed at 40 s", record.speed[-1] / KMH, "km/h", PAPER_SPEED_KPH, "40 .. 50")
+    speed = without.speed[-1] / KMH
+    found.check("speed at 40 s without air drag", speed, "km/h", PAPER_SPEED_KPH, "44.6 .. 49.2")
+    tenth = _first(record.time, record.gear >= 10.0)
+    found.check("10th gear engages at", tenth, "s", _PAPER_TENTH)
+    found.check("gear changes taken back", hunting(record), "1", 0.0, "<= 0")
     changes = shifts(record)
-    label = "40 % pedal, 19 t"
-    tenth = record.time[record.gear >= 10.0]
     dips = [change.dip for change in changes if np.isfinite(change.dip)]
-    checks = [
-        Check(f"{label}: first gear used", float(moving[0]), "1", 2.0, "2 .. 2"),
-        Check(f"{label}: gear at 40 s", float(record.gear[-1]), "1", 10.0, "9 .. 10"),
-        Check(
-            f"{label}: speed at 40 s",
-            float(record.speed[-1]) / KMH,
-            "km/h",
-            PAPER_SPEED_KPH,
-            "40 .. 50",
-        ),
-        Check(
-            f"{label}: speed at 40 s without air drag",
-            float(without.speed[-1]) / KMH,
-            "km/h",
-            PAPER_SPEED_KPH,
-            "44.6 .. 49.2",
-        ),
-        Check(
-            f"{label}: 10th gear engages at",
-            float(tenth[0]) if len(tenth) else float("nan"),
-            "s",
-            _PAPER_TENTH,
-            "",
-        ),
-        Check(f"{label}: gear changes taken back", float(hunting(record)), "1", 0.0, "<= 0"),
-        *_shift_checks(label, [change.duration for change in changes], "shift", "0.6 .. 1.0"),
-        *_shift_checks(label, dips, "dip of the acceleration", "0.6 .. 1.0"),
-        *_shift_checks(label, [c.idle for c in changes], "torque below 60 N m", "0.6 .. 0.7"),
-    ]
-    return checks, drive_panels(label, record)
+    for name, times, must in (
+        ("shift", [change.duration for change in changes], "0.6 .. 1.0"),
+        ("dip of the acceleration", dips, "0.6 .. 1.0"),
+        ("torque below 60 N m", [change.idle for change in changes], "0.6 .. 0.7"),
+    ):
+        found.check(f"{name}, shortest", min(times, default=float("nan")), "s", None, must)
+        if times:
+            found.check(f"{name}, longest", max(times), "s", None, must)
+    _histories(found, record)
+    return found
 
 
-def full_pedal(record: Run, *, grade: float) -> tuple[list[Check], list[Panel]]:
-    """Full pedal at 55 t on a constant grade from standstill: the force balance in time."""
-    balance = ForceBalance(TruckParameters.load(), TruckParameters.load().payload.mass_max)
-    predicted = coast_along(record, balance)
-    label = f"full pedal, 55 t, {100.0 * grade:g} % grade"
+def full_pedal(record: Run, *, grade: float) -> Findings:
+    """Full pedal at 55 t on a constant grade from standstill, against the force balance."""
+    parameters = TruckParameters.load()
+    predicted = coast_along(record, ForceBalance(parameters, parameters.payload.mass_max))
+    found = Findings(f"full pedal, 55 t, {100.0 * grade:g} % grade")
     error = 100.0 * float(np.max(np.abs(predicted - record.speed)) / np.max(record.speed))
-    checks = [
-        Check(f"{label}: speed against the force balance", error, "%", None, "<= 3"),
-        Check(f"{label}: gear changes taken back", float(hunting(record)), "1", 0.0, "<= 0"),
-        Check(f"{label}: speed at the end", float(record.speed[-1]) / KMH, "km/h"),
-    ]
+    found.check("speed against the force balance", error, "%", must="<= 3")
+    found.check("gear changes taken back", hunting(record), "1", 0.0, "<= 0")
+    found.check("speed at the end", record.speed[-1] / KMH, "km/h")
     if grade == 0.0:
-        way = record.station - record.station[0]
-        checks.append(
-            Check(
-                f"{label}: time for 100 m (PBS acceleration capability)",
-                _first(record.time, way >= _HUNDRED),
-                "s",
-                PBS_HUNDRED,
-            )
-        )
+        hundred = _first(record.time, record.station - record.station[0] >= _HUNDRED)
+        found.check("time for 100 m (PBS acceleration capability)", hundred, "s", PBS_HUNDRED)
     if record.speed.max() >= 80.0 * KMH:
         measured = _first(record.time, record.speed >= 80.0 * KMH)
         expected = _first(record.time, predicted >= 80.0 * KMH)
         allowed = f"{0.97 * expected:.2f} .. {1.03 * expected:.2f}"
-        checks.append(Check(f"{label}: time to 80 km/h", measured, "s", expected, allowed))
-    panels = drive_panels(label, record)
-    line = Line("force balance", record.time, predicted / KMH, "reference")
-    panels[0] = Panel(
-        panels[0].title, panels[0].x_label, panels[0].y_label, (line, *panels[0].lines)
-    )
-    return checks, panels
+        found.check("time to 80 km/h", measured, "s", expected, allowed)
+    _histories(found, record, Line("force balance", record.time, predicted / KMH, "reference"))
+    return found
 
 
 def full_pedal_run(timestep: float, grade: float, duration: float) -> Run:
@@ -199,11 +173,11 @@ def full_pedal_run(timestep: float, grade: float, duration: float) -> Run:
 
 
 def coast_along(record: Run, balance: ForceBalance) -> FloatArray:
-    """Speed [m/s] of the point mass, shape (n,), under the run's engine torque and gears.
+    """Speed of a point mass with the engine torque and gears of the run [m/s], shape (n,).
 
-    What leaves the engine is its torque less what speeds up its own inertia; that holds with the
-    clutch closed and slipping. The resistances are those at the point mass's own speed. The run has
-    to have recorded `clutch_engagement`.
+    The torque leaving the engine is its torque less that which accelerates its own inertia, also
+    while the clutch slips. The resistances are those at the speed of the point mass. The run must
+    have recorded `clutch_engagement`.
     """
     parameters = balance.parameters
     engagement = record.extra["clutch_engagement"]
@@ -218,13 +192,13 @@ def coast_along(record: Run, balance: ForceBalance) -> FloatArray:
     step = np.diff(record.time)
     for k, h in enumerate(step):
         push = 0.5 * (force[k] + force[k + 1]) - balance.resistance(speed[k], record.grade[k])
-        # Rolling resistance holds a truck that stands, it does not push it back.
+        # Rolling resistance cannot move a standing truck backwards.
         speed[k + 1] = max(0.0, speed[k] + h * float(push) / mass)
     return speed
 
 
 def engaged_gear(gear: FloatArray, engagement: FloatArray) -> NDArray[np.int64]:
-    """The gear that is in, shape (n,): the recorded one is new before the clutch has opened."""
+    """The engaged gear, shape (n,); the recorded gear changes before the clutch has opened."""
     engaged = np.maximum(np.round(gear), 0.0).astype(int)
     for k in range(1, len(engaged)):
         if engagement[k] > 0.0 and engagement[k - 1] > 0.0:
@@ -232,34 +206,16 @@ def engaged_gear(gear: FloatArray, engagement: FloatArray) -> NDArray[np.int64]:
     return engaged
 
 
-def drive_panels(label: str, record: Run) -> list[Panel]:
-    """Speed, gear, acceleration and engine torque over time."""
-    rows = (
-        ("speed", "km/h", record.speed / KMH),
-        ("gear", "1", record.gear),
-        ("acceleration", "m/s2", record.acceleration),
-        ("engine torque", "N m", record.engine_torque),
-    )
-    return [
-        Panel(
-            f"{label}: {name}",
-            "time [s]",
-            f"{name} [{unit}]",
-            (Line("truck", record.time, values, "simulation"),),
-        )
-        for name, unit, values in rows
-    ]
-
-
-def _shift_checks(label: str, times: list[float], name: str, must: str) -> list[Check]:
-    if not times:
-        return [Check(f"{label}: {name}, shortest", float("nan"), "s", None, must)]
-    return [
-        Check(f"{label}: {name}, shortest", min(times), "s", None, must),
-        Check(f"{label}: {name}, longest", max(times), "s", None, must),
-    ]
+def _histories(found: Findings, record: Run, *references: Line) -> None:
+    """Adds panels of speed (with references), gear, acceleration and engine torque over time."""
+    speed = Line("truck", record.time, record.speed / KMH, "simulation")
+    found.panel("speed", "time [s]", "speed [km/h]", *references, speed)
+    found.history("gear", "gear [1]", record.time, record.gear)
+    found.history("acceleration", "acceleration [m/s2]", record.time, record.acceleration)
+    found.history("engine torque", "engine torque [N m]", record.time, record.engine_torque)
 
 
 def _first(time: FloatArray, reached: NDArray[np.bool_]) -> float:
+    """Time of the first True [s]; nan without one."""
     places = np.flatnonzero(reached)
     return float(time[places[0]]) if len(places) else float("nan")

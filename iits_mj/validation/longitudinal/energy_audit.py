@@ -1,12 +1,18 @@
-"""Energy audit over a hilly trip: nothing is made, and every joule of the engine is found.
+"""Energy audit over a hilly trip: every joule of the engine's work must be accounted for.
 
     engine work = kinetic + potential + springs and tires + air + rolling + tire slip + dampers
                   + brakes + retarder + driveline's losses and store
 
-The engine's side and the brakes' work are the plugin's own counters, the rest is summed up by
-`energy.Ledger`, which also says what the brakes must have taken by the moments on the wheels. The
-truck starts at rest, keeps 70 km/h over hills as far as it can, brakes for a slow stretch (in the
-whole trip in the middle of a descent), and drives on.
+The plugin has counters of the engine's side and of the work of the brakes. `Ledger` sums up all the
+rest at each step of the physics, from motion and tire forces and by the law of each part, so that
+an error in the plugin's forces shows as missing energy; it also computes the work of the brakes
+from the moments on the wheels. A force acts over a step with the velocities at its start; the
+neglected part shrinks with the step and is counted in the error of the audit. The ledger holds on
+straight roads without cross slope. It leaves out what is negligible there: strain of the treads,
+play of the couplings, work of the steering.
+
+The truck starts at rest, keeps 70 km/h over hills as far as possible, brakes for a slow stretch
+(in the whole trip in the middle of a descent), and drives on.
 """
 
 from __future__ import annotations
@@ -19,38 +25,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.results import Check, Line, Panel
+from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import GRAVITY, KMH
 from iits_mj.truck import Truck
 from iits_mj.validation.harness.recorder import PERIOD
-from iits_mj.validation.longitudinal.runs import HILLS_LENGTH, SpeedKeeper, hills
+from iits_mj.validation.longitudinal.hills import HILLS_LENGTH, SpeedKeeper, hills
 
-# --- Where the energy goes: every loss of the truck, summed up at each step of the physics ---
-# The engine's side and the brakes have counters in the plugin. Everything else is computed here
-# from motion and tire forces, by what each part does, so that a mistake in the plugin's forces
-# shows as energy from nowhere. A force acts from one step to the next with the velocities of the
-# step's start; what that leaves out falls with the step and is counted in the audit's error.
-#
-# Holds on straight roads without cross slope. Not counted, as they are next to nothing there:
-# strain of the treads, play of the couplings, work of the steering.
+# --- The ledger of losses ---
 
 _SIDES = ("left", "right")
-# Below it slips are measured over this speed (as the tire's sensor does) [m/s].
+# Least speed in the denominator of slips, as in the tire's sensor [m/s].
 _SLIP_SPEED_MIN = 0.5
-# Spin at which rolling resistance is there in full: the tire's wind-up over its damping [rad/s].
+# Spin above which rolling resistance is complete: wind-up of the tire over its damping [rad/s].
 _SPIN_FULL = 0.125
 _ROAD_SPACING = 0.1
 
 
 @dataclass(frozen=True)
 class Losses:
-    """Energy that has left the truck since the start [J].
+    """Energy lost since the start [J].
 
     Attributes:
-      air, rolling, slip: of the tires over the road; tire_damping: of their rubber.
+      air; rolling, slip: of the tires on the road; tire_damping: of their rubber.
       suspension: dampers and friction.
-      brakes: of the wheel ends, by what is left of the moment on each wheel.
-      shaft: work that the propeller shaft has done on the wheels; it is no loss.
+      brakes: of the wheel ends, from the remaining moment on each wheel.
+      shaft: work of the propeller shaft on the wheels; it is no loss.
     """
 
     air: float = 0.0
@@ -64,7 +63,7 @@ class Losses:
 
 @dataclass(frozen=True)
 class Stored:
-    """Energy in the truck at an instant [J]: motion, height, springs, compressed tires."""
+    """Energy stored in the truck at an instant [J]."""
 
     kinetic: float
     potential: float
@@ -73,15 +72,15 @@ class Stored:
 
     @property
     def total(self) -> float:
-        """All of it [J]."""
+        """Sum of all parts [J]."""
         return self.kinetic + self.potential + self.springs + self.tires
 
 
 class Ledger:
-    """Counts the losses while `step` advances the truck."""
+    """Sums up the losses while `step` advances the truck."""
 
     def __init__(self, truck: Truck) -> None:
-        """The truck stands or rolls on a straight road as its `reset` has left it."""
+        """Starts with the truck on a straight road, as its `reset` has placed it."""
         self.truck = truck
         model, parameters = truck.model, truck.parameters
         ends = [(axle, side) for axle in parameters.axles for side in _SIDES]
@@ -112,21 +111,21 @@ class Ledger:
 
     @property
     def losses(self) -> Losses:
-        """What was counted so far."""
+        """The losses so far."""
         return Losses(*map(float, self._sums))
 
     def step(self, n: int = 1) -> None:
-        """Advances the truck by n steps and counts each."""
+        """Advances the truck by n steps and counts the losses of each."""
         model, data = self.truck.model, self.truck.data
         speeds = np.empty(model.nv)
         for _ in range(n):
             speeds[:] = data.qvel
             self.truck.step(1)
-            # Everything but qpos and qvel still shows the instant from which the step went on.
+            # After a step, everything but qpos and qvel still belongs to the start of the step.
             self._sums += model.opt.timestep * self._powers(speeds)
 
     def stored(self) -> Stored:
-        """What is in the truck now; MuJoCo's kinetic energy includes the turning wheels."""
+        """The stored energy now; MuJoCo's kinetic energy includes the turning wheels."""
         model, data = self.truck.model, self.truck.data
         mujoco.mj_forward(model, data)
         mujoco.mj_energyPos(model, data)
@@ -141,11 +140,20 @@ class Ledger:
             tires=0.5 * float(self._stiffness @ np.maximum(deflection, 0.0) ** 2),
         )
 
+    def tire_loads(self) -> FloatArray:
+        """Load of each tire by deflection and damping [N], shape (12,); it must match the sensor's.
+
+        The tires must be on the ground.
+        """
+        vx, _, vz = (values[: len(self._wheels)] for values in self._velocity())
+        deflection, _, away = self._contact(vx, vz)
+        return self._stiffness * deflection - self._damping * away
+
     def _addresses(self, names: list[str]) -> NDArray[np.int64]:
         return np.array([int(self.truck.model.sensor(name).adr[0]) for name in names])
 
     def _velocity(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Velocity of hubs, then pressure centers, in the world's axes [m/s], each shape (14,)."""
+        """Velocity of hubs and pressure centers in world axes [m/s], each of shape (14,)."""
         data = self.truck.data
         turn_x, turn_y, turn_z, x, y, z = data.cvel[self._bodies].T
         arm_x, arm_y, arm_z = (data.xpos[self._bodies] - data.subtree_com[self._root]).T
@@ -160,14 +168,14 @@ class Ledger:
         x, _, z = self.truck.data.xpos[self._wheels].T
         place = np.minimum((x * (1.0 / _ROAD_SPACING)).astype(int), len(self._height) - 2)
         grade, left = self._grade[place], x - _ROAD_SPACING * place
-        # Between two points of the table the grade is taken as constant.
+        # The grade is constant between two points of the table.
         height = self._height[place] + left * grade
         cosine = 1.0 / np.sqrt(1.0 + grade * grade)
         ahead, away = (vx + grade * vz) * cosine, (vz - grade * vx) * cosine
         return self._free_radius - (z - height) * cosine, ahead, away
 
     def _powers(self, speeds: FloatArray) -> FloatArray:
-        """Power of each loss [W], in the order of `Losses`; `speeds` are qvel of that instant."""
+        """Power of each loss [W] in the order of `Losses`; `speeds` is qvel at that instant."""
         data, p = self.truck.data, self.truck.parameters
         sensors = data.sensordata
         fx, fy, load = sensors[self._forces]
@@ -180,7 +188,7 @@ class Ledger:
         radius = self._rolling_radius + (self._nominal - deflection) / 3.0
         strained = np.clip(spin / _SPIN_FULL, -1.0, 1.0)
         resistance = p.tire_common.rolling_resistance * load * radius * strained
-        # On the wheel's own axis act the tire and the brake, which is what is left of the moment.
+        # Tire and brake act on the axis of the wheel: the brake is the rest of the moment.
         braking = -data.qfrc_passive[self._spins] - resistance - radius * fx
         air = 0.0
         for k, body in enumerate(self._noses):
@@ -204,11 +212,11 @@ class Ledger:
         )
 
 
-# --- Energy audit over a hilly trip: nothing is made, and every joule of the engine is found ---
+# --- The trip and its balance ---
 
 _START, _END_MARGIN = 30.0, 60.0
 _CRUISE, _SLOW = 70.0 * KMH, 35.0 * KMH
-# Where the truck has to be slow, over the length of the trip.
+# Ends of the slow stretch as shares of the trip.
 _SLOW_FROM, _SLOW_TO = 0.6, 0.65
 _TIME_LIMIT = 400.0
 _CLOSED = 0.5
@@ -217,26 +225,24 @@ _COUNTERS = ("engine_work", "driveline_loss", "retarder_work", "driveline_energy
 
 @dataclass(frozen=True)
 class Trip:
-    """What a trip took [J]: by the ledger, by what is stored more than before, and by counters.
+    """Energies of a trip [J].
 
     Attributes:
-      losses: sums of the ledger; before, after: what the truck stored.
-      counters: change of each of the plugin's counters, nan where the model has none of the name.
-      time, way: history of time [s] and position [m], shape (n,).
-      history: sums of the ledger at these times, shape (n, k).
+      losses: sums of the ledger; before, after: stored energy.
+      counters: change of each counter of the plugin, nan for a counter that the model lacks.
+      way: history of the position [m], shape (n,); history: sums of the ledger there, (n, k).
     """
 
     losses: Losses
     before: Stored
     after: Stored
     counters: dict[str, float]
-    time: np.ndarray
     way: np.ndarray
     history: np.ndarray
 
     @property
     def stored(self) -> float:
-        """Gain of everything stored on the wheels' side of the propeller shaft [J]."""
+        """Gain of stored energy on the wheels' side of the propeller shaft [J]."""
         return self.after.total - self.before.total
 
     @property
@@ -249,19 +255,19 @@ class Trip:
 
     @property
     def wheels_error(self) -> float:
-        """Energy that the propeller shaft gave and nobody got, over its work [1]."""
+        """Unaccounted work of the propeller shaft as a share of its work [1]."""
         return (self.losses.shaft - self.stored - self.dissipated) / self.losses.shaft
 
     @property
     def driveline_error(self) -> float:
-        """Engine work that neither reached the shaft nor was counted, over engine work [1]."""
+        """Engine work unaccounted for between engine and shaft, as a share of it [1]."""
         c = self.counters
         engine = c["engine_work"] - c["driveline_loss"] - c["driveline_energy"] - c["retarder_work"]
         return (engine - self.losses.shaft) / c["engine_work"]
 
     @property
     def error(self) -> float:
-        """Engine work that is nowhere, over engine work [1]."""
+        """Engine work unaccounted for, as a share of it [1]."""
         c = self.counters
         found = self.stored + self.dissipated
         found += c["driveline_loss"] + c["driveline_energy"] + c["retarder_work"]
@@ -269,7 +275,7 @@ class Trip:
 
 
 def drive(payload: float, timestep: float, length: float = HILLS_LENGTH) -> Trip:
-    """The trip with this payload [kg], over the first `length` m of the hills."""
+    """Drives the first `length` m of the hills with this payload [kg]."""
     truck = Truck.load(payload, route=hills(), timestep=timestep, visuals=False)
     truck.reset(station=_START)
     truck.step(round(1.0 / timestep))
@@ -284,7 +290,7 @@ def drive(payload: float, timestep: float, length: float = HILLS_LENGTH) -> Trip
         target = _SLOW if _SLOW_FROM < way / length < _SLOW_TO else _CRUISE
         truck.command(keeper.command(float(truck.data.qvel[0]), target))
         ledger.step(steps)
-        rows.append([truck.time - begin, way, *vars(ledger.losses).values()])
+        rows.append([way, *vars(ledger.losses).values()])
     after = ledger.stored()
     table = np.array(rows)
     return Trip(
@@ -292,16 +298,16 @@ def drive(payload: float, timestep: float, length: float = HILLS_LENGTH) -> Trip
         before=before,
         after=after,
         counters={name: value - counters[name] for name, value in _counters(truck).items()},
-        time=table[:, 0],
-        way=table[:, 1],
-        history=table[:, 2:],
+        way=table[:, 0],
+        history=table[:, 1:],
     )
 
 
-def compare(payload: float, timestep: float, length: float) -> tuple[list[Check], list[Panel]]:
-    """The audit as checks, each share over the engine's work."""
+def compare(payload: float, timestep: float, length: float) -> Findings:
+    """The audit; each part as a share of the engine's work."""
     trip = drive(payload, timestep, length)
-    label = f"energy audit, {payload / 1e3:g} t load, {trip.way[-1] - trip.way[0]:.0f} m of hills"
+    way = trip.way[-1] - trip.way[0]
+    found = Findings(f"energy audit, {payload / 1e3:g} t load, {way:.0f} m of hills")
     work = trip.counters["engine_work"]
     parts = {
         "kinetic": trip.after.kinetic - trip.before.kinetic,
@@ -318,30 +324,24 @@ def compare(payload: float, timestep: float, length: float) -> tuple[list[Check]
         "driveline": trip.counters["driveline_loss"],
         "driveline, stored": trip.counters["driveline_energy"],
     }
+    found.check("engine work", work / 1e6, "MJ")
+    for name, part in parts.items():
+        found.check(f"{name}, of the engine's work", 100.0 * part / work, "%")
     brakes = 100.0 * (trip.counters["brake_work"] - trip.losses.brakes) / work
-    checks = [
-        Check(f"{label}: engine work", work / 1e6, "MJ"),
-        *[
-            Check(f"{label}: {name}, of the engine's work", 100.0 * part / work, "%")
-            for name, part in parts.items()
-        ],
-        _closed(f"{label}: missing, in all", 100.0 * trip.error),
-        _closed(f"{label}: missing between engine and shaft", 100.0 * trip.driveline_error),
-        _closed(f"{label}: missing between shaft and road", 100.0 * trip.wheels_error),
-        _closed(f"{label}: brake work of the sensor against the wheels' moments", brakes),
-    ]
+    for name, value in (
+        ("missing, in all", 100.0 * trip.error),
+        ("missing between engine and shaft", 100.0 * trip.driveline_error),
+        ("missing between shaft and road", 100.0 * trip.wheels_error),
+        ("brake work of the sensor against the wheels' moments", brakes),
+    ):
+        found.check(name, value, "%", must=f"{-_CLOSED:g} .. {_CLOSED:g}")
     history = dict(zip(vars(trip.losses), trip.history.T / 1e6, strict=True))
     shown = {name: history[name] for name in ("air", "rolling", "slip", "brakes")}
     shown["dampers"] = history["tire_damping"] + history["suspension"]
-    lines = (
-        Line("work of the propeller shaft", trip.way, history["shaft"], "reference"),
-        *(Line(name, trip.way, values) for name, values in shown.items()),
-    )
-    return checks, [Panel(f"{label}: sums", "way [m]", "energy [MJ]", lines)]
-
-
-def _closed(name: str, value: float) -> Check:
-    return Check(name, value, "%", None, f"{-_CLOSED:g} .. {_CLOSED:g}")
+    lines = [Line(name, trip.way, values) for name, values in shown.items()]
+    shaft = Line("work of the propeller shaft", trip.way, history["shaft"], "reference")
+    found.panel("sums", "way [m]", "energy [MJ]", shaft, *lines)
+    return found
 
 
 def _counters(truck: Truck) -> dict[str, float]:

@@ -1,9 +1,9 @@
-"""The truck as a point mass: pull of the engine against rolling, grade and air.
+"""The truck as a point mass: pull of the engine against rolling, grade and air resistance.
 
     (m + J / r^2) v' = T i eta / r - m g (sin(theta) + f cos(theta)) - 0.5 rho CdA v^2
 
 with engine torque T, overall ratio i with its efficiency eta (Wong, Theory of Ground Vehicles, 4th
-ed., chapter 3). It knows the truck's parameters only, not the simulation.
+ed., chapter 3). It uses the parameters of the truck only, not the simulation.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class ForceBalance:
 
     @property
     def wheel_mass(self) -> float:
-        """Mass that is felt because the wheels turn, `sum J / r^2` [kg]."""
+        """Equivalent mass of the turning wheels, `sum J / r^2` [kg]."""
         tires = self.parameters.tires
         return sum(
             2.0 * axle.wheel_inertia_spin / tires[axle.tire].rolling_radius ** 2
@@ -60,7 +60,7 @@ class ForceBalance:
         return np.asarray(overall / self.wheel_radius)
 
     def rotating_mass(self, gear: ArrayLike) -> FloatArray:
-        """Mass [kg] that is felt because engine, gearbox and wheels turn, clutch closed."""
+        """Equivalent mass of turning engine, gearbox and wheels, clutch closed [kg]."""
         parameters, number = self.parameters, np.maximum(np.asarray(gear).astype(int), 0)
         inertia = parameters.engine.inertia + np.concatenate([[0.0], parameters.gearbox.inertias])
         return np.asarray(self.wheel_mass + inertia[number] * self.reduction(gear) ** 2)
@@ -82,7 +82,7 @@ class ForceBalance:
         return np.asarray(weight + 0.5 * air.density * air.drag_area * speed**2)
 
     def full_torque(self, engine_speed: ArrayLike) -> FloatArray:
-        """Torque [N m] of a floored pedal, within full load; none beyond the governor."""
+        """Torque at full pedal, limited by full load [N m]; zero beyond the governor."""
         engine, speed = self.parameters.engine, np.asarray(engine_speed, dtype=float)
         table = engine.pedal_map
         floored = np.array([np.interp(1.0, table.columns, row) for row in table.values])
@@ -94,10 +94,10 @@ class ForceBalance:
 
     @property
     def launch_speed(self) -> float:
-        """Engine speed [rad/s] at which the slipping clutch carries what a floored pedal gives.
+        """Engine speed [rad/s] at which the slipping clutch carries the torque of full pedal.
 
         The clutch control closes in proportion to engine speed above idle, up to the reference
-        torque: the engine settles where its own torque is that.
+        torque; the engine settles where its torque equals that of the clutch.
         """
         engine, spread = self.parameters.engine, self.parameters.clutch.launch_range
 
@@ -108,9 +108,9 @@ class ForceBalance:
         return float(brentq(surplus, engine.idle_speed, engine.idle_speed + spread))
 
     def steady_speed(self, gear: int, grade: float) -> float:
-        """Speed [m/s] at which full load and resistances balance in this gear; nan for none.
+        """Speed at which full load and resistances balance in this gear [m/s]; nan without one.
 
-        The greatest such speed is meant: there a gain of speed is lost again.
+        It is the greatest such speed, which is stable.
         """
         reduction = float(self.reduction(gear))
         engine = self.parameters.engine
@@ -130,21 +130,21 @@ class ForceBalance:
         return float(brentq(surplus, speeds[k], speeds[k + 1]))
 
     def best_speed(self, grade: float) -> float:
-        """The greatest steady speed [m/s] that any gear allows on this grade."""
+        """Greatest steady speed of all gears on this grade [m/s]."""
         gears = range(1, len(self.parameters.gearbox.ratios) + 1)
         return float(np.nanmax([self.steady_speed(gear, grade) for gear in gears]))
 
     def grade_for(self, force: float) -> float:
-        """Steepest grade on which this force [N] at the wheels moves the truck slowly."""
+        """Steepest grade on which this force at the wheels [N] moves the truck slowly."""
         return float(
             brentq(lambda grade: force - float(self.resistance(0.0, grade)), -0.1, _STEEPEST)
         )
 
     def drive_axle_load(self, grade: float) -> float:
-        """Load on the drive axles [N] while the truck climbs steadily on this grade.
+        """Load on the drive axles in a steady climb on this grade [N].
 
-        Statics of both units in the road's frame: grade force and pull at the fifth wheel act at
-        their heights, the drive force at the ground.
+        Statics of both units in the frame of the road: grade force and pull at the fifth wheel act
+        at their heights, the drive force at the ground.
         """
         p = self.parameters
         angle = math.atan(grade)
@@ -161,7 +161,7 @@ class ForceBalance:
         return moment / (group_center(tuple(drive)) - front.position)
 
     def traction(self, grade: float, surface: float = DEFAULT_FRICTION) -> float:
-        """Greatest force that the drive axles can put on a road of this friction [N]."""
+        """Greatest drive force on a road of this friction [N]."""
         axles = [axle for axle in self.parameters.axles if axle.tire == "drive"]
         count = sum(2 * self.parameters.tires[axle.tire].count for axle in axles)
         load, common = self.drive_axle_load(grade), self.parameters.tire_common
@@ -169,9 +169,9 @@ class ForceBalance:
         return grip * surface / DEFAULT_FRICTION * load
 
     def traction_grade(self, surface: float = DEFAULT_FRICTION) -> float:
-        """Steepest grade on which the drive axles hold; 0.6 where they hold on steeper ones.
+        """Steepest grade that the grip of the drive axles allows, at most 0.6.
 
-        The steer axle and the trailer roll; their resistance is part of what has to be pulled.
+        The rolling resistance of steer axle and trailer is part of the force needed.
         """
 
         def surplus(grade: float) -> float:
@@ -187,7 +187,7 @@ class ForceBalance:
             self.parameters.fifth_wheel.height,
             self.parameters.tire_common.rolling_resistance,
         )
-        # Moments about the ground below the axle group; the pull moves the axles' share, too.
+        # Moments about the ground below the axle group; the pull also moves the axles' share.
         load = normal * (1.0 - trailer.cg_position / length) - along * trailer.cg_height / length
         load += height / length * (along + rolling * normal)
         load /= 1.0 + rolling * height / length

@@ -1,13 +1,13 @@
-"""Startability and gradeability, simulated and by the force balance.
+"""Climbing at 55 t, simulated and by the force balance: startability, gradeability, steady speeds.
 
-Startability and gradeability as the Australian Performance Based Standards mean them: the steepest
-grade on which the truck sets off and moves 5 m, and the steepest on which it keeps moving. Both are
-found by bisection over roads of that grade. The computed figure is what the engine can pull in the
-gear that the gearbox chose, or what the drive axles can put on the road, whichever is less.
+Startability and gradeability are those of the Australian Performance Based Standards (PBS): the
+steepest grade on which the truck sets off and moves 5 m, and the steepest on which it keeps moving.
+Both are found by bisection over roads of that grade. The computed figure is what the engine can
+pull in the gear that the gearbox chose, or the grip of the drive axles, whichever is less.
 
-To set off, the driver holds the truck by the parking brake, floors the pedal until the gearbox has
-taken its gear, then asks for 2 % more than the grade needs and lets go. Under way the pedal is
-floored, and eased when the drive wheels slip by more than 14 %.
+To set off, the driver holds the truck by the parking brake and floors the pedal until the gearbox
+has chosen its gear; then the driver sets the pedal to 2 % more than the grade needs and releases
+the brake. Under way the pedal is floored, and eased when the drive wheels slip by more than 14 %.
 """
 
 from __future__ import annotations
@@ -18,32 +18,33 @@ from dataclasses import dataclass
 import numpy as np
 
 from iits_mj.core.messages import EgoState, VehicleCommand
-from iits_mj.core.results import Check
+from iits_mj.core.results import Findings, Line
+from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.road.elements import DEFAULT_FRICTION
 from iits_mj.truck import Truck
 from iits_mj.validation.harness.recorder import PERIOD, sampled
 from iits_mj.validation.longitudinal.force_balance import ForceBalance
-from iits_mj.validation.longitudinal.runs import sloping
+from iits_mj.validation.longitudinal.hills import sloping
 
-# Way that counts as having set off [m], and time allowed for it [s].
+# Distance that counts as having set off [m], and time allowed for it [s].
 _SET_OFF, _TIME = 5.0, 20.0
-# The parking brake holds while the torque builds up, then while it settles to the pedal's [s].
+# Time for which the parking brake holds: torque builds up, then settles to the pedal [s].
 _FLOORED, _SETTLE = 10.0, 3.0
-# More torque than the grade needs.
+# Torque over the torque that the grade needs.
 _MARGIN = 1.02
-# Of the grade that is found; quick.
+# Resolution of the grade, and in the quick form.
 _RESOLUTION, _COARSE = 0.0025, 0.01
 _STEEPEST = 0.45
-# A road on which the engine is the limit, not the tires.
+# Friction of a road on which the engine is the limit, not the tires.
 _ROUGH = 1.2
-# Of the approach to the steep part [m], its grade, and the way to be climbed there [m].
+# Length and grade of the approach to the steep part, and distance to climb there [m].
 _APPROACH, _APPROACH_GRADE, _CLIMB = 30.0, 0.12, 25.0
 _PATIENCE = 120.0
-# The truck rolls back by more than this on a grade that it does not manage [m].
+# Rolling back by more than this ends an attempt [m].
 _ROLLED = 0.5
-# It has set off when it has moved by this [m].
+# Distance at which the truck has begun to move [m].
 _MOVED = 0.05
 # Slip at which the driver begins to ease the pedal, and at which the pedal is up.
 _SLIP_EASE, _SLIP_UP = 0.14, 0.34
@@ -54,20 +55,22 @@ _LEVEL_START, _LEVEL_GRADE = 15.0, 20.0
 
 @dataclass(frozen=True)
 class Climb:
-    """The steepest grade that was managed, and the gear in which the truck set off there."""
+    """Steepest grade that was climbed, and the gear in which the truck set off there."""
 
     grade: float
     gear: int
 
 
 @dataclass(frozen=True)
-class _Try:
+class Attempt:
+    """Whether a grade was climbed, and the gear in which the truck set off."""
+
     managed: bool
     gear: int
 
 
-class Driver:
-    """Full pedal, eased while the drive wheels slip; sees their slip as slowly as a person does."""
+class HillDriver:
+    """Full pedal, eased while the drive wheels slip; perceives slip as slowly as a person."""
 
     def __init__(self, truck: Truck) -> None:
         self._truck, self._seen = truck, 0.0
@@ -79,7 +82,7 @@ class Driver:
         ]
 
     def __call__(self, _: float, __: EgoState) -> VehicleCommand:
-        """What to command now, every 10 ms."""
+        """The command now; call it every 10 ms."""
         slip = float(np.mean([self._truck.read(name) for name in self._slips]))
         self._seen += (slip - self._seen) * PERIOD / _REACTION
         pedal = np.clip((_SLIP_UP - self._seen) / (_SLIP_UP - _SLIP_EASE), 0.0, 1.0)
@@ -88,7 +91,7 @@ class Driver:
 
 def sets_off(
     payload: float, grade: float, timestep: float, surface: float = DEFAULT_FRICTION
-) -> _Try:
+) -> Attempt:
     """Whether the truck sets off from rest on this grade, on a road of this friction."""
     route = Route.straight(1e4, grade=grade, friction=surface)
     truck = Truck.load(payload, route=route, timestep=timestep, visuals=False)
@@ -104,14 +107,14 @@ def sets_off(
 def startability(
     payload: float, timestep: float, resolution: float, surface: float = DEFAULT_FRICTION
 ) -> Climb:
-    """The steepest grade on which the truck sets off from rest."""
-    return _steepest(lambda grade: sets_off(payload, grade, timestep, surface), resolution)
+    """Steepest grade on which the truck sets off from rest."""
+    return steepest(lambda grade: sets_off(payload, grade, timestep, surface), resolution)
 
 
 def gradeability(payload: float, timestep: float, resolution: float) -> Climb:
-    """The steepest grade on which the truck keeps moving, met from a gentler one."""
+    """Steepest grade on which the truck keeps moving, approached from a gentler one."""
 
-    def attempt(grade: float) -> _Try:
+    def attempt(grade: float) -> Attempt:
         start = 30.0
         steep = start + _APPROACH
         route = sloping(1e3, _APPROACH_GRADE, ((steep + 15.0, grade, 30.0),))
@@ -119,40 +122,40 @@ def gradeability(payload: float, timestep: float, resolution: float) -> Climb:
         truck.reset(station=start)
         length = truck.footprint.length
         _hold(truck, 1.0, _FLOORED)
-        return _climbs(truck, Driver(truck), _APPROACH + 30.0 + length + _CLIMB, _PATIENCE)
+        return _climbs(truck, HillDriver(truck), _APPROACH + 30.0 + length + _CLIMB, _PATIENCE)
 
-    return _steepest(attempt, resolution)
+    return steepest(attempt, resolution)
 
 
-def compare(timestep: float, *, quick: bool) -> list[Check]:
-    """Both at 55 t, simulated against computed; quick: found within 1 % grade instead of 0.25."""
+def compare_limits(timestep: float, *, quick: bool) -> Findings:
+    """Startability and gradeability; quick: resolved to 1 % grade instead of 0.25 %."""
     parameters = TruckParameters.load()
     payload = parameters.payload.mass_max
     balance = ForceBalance(parameters, payload)
     resolution = _COARSE if quick else _RESOLUTION
-    checks = []
+    found = Findings()
     for surface in (DEFAULT_FRICTION,) if quick else (DEFAULT_FRICTION, _ROUGH):
         climb = startability(payload, timestep, resolution, surface)
         torque = float(balance.full_torque(balance.launch_speed))
-        checks.append(_computed("startability", balance, climb, torque, surface))
+        _check_computed(found, "startability", balance, climb, torque, surface)
         if surface == DEFAULT_FRICTION:
-            checks.append(_level("startability", climb, _LEVEL_START))
+            _check_level(found, "startability", climb, _LEVEL_START)
     climb = gradeability(payload, timestep, resolution)
     torque = float(np.max(balance.full_torque(np.linspace(balance.launch_speed, 250.0, 500))))
-    checks.append(_computed("gradeability", balance, climb, torque, DEFAULT_FRICTION))
-    checks.append(_level("gradeability", climb, _LEVEL_GRADE))
-    return checks
+    _check_computed(found, "gradeability", balance, climb, torque, DEFAULT_FRICTION)
+    _check_level(found, "gradeability", climb, _LEVEL_GRADE)
+    return found
 
 
-def _computed(
-    name: str, balance: ForceBalance, climb: Climb, torque: float, surface: float
-) -> Check:
-    """Simulated against computed: this torque [N m] in the gear it chose, or the tires' grip."""
+def _check_computed(
+    found: Findings, name: str, balance: ForceBalance, climb: Climb, torque: float, surface: float
+) -> None:
+    """Simulated grade against the grade by this torque [N m] in the chosen gear, or by grip."""
     by_engine = balance.grade_for(float(balance.pull(torque, climb.gear)))
     by_grip = balance.traction_grade(surface)
     computed = 100.0 * min(by_engine, by_grip)
     limit = "the engine" if by_engine < by_grip else "grip"
-    return Check(
+    found.check(
         f"{name}, 55 t, friction {surface:g}, in gear {climb.gear}, limited by {limit}",
         100.0 * climb.grade,
         "%",
@@ -161,20 +164,20 @@ def _computed(
     )
 
 
-def _level(name: str, climb: Climb, level: float) -> Check:
+def _check_level(found: Findings, name: str, climb: Climb, level: float) -> None:
     title = f"{name}, 55 t (PBS level 1)"
-    return Check(title, 100.0 * climb.grade, "%", level, f">= {level:g}")
+    found.check(title, 100.0 * climb.grade, "%", level, f">= {level:g}")
 
 
 def _hold(truck: Truck, pedal: float, duration: float) -> int:
-    """Holds the truck by the parking brake under this pedal for so long [s]; the gear it is in."""
+    """Holds the truck by the parking brake at a pedal for a time [s]; returns the gear."""
     truck.command(VehicleCommand(accelerator_pedal=pedal, parking_brake=1.0))
     truck.step(round(duration / truck.model.opt.timestep))
     return truck.observe().gear
 
 
 def _pedal(balance: ForceBalance, torque: float) -> float:
-    """Pedal that asks for this torque [N m] while the clutch slips."""
+    """Pedal that requests this torque while the clutch slips [N m]."""
     table = balance.parameters.engine.pedal_map
     asked = [np.interp(balance.launch_speed, table.rows, column) for column in table.values.T]
     return float(np.interp(torque, asked, table.columns))
@@ -185,8 +188,8 @@ def _climbs(
     driver: Callable[[float, EgoState], VehicleCommand],
     way: float,
     duration: float,
-) -> _Try:
-    """Whether the truck, let go, gets so far [m] in so long [s] without rolling back by 0.5 m."""
+) -> Attempt:
+    """Whether the released truck drives a distance [m] within a time [s] without rolling back."""
     start, farthest = truck.observe().station, 0.0
 
     def stop(state: EgoState) -> bool:
@@ -204,18 +207,107 @@ def _climbs(
     )
     moving = table[table[:, 1] > _MOVED]
     last = moving[0] if len(moving) else table[-1]
-    return _Try(bool(table[-1, 1] >= way), int(last[2]))
+    return Attempt(bool(table[-1, 1] >= way), int(last[2]))
 
 
-def _steepest(attempt: Callable[[float], _Try], resolution: float) -> Climb:
-    """Bisection between a gentle grade and the steepest that is tried."""
+def steepest(attempt: Callable[[float], Attempt], resolution: float) -> Climb:
+    """Bisection between a gentle grade and the steepest one that is tried."""
     low, high = _APPROACH_GRADE, _STEEPEST
-    best = _Try(managed=False, gear=1)
+    best = Attempt(managed=False, gear=1)
     while high - low > resolution:
         middle = 0.5 * (low + high)
-        found = attempt(middle)
-        if found.managed:
-            low, best = middle, found
+        tried = attempt(middle)
+        if tried.managed:
+            low, best = middle, tried
         else:
             high = middle
     return Climb(0.5 * (low + high), best.gear)
+
+
+# --- Steady speeds at full pedal ---
+
+# Speed is steady when the gear stays and the speed changes by less [m/s2] in half a block [s]; at
+# most so many blocks.
+_STEADY, _BLOCK, _BLOCKS = 0.01, 20.0, 8
+# PBS gradeability B, level 1, on 1 % [km/h].
+_LEVEL_SPEED = 80.0
+
+
+@dataclass(frozen=True)
+class Steady:
+    """Steady speed [m/s], gear, and remaining change of the speed [m/s2]."""
+
+    speed: float
+    gear: int
+    rate: float
+
+
+def steady_speed(payload: float, grade: float, start: float, timestep: float) -> Steady:
+    """Full pedal on a grade until speed and gear settle.
+
+    Args:
+      payload: [kg].
+      grade: of the road.
+      start: initial speed [m/s].
+      timestep: of the physics [s].
+    """
+    truck = Truck.load(payload, route=Route.straight(grade=grade), timestep=timestep, visuals=False)
+    truck.reset(station=100.0, speed=start)
+    truck.command(VehicleCommand(accelerator_pedal=1.0))
+    half = round(0.5 * _BLOCK / timestep)
+    for _ in range(_BLOCKS):
+        truck.step(half)
+        before = truck.observe()
+        truck.step(half)
+        after = truck.observe()
+        rate = (after.speed - before.speed) / (after.time - before.time)
+        if after.gear == before.gear and abs(rate) < _STEADY:
+            break
+    return Steady(after.speed, after.gear, rate)
+
+
+def compare_speeds(timestep: float, *, quick: bool) -> Findings:
+    """Steady speeds at 55 t, simulated against computed."""
+    parameters = TruckParameters.load()
+    payload = parameters.payload.mass_max
+    balance = ForceBalance(parameters, payload)
+    grades = (0.03,) if quick else (0.01, 0.03, 0.05)
+    found, speeds = Findings(), []
+    for grade in grades:
+        expected = balance.best_speed(grade)
+        steady = steady_speed(payload, grade, 0.97 * expected, timestep)
+        speeds.append(steady.speed)
+        found.label = f"55 t, {100.0 * grade:g} % grade, full pedal"
+        missing = 100.0 * _missing_force(balance, steady, grade)
+        found.check(f"force balance in gear {steady.gear}", missing, "%", 0.0, "-3 .. 3")
+        found.check("steady speed", steady.speed / KMH, "km/h", expected / KMH)
+        if grade == 0.01:
+            name, must = "speed (PBS gradeability B, level 1)", f">= {_LEVEL_SPEED:g}"
+            found.check(name, steady.speed / KMH, "km/h", _LEVEL_SPEED, must)
+    top = steady_speed(payload, 0.0, 0.97 * balance.best_speed(0.0), timestep)
+    governed = parameters.engine.governed_speed / float(balance.reduction(top.gear))
+    lowest = (1.0 - parameters.engine.governor_droop) * governed
+    found.label = "55 t, flat, full pedal"
+    found.check("gear at the top", top.gear, "1", 12.0, ">= 12")
+    must = f"{lowest / KMH:.1f} .. {governed / KMH:.1f}"
+    found.check("top speed, governed", top.speed / KMH, "km/h", governed / KMH, must)
+    line = np.linspace(0.0, 0.06, 25)
+    computed = np.array([balance.best_speed(grade) for grade in line]) / KMH
+    simulated = np.array([top.speed, *speeds]) / KMH
+    found.label = "55 t, full pedal"
+    found.panel(
+        "steady speed",
+        "grade [%]",
+        "speed [km/h]",
+        Line("force balance, best gear", 100.0 * line, computed, "reference"),
+        Line("truck", 100.0 * np.array([0.0, *grades]), simulated, "simulation"),
+    )
+    return found
+
+
+def _missing_force(balance: ForceBalance, steady: Steady, grade: float) -> float:
+    """Pull at full pedal less resistances and inertia, as a share of the pull [1]."""
+    torque = balance.full_torque(steady.speed * balance.reduction(steady.gear))
+    pull = float(balance.pull(torque, steady.gear))
+    inertia = (balance.mass + float(balance.rotating_mass(steady.gear))) * steady.rate
+    return (pull - float(balance.resistance(steady.speed, grade)) - inertia) / pull

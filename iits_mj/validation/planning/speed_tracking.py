@@ -19,7 +19,7 @@ from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.validation.harness.config import ValidateConfig
-from iits_mj.validation.longitudinal.runs import HILLS_LENGTH, hills, sloping
+from iits_mj.validation.longitudinal.hills import HILLS_LENGTH, hills, sloping
 from iits_mj.validation.planning.closed_loop import DriveTask, Record, drive
 
 # --- How pedal, brakes and gearbox were used on a drive, and how well the speed was kept ---

@@ -1,20 +1,27 @@
-"""Recorded and simulated flow side by side: distances of distributions, by lane and by density."""
+"""Recorded and simulated flow: distances of their distributions, by lane and by density."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from iits_mj.core.errors import InputError
-from iits_mj.core.results import Check, Line, Panel, Results
+from iits_mj.core.results import Findings, Line, Panel, Results
 from iits_mj.road import Route
-from iits_mj.validation.traffic import conditions as conditions_of
-from iits_mj.validation.traffic.conditions import CLOSE, TYPE, WARM_UP, Conditions, Drivers
+from iits_mj.validation.traffic.conditions import (
+    CLOSE,
+    TYPE,
+    WARM_UP,
+    Conditions,
+    Drivers,
+    compared,
+    without_model,
+)
 from iits_mj.validation.traffic.fit import Fit
 from iits_mj.validation.traffic.flow import (
     FlowLog,
@@ -33,19 +40,19 @@ from traffic_bridge.vehicles.calibration import trimmed
 from traffic_bridge.vehicles.idm import IdmParameters
 from traffic_bridge.vehicles.types import VehicleType, default_types
 
-# --- Runs PureSim under recorded conditions, lane by lane ---
+# --- Simulation of the recorded conditions ---
 
 RUN_OUT = 100.0  # [m] beyond the stretch
 SAMPLE_PERIOD = 0.5  # [s] between samples of the simulated flow
 SPEED_CAP = 40.0  # [m/s]: limit of the simulated road, above every desired speed
-RESOLUTION = 0.05  # [m/s] of the speeds that are told
-# Who drives at a recorded speed keeps close, so that the others' distances do not slow it down.
+RESOLUTION = 0.05  # [m/s] of prescribed speeds
+# A vehicle with a prescribed speed keeps a short distance, so that its leader does not slow it.
 DRIVEN = {"time_headway": CLOSE, "acceleration": 2.0}
 LANE_WIDTH = 3.66  # [m]
 
 
 def entering_type(length: float) -> VehicleType:
-    """Of a vehicle until it is on the road, where it gets a driver."""
+    """Type of a vehicle until it is on the road, where it gets a driver."""
     return dataclasses.replace(
         default_types()[0],
         length=length,
@@ -62,10 +69,10 @@ def drive(
     """Runs PureSim under recorded conditions, lane by lane.
 
     Args:
-      conditions: see the module.
-      drivers: who drives.
-      window: beginning and end of what is simulated, in the recording's time [s].
-      seed: of the traffic and of the drivers.
+      conditions: of all lanes.
+      drivers: draw the driver of each vehicle.
+      window: begin and end in the time of the recording [s].
+      seed: of the drivers.
 
     Returns:
       The simulated flow at the recording's times, lanes and stations.
@@ -100,7 +107,7 @@ def _drive_lane(
         departures=departures,
     )
     log = FlowLog()
-    told: dict[str, float] = {}
+    prescribed: dict[str, float] = {}  # speed of each vehicle, inf when it has a driver
     with PureSim(route, config) as traffic:
         frame = traffic.reset()
         stride = round(SAMPLE_PERIOD / config.step_length)
@@ -112,13 +119,13 @@ def _drive_lane(
                 free = station < conditions.head_at(lane, time)
                 for i, name in enumerate(frame.ids):
                     if free[i]:
-                        if told.get(name) != math.inf:
-                            told[name] = math.inf
-                            # Vehicles of the list are named by their place in it.
+                        if prescribed.get(name) != math.inf:
+                            prescribed[name] = math.inf
+                            # The names of vehicles end with their place in the list.
                             driver = found[int(name.rpartition(".d")[2])]
                             traffic.vehicles.change(name, **dataclasses.asdict(driver))
-                    elif abs(told.get(name, math.inf) - speed) > RESOLUTION:
-                        told[name] = speed
+                    elif abs(prescribed.get(name, math.inf) - speed) > RESOLUTION:
+                        prescribed[name] = speed
                         traffic.vehicles.change(name, desired_speed=speed, **DRIVEN)
                 if time >= begin:
                     log.add(time, frame, before)
@@ -131,10 +138,10 @@ def _drive_lane(
     )
 
 
-# --- Recorded and simulated flow side by side: distances of distributions, by lane and by density
+# --- Comparison ---
 
 QUANTITIES = {"speed": "m/s", "spacing": "m", "time_headway": "s"}
-SPEED_BOUND = "<= 1"  # [m/s]: the goal for calibrated traffic in the recorded conditions
+SPEED_BOUND = "<= 1"  # [m/s] for calibrated traffic in the recorded conditions
 QUICK_WINDOWS = 1
 
 
@@ -144,22 +151,22 @@ class RecordedFlow:
 
     Attributes:
       data: as read; found: pairs; flow: of the followers.
-      conditions: with the foremost vehicle as boundary; fixed: with one that stands still, None
-        where the set has not the speeds for it.
+      conditions: with the vehicle farthest ahead as boundary; fixed: with a fixed boundary, None
+        when the set lacks the speeds for it.
     """
 
     data: Trajectories
     found: Sequence[Pair]
     flow: FlowSamples
-    conditions: conditions_of.Conditions
-    fixed: conditions_of.Conditions | None
+    conditions: Conditions
+    fixed: Conditions | None
 
     @classmethod
     def read(cls, path: Path) -> RecordedFlow:
         """Reads a set.
 
         Raises:
-          InputError: it cannot be read, has no pairs, or tells no conditions.
+          InputError: it cannot be read, has no pairs, or gives no conditions.
         """
         data = read_trajectories(path)
         found = trimmed(pairs(data))
@@ -167,19 +174,19 @@ class RecordedFlow:
         begin = float(min(flow.station.min(), others.station.min()))
         flow, others = flow.moved(-begin), others.moved(-begin)
         length = float(np.mean(data.length))
-        conditions = conditions_of.Conditions.of(flow, others, length)
+        conditions = Conditions.of(flow, others, length)
         try:
-            fixed = conditions_of.Conditions.of(flow, others, length, fixed=True)
+            fixed = Conditions.of(flow, others, length, fixed=True)
         except InputError:
             fixed = None
         return cls(data, found, flow, conditions, fixed)
 
 
 def compare_flows(results: Results, recorded: RecordedFlow, fit: Fit, quick: bool) -> None:
-    """Simulates the recorded conditions with three kinds of drivers and adds the distances."""
+    """Simulates the recorded conditions with three kinds of drivers, and adds the distances."""
     conditions = recorded.conditions
     windows = conditions.windows()[: QUICK_WINDOWS if quick else None]
-    reference = conditions_of.compared(recorded.flow, conditions)
+    reference = compared(recorded.flow, conditions)
     by_lane: dict[int, list[IdmParameters]] = {}
     for entry, pair in zip(fit.headways, fit.fitted, strict=True):
         by_lane.setdefault(pair.lane, []).append(entry.parameters)
@@ -188,13 +195,13 @@ def compare_flows(results: Results, recorded: RecordedFlow, fit: Fit, quick: boo
         choices = by_lane.get(lane) or [entry.parameters for entry in fit.headways]
         return choices[int(rng.integers(len(choices)))]
 
-    drivers: dict[str, conditions_of.Drivers] = {
+    drivers: dict[str, Drivers] = {
         "default": lambda _lane, _rng: fit.default,
         "calibrated": lambda _lane, _rng: fit.common.parameters,
         "own headways": own,
     }
     flows = {
-        name: conditions_of.compared(
+        name: compared(
             FlowSamples.joined([drive(conditions, who, w) for w in windows]),
             conditions,
         )
@@ -202,37 +209,23 @@ def compare_flows(results: Results, recorded: RecordedFlow, fit: Fit, quick: boo
     }
     cells = levels(reference)
     for name, flow in flows.items():
-        # One window is too few for the goal.
+        # One window is too short for the bound.
         bound = SPEED_BOUND if name == "calibrated" and not quick else ""
+        found = Findings()
         ours, theirs = matched(reference, flow)
-        results.checks += _distances(f"{name}, all", ours, theirs, bound)
-        single = []
-        for lane in range(conditions.lanes):
-            mine = theirs.select((theirs.lane == lane) & np.isfinite(theirs.spacing))
-            if not len(mine):
-                continue
-            flow_found = weighted_mean(mine, "speed") / weighted_mean(mine, "spacing")
-            recorded_flow = 3600.0 * float(conditions.flow[lane])
-            label = f"{name}, lane {lane}: flow"
-            results.checks.append(Check(label, 3600.0 * flow_found, "1/h", recorded_flow))
-            a, b = (part.select(part.lane == lane) for part in (ours, theirs))
-            results.checks += _distances(f"{name}, lane {lane}", a, b, "", only_speed=True)
-            single.append((len(a), wasserstein(a, b)))
-        if single:
-            counts, distances = zip(*single, strict=True)
-            mean = float(np.average(distances, weights=counts))
-            label = f"{name}, mean of the lanes: speed, Wasserstein"
-            results.checks.append(Check(label, mean, "m/s"))
+        _check_distances(found, f"{name}, all", ours, theirs, bound)
+        _check_lanes(found, name, ours, theirs, conditions)
         for level, members in cells.items():
             a, b = (part.select(np.isin(part.cells(), members)) for part in (ours, theirs))
-            results.checks += _distances(f"{name}, {level}", a, b, "")
+            _check_distances(found, f"{name}, {level}", a, b)
+        results.add("", found)
     for quantity, unit in QUANTITIES.items():
         results.figures[quantity] = _panels(quantity, unit, reference, flows, cells)
     _other_boundaries(results, recorded, drivers["calibrated"], flows["calibrated"], windows)
     covered = ", ".join(f"{100.0 * share:.0f} %" for share in conditions.covered)
     results.notes.append(
-        f"somebody was recorded in {covered} of the time, by lane from the right; in between place "
-        "and speed of the boundary are interpolated"
+        f"a vehicle was recorded in {covered} of the time, by lane from the right; in between "
+        "place and speed of the boundary are interpolated"
     )
     density = ", ".join(f"{name} {k:.0f}" for name, k in densities(reference, cells).items())
     results.notes.append(
@@ -240,47 +233,69 @@ def compare_flows(results: Results, recorded: RecordedFlow, fit: Fit, quick: boo
     )
 
 
+def _check_lanes(
+    found: Findings, name: str, ours: FlowSamples, theirs: FlowSamples, conditions: Conditions
+) -> None:
+    """Flow and speed of each lane, and the mean distance of the lanes."""
+    single = []
+    for lane in range(conditions.lanes):
+        mine = theirs.select((theirs.lane == lane) & np.isfinite(theirs.spacing))
+        if not len(mine):
+            continue
+        flow = weighted_mean(mine, "speed") / weighted_mean(mine, "spacing")
+        recorded = 3600.0 * float(conditions.flow[lane])
+        found.check(f"{name}, lane {lane}: flow", 3600.0 * flow, "1/h", recorded)
+        a, b = (part.select(part.lane == lane) for part in (ours, theirs))
+        _check_distances(found, f"{name}, lane {lane}", a, b, quantities=("speed",))
+        single.append((len(a), wasserstein(a, b)))
+    if single:
+        counts, distances = zip(*single, strict=True)
+        mean = np.average(distances, weights=counts)
+        found.check(f"{name}, mean of the lanes: speed, Wasserstein", mean, "m/s")
+
+
 def _other_boundaries(
     results: Results,
     recorded: RecordedFlow,
-    drivers: conditions_of.Drivers,
+    drivers: Drivers,
     flow: FlowSamples,
     windows: list[tuple[float, float]],
 ) -> None:
-    """How much of a small distance the boundary explains by itself, and one that explains less."""
-    conditions, fixed = recorded.conditions, recorded.fixed
-    ours, _ = matched(conditions_of.compared(recorded.flow, conditions), flow)
+    """Distances of a flow without a model, and with a fixed boundary, which explains less."""
+    conditions, fixed, found = recorded.conditions, recorded.fixed, Findings()
+    ours, _ = matched(compared(recorded.flow, conditions), flow)
     label = "no model, only the boundary's speed as a wave, all: speed, Wasserstein"
-    distance = wasserstein(ours, conditions_of.without_model(ours, conditions))
-    results.checks.append(Check(label, distance, "m/s"))
-    if fixed is None:
-        return
-    parts = [drive(fixed, drivers, window) for window in windows]
-    ours, theirs = matched(
-        conditions_of.compared(recorded.flow, fixed),
-        conditions_of.compared(FlowSamples.joined(parts), fixed),
-    )
-    results.checks += _distances("calibrated, boundary at the exit, all", ours, theirs, "", True)
+    found.check(label, wasserstein(ours, without_model(ours, conditions)), "m/s")
+    if fixed is not None:
+        parts = [drive(fixed, drivers, window) for window in windows]
+        ours, theirs = matched(
+            compared(recorded.flow, fixed), compared(FlowSamples.joined(parts), fixed)
+        )
+        label = "calibrated, boundary at the exit, all"
+        _check_distances(found, label, ours, theirs, quantities=("speed",))
+    results.add("", found)
 
 
-def _distances(
-    name: str, ours: FlowSamples, theirs: FlowSamples, bound: str, only_speed: bool = False
-) -> list[Check]:
+def _check_distances(
+    found: Findings,
+    name: str,
+    ours: FlowSamples,
+    theirs: FlowSamples,
+    bound: str = "",
+    quantities: Iterable[str] = tuple(QUANTITIES),
+) -> None:
+    """Distances of the distributions of some quantities; the bound is that of the speed."""
     if not (len(ours) and len(theirs)):
-        return []
-    checks = []
-    for quantity, unit in QUANTITIES.items():
-        if only_speed and quantity != "speed":
-            continue
-        label = f"{name}: {quantity.replace('_', ' ')}"
+        return
+    for quantity in quantities:
+        unit, label = QUANTITIES[quantity], f"{name}: {quantity.replace('_', ' ')}"
         must = bound if quantity == "speed" else ""
         distance = wasserstein(ours, theirs, quantity)
+        found.check(f"{label}, Wasserstein", distance, unit, must=must)
         gap = kolmogorov_smirnov(ours, theirs, quantity)
-        checks.append(Check(f"{label}, Wasserstein", distance, unit, None, must))
-        checks.append(Check(f"{label}, Kolmogorov-Smirnov", gap, "1"))
+        found.check(f"{label}, Kolmogorov-Smirnov", gap, "1")
         reference = weighted_mean(ours, quantity)
-        checks.append(Check(f"{label}, mean", weighted_mean(theirs, quantity), unit, reference))
-    return checks
+        found.check(f"{label}, mean", weighted_mean(theirs, quantity), unit, reference)
 
 
 def _panels(
@@ -290,7 +305,7 @@ def _panels(
     flows: dict[str, FlowSamples],
     cells: dict[str, np.ndarray],
 ) -> list[Panel]:
-    """One density of probability a level: recorded, simulated before, simulated after."""
+    """Probability densities of each level: recorded and simulated."""
     values = reference.quantity(quantity)
     top = float(np.nanpercentile(values, 99.5)) * 1.15
     edges = np.linspace(0.0, top, 41)
@@ -311,8 +326,6 @@ def _panels(
             role = {"recorded": "reference", "calibrated": "simulation"}.get(name, "")
             lines.append(Line(name, middle, share, role))
         title = f"{level.capitalize()} traffic"
-        panels.append(
-            Panel(title, f"{quantity.replace('_', ' ')} [{unit}]", "density of probability",
-                  tuple(lines))
-        )  # fmt: skip
+        x_label = f"{quantity.replace('_', ' ')} [{unit}]"
+        panels.append(Panel(title, x_label, "density of probability", tuple(lines)))
     return panels

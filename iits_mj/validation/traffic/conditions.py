@@ -1,22 +1,21 @@
-"""PureSim on a recorded road: the vehicle ahead of all as recorded, IDM drivers in a queue behind.
+"""Conditions of a recorded road for a simulation: recorded first vehicle, IDM drivers behind it.
 
-Each recorded lane is a straight road of its own, because no recorded pair changes lanes:
+Each recorded lane becomes a straight road of its own, because no recorded pair changes lanes:
 
-- a column of vehicles, each at the distance it keeps at the first recorded speeds, is long enough
-  to feed the stretch to the end: the recorded stretch lies inside a queue, so its drivers decide
-  how many come in, and the flow is a result that is compared with the recorded one;
-- at every time the recorded vehicle farthest ahead in the lane, whom nobody of the recording leads,
-  is the downstream boundary: who is as far as it is drives at its speed.
+- A column of vehicles, each at the distance that it keeps at the first recorded speeds, is long
+  enough to feed the stretch to the end. The recorded stretch lies inside a queue, so its drivers
+  decide how many enter; the flow is a result that is compared with the recorded one.
+- At every time the recorded vehicle farthest ahead in the lane, which follows no recorded vehicle,
+  is the downstream boundary: a vehicle at its place drives at its speed.
 
-Behind it, where flows are compared, nothing is prescribed: everybody follows its leader by the
-Intelligent Driver Model. A long recording is simulated window by window, each from a beginning of
-its own.
+Behind the boundary, where flows are compared, nothing is prescribed: every vehicle follows its
+leader by the Intelligent Driver Model. A long recording is simulated in windows.
 
-A boundary that stands still (the speeds on the last part of the stretch) is less true to this kind
-of recording, a selection of platoons: most of the time nobody was recorded there, and the speed
-between two platoons is not that of either. Prescribing the recorded inflow does not work: a little
-less than the drivers could take, and the queue dissolves into free traffic; a little more, and
-nothing changes. In a queue information travels upstream.
+A fixed boundary (with the speeds on the last part of the stretch) is less faithful to this kind of
+recording, a selection of platoons: most of the time no vehicle was recorded there, and the speed
+between two platoons is not that of either. Prescribing the recorded inflow does not work: slightly
+less than the capacity dissolves the queue into free traffic, slightly more changes nothing. In a
+queue information travels upstream.
 """
 
 from __future__ import annotations
@@ -36,31 +35,31 @@ from iits_mj.validation.traffic.flow import FlowSamples
 from traffic_bridge.vehicles.departures import Departure
 from traffic_bridge.vehicles.idm import IdmParameters, equilibrium_gap
 
-# The driver of a vehicle of a lane, drawn with a generator.
+# Draws the driver of a vehicle in a lane.
 Drivers = Callable[[int, np.random.Generator], IdmParameters]
 
-EXIT_SHARE = 0.8  # of the stretch, where a boundary that stands still is
-WARM_UP = 60.0  # [s] before a window begins, under its first conditions
+EXIT_SHARE = 0.8  # of the stretch: place of a fixed boundary
+WARM_UP = 60.0  # [s] before a window, with its first conditions
 WINDOW = 150.0  # [s]
-RESERVE = 1.15  # length of the column over what the recorded flow would use up
+RESERVE = 1.15  # length of the column relative to the need of the recorded flow
 CLOSE = 0.3  # [s]: time headway beyond the boundary
-BIN = 2.0  # [s] over which recorded speeds are averaged
+BIN = 2.0  # [s] for averages of recorded speeds
 TYPE = "car"
-SLOWEST = 0.5  # [m/s]: nobody is told to stand
+SLOWEST = 0.5  # [m/s]: least prescribed speed
 WAVE = 4.5  # [m/s] upstream, see `without_model`
 
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """What drives a simulated road; arrays over lanes, and over time every `BIN` seconds.
+    """Conditions by lane, and over time every `BIN` seconds.
 
     Attributes:
       start, end: of the recording [s]; length: of the recorded stretch [m].
       time: middle of the bins [s], shape (n,).
-      head, head_speed: where the recorded vehicle farthest ahead is [m], and its speed [m/s], shape
+      head, head_speed: station [m] and speed [m/s] of the recorded vehicle farthest ahead, shape
         (lanes, n).
-      covered: share of the bins in which somebody was recorded, shape (lanes,); between them place
-        and speed are interpolated.
+      covered: share of the bins with a recorded vehicle, shape (lanes,); between them station and
+        speed are interpolated.
       speed, spacing: means over the stretch [m/s], [m], shape (lanes,).
       vehicle_length: mean [m].
     """
@@ -100,11 +99,11 @@ class Conditions:
           recorded: followers.
           others: their leaders.
           vehicle_length: mean [m].
-          fixed: the boundary stands still instead, where the last fifth of the stretch begins, and
-            its speed is the mean of who is recorded there, interpolated where nobody is.
+          fixed: the boundary stays where the last fifth of the stretch begins, with the mean speed
+            of the vehicles recorded there, interpolated where there are none.
 
         Raises:
-          InputError: a lane has nobody with a leader.
+          InputError: a lane has no vehicle with a leader.
         """
         length = float(recorded.station.max())
         start, end = float(recorded.time.min()), float(recorded.time.max())
@@ -116,12 +115,12 @@ class Conditions:
             mine = whole.select(whole.lane == lane)
             known = mine.select(np.isfinite(mine.spacing))
             if not len(known):
-                raise InputError(f"lane {lane}: nobody behind a leader was recorded")
+                raise InputError(f"lane {lane}: no vehicle behind a leader was recorded")
             if fixed:
                 first = mine.select(mine.station > EXIT_SHARE * length)
                 if not len(first):
                     raise InputError(
-                        f"lane {lane}: nobody was recorded on the last fifth of {length:.0f} m"
+                        f"lane {lane}: no vehicle was recorded on the last fifth of {length:.0f} m"
                     )
             else:
                 first = _foremost(mine)
@@ -145,7 +144,7 @@ class Conditions:
         )
 
     def lead_in(self, lane: int, begin: float, end: float) -> float:
-        """Length of the road before the stretch that holds a lane's column for a window [m]."""
+        """Length of road before the stretch for the column of a lane in a window [m]."""
         times = np.arange(begin - WARM_UP, end, BIN)
         driven = float(sum(self.speed_at(lane, float(time)) * BIN for time in times))
         return driven * RESERVE
@@ -153,16 +152,16 @@ class Conditions:
     def column(
         self, lane: int, begin: float, end: float, drivers: Drivers, rng: np.random.Generator
     ) -> tuple[tuple[Departure, ...], list[IdmParameters]]:
-        """The vehicles of a simulation of a window [s], all there at its beginning.
+        """The vehicles of the simulation of a window [s], all present at its beginning.
 
         Returns:
           The departures, and the driver of each.
         """
         departures, found = [], []
-        # Only the boundary's speeds are used: what is upstream of it is to be found, not given.
+        # Only speeds of the boundary are used; the flow upstream of it is a result.
         times = np.arange(begin - WARM_UP, begin, BIN)
         mean = float(np.mean([self.speed_at(lane, float(time)) for time in times]))
-        # Half the speed: who is put on the road wants at least a second's distance there.
+        # Half the speed: SUMO inserts a vehicle only with at least one second of distance.
         first = 0.5 * mean
         station = self.lead_in(lane, begin, end) + self.length - 1.0
         while station > self.vehicle_length + 1.0:
@@ -183,7 +182,7 @@ class Conditions:
         return np.interp(time, self.time, self.head[lane])
 
     def is_free(self, samples: FlowSamples) -> NDArray[np.bool_]:
-        """True for entries on the stretch for which nothing is prescribed, shape (n,)."""
+        """True for entries on the stretch that are not prescribed, shape (n,)."""
         free = samples.station >= 0.0
         for lane in range(self.lanes):
             mine = samples.lane == lane
@@ -191,22 +190,22 @@ class Conditions:
         return np.asarray(free)
 
     def windows(self) -> list[tuple[float, float]]:
-        """Beginnings and ends of the windows to simulate [s]."""
+        """Begin and end of the windows to simulate [s]."""
         count = max(1, round((self.end - self.start) / WINDOW))
         edges = np.linspace(self.start, self.end, count + 1).tolist()
         return list(itertools.pairwise(edges))
 
 
 def compared(samples: FlowSamples, conditions: Conditions) -> FlowSamples:
-    """The part of a flow that is compared: on the stretch, behind the boundary."""
+    """The part of a flow to compare: on the stretch, behind the boundary."""
     return samples.select(conditions.is_free(samples))
 
 
 def without_model(samples: FlowSamples, conditions: Conditions) -> FlowSamples:
-    """The entries with the speed that came upstream from the boundary as a wave, and no driver.
+    """The entries with the speed of the boundary, travelling upstream as a wave.
 
     Treiber and Kesting (2013), section 8.5: disturbances in congested traffic travel upstream at
-    about 15 to 20 km/h, whatever the drivers. What this gets right a model cannot take credit for.
+    about 15 to 20 km/h, whatever the drivers. The agreement of this flow is no merit of a model.
     """
     speed = np.empty(len(samples))
     for lane in range(conditions.lanes):
@@ -218,7 +217,7 @@ def without_model(samples: FlowSamples, conditions: Conditions) -> FlowSamples:
 
 
 def _foremost(samples: FlowSamples) -> FlowSamples:
-    """The entry farthest ahead at each time, of samples of one lane."""
+    """The entry farthest ahead at each time, in samples of one lane."""
     order = np.lexsort((samples.station, samples.time))
     times = samples.time[order]
     last = np.append(np.diff(times) > 1e-6, True)
@@ -228,7 +227,7 @@ def _foremost(samples: FlowSamples) -> FlowSamples:
 
 
 def _binned(time: FloatArray, values: FloatArray, edges: FloatArray) -> tuple[FloatArray, float]:
-    """Means over bins, interpolated where there is no value, and the share of bins with one."""
+    """Means over bins, interpolated over empty bins, and the share of bins with a value."""
     count, _ = np.histogram(time, edges)
     total, _ = np.histogram(time, edges, weights=values)
     middle = 0.5 * (edges[1:] + edges[:-1])

@@ -1,4 +1,4 @@
-"""What traffic flow looks like: samples of speed and headway, lane changes, and their distances."""
+"""Traffic flow: samples of speed and headway, lane changes, and distances of distributions."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from traffic_bridge.datasets import Pair, Trajectories
 from traffic_bridge.frame import VehicleFrame
 
 LEVELS = ("dense", "medium", "sparse")
-CELL_TIME, CELL_LENGTH = 10.0, 50.0  # [s], [m]: cells in which two flows are set side by side
-STANDING = 0.5  # [m/s]: slower than that a time headway says nothing
+CELL_TIME, CELL_LENGTH = 10.0, 50.0  # [s], [m]: cells in which two flows are compared
+STANDING = 0.5  # [m/s] below which a time headway has no meaning
 
 
 @dataclass(frozen=True, eq=False)
 class FlowSamples:
-    """Vehicles seen at places and times, each an entry of arrays of shape (n,).
+    """Vehicles at places and times, as arrays of shape (n,).
 
     Attributes:
       time: [s]; lane: index from the right; station: of the front bumper [m].
@@ -44,7 +44,7 @@ class FlowSamples:
 
     @property
     def time_headway(self) -> FloatArray:
-        """Spacing over speed [s], NaN without a leader and for who stands."""
+        """Spacing over speed [s]; NaN without a leader and for a standing vehicle."""
         moving = np.where(self.speed > STANDING, self.speed, np.nan)
         return np.asarray(self.spacing / moving)
 
@@ -57,32 +57,23 @@ class FlowSamples:
         return self.reweighted(self.weight, keep)
 
     def moved(self, distance: float) -> FlowSamples:
-        """The same flow with its stations moved by a distance [m]."""
+        """The flow with its stations moved by a distance [m]."""
         return dataclasses.replace(self, station=self.station + distance)
 
     def reweighted(self, weight: FloatArray, keep: NDArray[np.bool_]) -> FlowSamples:
         """The entries of a mask, with other weights, both of shape (n,)."""
-        return FlowSamples(
-            self.time[keep],
-            self.lane[keep],
-            self.station[keep],
-            self.speed[keep],
-            self.spacing[keep],
-            weight[keep],
-        )
+        names = [entry.name for entry in dataclasses.fields(self)]
+        columns = {name: getattr(self, name)[keep] for name in names}
+        return FlowSamples(**columns | {"weight": weight[keep]})
 
     @classmethod
     def joined(cls, parts: Sequence[FlowSamples]) -> FlowSamples:
         """All entries of several flows."""
-        return cls(
-            *(
-                np.concatenate([getattr(part, entry.name) for part in parts])
-                for entry in dataclasses.fields(cls)
-            )
-        )
+        names = [entry.name for entry in dataclasses.fields(cls)]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     def cells(self) -> NDArray[np.int64]:
-        """The cell of lane, time and place each entry lies in, as one number, shape (n,)."""
+        """Number of the cell of lane, time and place of each entry, shape (n,)."""
         place = np.floor(self.station / CELL_LENGTH).astype(np.int64) + 10_000
         instant = np.floor(self.time / CELL_TIME).astype(np.int64) + 100_000
         return (self.lane * 1_000_000 + instant) * 100_000 + place
@@ -96,32 +87,32 @@ class FlowSamples:
         """
         if not pairs:
             raise InputError("no leader-follower pair in the data")
-        return cls(
-            np.concatenate([pair.time for pair in pairs]),
-            np.concatenate([np.full(len(pair.time), pair.lane, dtype=np.int64) for pair in pairs]),
-            np.concatenate([pair.station for pair in pairs]),
-            np.concatenate([pair.speed for pair in pairs]),
-            np.concatenate([pair.gap + pair.leader_length for pair in pairs]),
-            np.ones(sum(len(pair.time) for pair in pairs)),
-        )
+        spacing = np.concatenate([pair.gap + pair.leader_length for pair in pairs])
+        return cls._joined_pairs(pairs, "station", "speed", spacing)
 
     @classmethod
     def of_leaders(cls, pairs: Sequence[Pair]) -> FlowSamples:
-        """The leaders of recorded pairs, without spacing; who leads twice is there twice."""
-        count = sum(len(pair.time) for pair in pairs)
+        """The leaders of recorded pairs, without spacing; a leader of two pairs occurs twice."""
+        spacing = np.full(sum(len(pair.time) for pair in pairs), np.nan)
+        return cls._joined_pairs(pairs, "leader_station", "leader_speed", spacing)
+
+    @classmethod
+    def _joined_pairs(
+        cls, pairs: Sequence[Pair], station: str, speed: str, spacing: FloatArray
+    ) -> FlowSamples:
         return cls(
             np.concatenate([pair.time for pair in pairs]),
             np.concatenate([np.full(len(pair.time), pair.lane, dtype=np.int64) for pair in pairs]),
-            np.concatenate([pair.leader_station for pair in pairs]),
-            np.concatenate([pair.leader_speed for pair in pairs]),
-            np.full(count, np.nan),
-            np.ones(count),
+            np.concatenate([getattr(pair, station) for pair in pairs]),
+            np.concatenate([getattr(pair, speed) for pair in pairs]),
+            spacing,
+            np.ones(len(spacing)),
         )
 
 
 @dataclass(slots=True)
 class FlowLog:
-    """Collects samples of a running traffic, and counts its lane changes.
+    """Collects samples of running traffic and counts its lane changes.
 
     Attributes:
       distance: driven by all vehicles [m].
@@ -135,7 +126,7 @@ class FlowLog:
     _time: float = 0.0
 
     def add(self, time: float, frame: VehicleFrame, begin: float = -math.inf) -> None:
-        """Notes the vehicles of the route's lanes at a time [s], from a station on [m]."""
+        """Adds the vehicles on the route at a time [s], beyond a station [m]."""
         on_route = (frame.lanes >= 0) & (frame.column("station") >= begin)
         lane = np.asarray(frame.lanes, dtype=float)[on_route]
         length, speed = frame.column("length")[on_route], frame.column("speed")[on_route]
@@ -155,7 +146,7 @@ class FlowLog:
 
     @property
     def samples(self) -> FlowSamples:
-        """What was noted."""
+        """All samples so far."""
         time, lane, station, speed, spacing = (
             np.concatenate(column) if column else np.zeros(0)
             for column in (zip(*self._parts, strict=True) if self._parts else ((),) * 5)
@@ -164,12 +155,12 @@ class FlowLog:
 
     @property
     def lane_change_rate(self) -> float:
-        """Lane changes per vehicle and kilometer, NaN where nobody drove."""
+        """Lane changes per vehicle and kilometer; NaN without a distance."""
         return self.lane_changes / (self.distance / 1e3) if self.distance > 0.0 else float("nan")
 
 
 def lane_change_rate(data: Trajectories) -> tuple[int, float]:
-    """Lane changes of a recorded set, and the vehicle kilometers in which they were seen."""
+    """Lane changes of a recorded set, and its vehicle kilometers."""
     same = np.diff(data.vehicle) == 0
     changes = int((same & (np.diff(data.lane) != 0)).sum())
     driven = float(np.where(same, np.maximum(np.diff(data.station), 0.0), 0.0).sum())
@@ -177,10 +168,10 @@ def lane_change_rate(data: Trajectories) -> tuple[int, float]:
 
 
 def matched(recorded: FlowSamples, simulated: FlowSamples) -> tuple[FlowSamples, FlowSamples]:
-    """Both flows where both were seen, cell by cell of lane, 10 s and 50 m.
+    """Both flows in the cells of lane, 10 s and 50 m that both have.
 
-    The simulated entries of a cell together weigh as much as the recorded ones, so the two
-    distributions are of the same times and places.
+    The simulated entries of a cell have together the weight of the recorded ones, so that the
+    distributions belong to the same times and places.
     """
     ours, theirs = recorded.cells(), simulated.cells()
     cells, counts = np.unique(theirs, return_counts=True)
@@ -194,7 +185,7 @@ def matched(recorded: FlowSamples, simulated: FlowSamples) -> tuple[FlowSamples,
 
 
 def levels(recorded: FlowSamples) -> dict[str, NDArray[np.int64]]:
-    """Cuts a recorded flow into three levels of equally many entries by its local density.
+    """Divides a recorded flow into three levels with equally many entries by its local density.
 
     The density of a cell of lane, 10 s and 50 m is the inverse of the mean spacing in it.
 
@@ -212,7 +203,7 @@ def levels(recorded: FlowSamples) -> dict[str, NDArray[np.int64]]:
 
 
 def densities(recorded: FlowSamples, cells: dict[str, NDArray[np.int64]]) -> dict[str, float]:
-    """Mean density of each level [vehicles a kilometer and lane]."""
+    """Mean density of each level [vehicles per kilometer and lane]."""
     return {
         name: 1e3 / weighted_mean(recorded.select(np.isin(recorded.cells(), members)), "spacing")
         for name, members in cells.items()
@@ -228,7 +219,7 @@ def wasserstein(a: FlowSamples, b: FlowSamples, name: str = "speed") -> float:
 
 
 def kolmogorov_smirnov(a: FlowSamples, b: FlowSamples, name: str = "speed") -> float:
-    """Greatest difference between two distribution functions, 0 to 1, weights heeded."""
+    """Greatest difference between two weighted distribution functions, 0 to 1."""
     (x, u), (y, w) = _finite(a, name), _finite(b, name)
     places = np.unique(np.concatenate([x, y]))
     return float(np.abs(distribution(x, u, places) - distribution(y, w, places)).max())
@@ -242,12 +233,13 @@ def distribution(values: FloatArray, weights: FloatArray, places: FloatArray) ->
 
 
 def weighted_mean(samples: FlowSamples, name: str) -> float:
-    """Mean of a quantity."""
+    """Weighted mean of a quantity."""
     values, weights = _finite(samples, name)
     return float(np.average(values, weights=weights))
 
 
 def _finite(samples: FlowSamples, name: str) -> tuple[FloatArray, FloatArray]:
+    """Values and weights of a quantity where it is known."""
     values = samples.quantity(name)
     known = np.isfinite(values) & (samples.weight > 0.0)
     if not known.any():

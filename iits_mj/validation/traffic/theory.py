@@ -1,18 +1,19 @@
-"""SUMO's traffic against the Intelligent Driver Model's closed form; needs no recorded data.
+"""SUMO's traffic against the closed form of the Intelligent Driver Model (IDM).
 
-Equilibrium gaps and flows of a column of equal vehicles (the fundamental diagram), and how much of
-its leader's speed oscillation a follower takes over (string stability).
+Equilibrium gaps and flows of a column of equal vehicles (the fundamental diagram), and the share of
+the leader's speed oscillation that a follower takes over (string stability).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.results import Check, Line, Panel
+from iits_mj.core.results import Findings, Line
 from iits_mj.road import Route
 from iits_mj.validation.harness.recorder import harmonic
 from traffic_bridge.config import TrafficConfig
@@ -21,18 +22,18 @@ from traffic_bridge.vehicles.departures import Departure
 from traffic_bridge.vehicles.idm import IdmParameters, equilibrium_flow, equilibrium_gap, gain
 from traffic_bridge.vehicles.types import VehicleType, default_types
 
-LIMIT = 20.0  # [m/s]: desired speed of everybody
+LIMIT = 20.0  # [m/s]: desired speed of all vehicles
 COLUMN = 5  # vehicles behind the first
-SETTLING = 180.0  # [s] until a column drives evenly
+SETTLING = 180.0  # [s] until a column is in equilibrium
 SPEEDS = (5.0, 8.0, 11.0, 14.0, 17.0)  # [m/s]
 FREQUENCIES = (0.02, 0.04, 0.08)  # [Hz]
 AMPLITUDE = 0.2  # [m/s] of the first vehicle's desired speed
-PERIODS = 3  # of the oscillation that are evaluated
+PERIODS = 3  # evaluated periods of the oscillation
 
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A column of vehicles over time, the foremost first: gap and speed, shape (steps, n)."""
+    """Gaps and speeds of a column over time, first vehicle first, shape (steps, n)."""
 
     time: FloatArray
     gap: FloatArray
@@ -42,11 +43,11 @@ class Column:
 def drive_column(
     kind: VehicleType, speed: float, duration: float, frequency: float = 0.0
 ) -> Column:
-    """Runs a column whose first vehicle wants a constant or an oscillating speed.
+    """Runs a column whose first vehicle has a constant or an oscillating desired speed.
 
     Args:
-      kind: of all vehicles.
-      speed: the first one's desired speed, or its mean [m/s].
+      kind: type of all vehicles.
+      speed: desired speed of the first vehicle, or its mean [m/s].
       duration: [s].
       frequency: of its oscillation [Hz]; 0 for none.
     """
@@ -80,25 +81,11 @@ def drive_column(
     return Column(np.array(times), np.array(gaps), np.array(speeds))
 
 
-def compare(quick: bool) -> tuple[list[Check], list[Panel], list[Panel]]:
-    """Fundamental diagram and string stability of the default car.
-
-    Returns:
-      Checks, panels of the fundamental diagram, panels of the stability.
-    """
+def compare_equilibrium(quick: bool) -> Findings:
+    """Fundamental diagram of the default car."""
     kind = default_types()[0]
-    parameters = IdmParameters.of_type(kind, LIMIT)
+    values = IdmParameters.of_type(kind, LIMIT).as_array()
     speeds = np.array(SPEEDS[1::2] if quick else SPEEDS)
-    frequencies = np.array(FREQUENCIES[1::2] if quick else FREQUENCIES)
-    checks, diagram = _equilibrium(kind, parameters, speeds)
-    more, stability = _stability(kind, parameters, frequencies)
-    return checks + more, diagram, stability
-
-
-def _equilibrium(
-    kind: VehicleType, parameters: IdmParameters, speeds: FloatArray
-) -> tuple[list[Check], list[Panel]]:
-    values = parameters.as_array()
     gap, flow, density = [], [], []
     for speed in speeds:
         column = drive_column(kind, float(speed), SETTLING)
@@ -106,29 +93,29 @@ def _equilibrium(
         length = gap[-1] + kind.length
         density.append(1e3 / length)
         flow.append(3600.0 * float(column.speed[-1].mean()) / length)
-    expected = equilibrium_gap(values, speeds)
-    error = 100.0 * float(np.max(np.abs(np.array(gap) / expected - 1.0)))
-    flow_expected = 3600.0 * equilibrium_flow(values, speeds, kind.length)
-    flow_error = 100.0 * float(np.max(np.abs(np.array(flow) / flow_expected - 1.0)))
+    found = Findings()
+    error = _greatest_error(gap, equilibrium_gap(values, speeds))
+    found.check("equilibrium gap against IDM, greatest error", error, "%", must="<= 1")
+    error = _greatest_error(flow, 3600.0 * equilibrium_flow(values, speeds, kind.length))
+    found.check("fundamental diagram against IDM, flow error", error, "%", must="<= 1")
     grid = np.linspace(0.1, 0.995 * LIMIT, 200)
     curve = 3600.0 * equilibrium_flow(values, grid, kind.length)
     spacing = equilibrium_gap(values, grid) + kind.length
-    checks = [
-        Check("equilibrium gap against IDM, greatest error", error, "%", None, "<= 1"),
-        Check("fundamental diagram against IDM, flow error", flow_error, "%", None, "<= 1"),
-    ]
-    lines = (
+    found.panel(
+        "Fundamental diagram of the default car; points are SUMO",
+        "density [1/km]",
+        "flow [1/h]",
         Line("IDM, closed form", 1e3 / spacing, curve, "reference"),
-        *(Line("", np.array([k]), np.array([q])) for k, q in zip(density, flow, strict=True)),
+        *_points(density, flow),
     )
-    title = "Fundamental diagram of the default car; points are SUMO"
-    return checks, [Panel(title, "density [1/km]", "flow [1/h]", lines)]
+    return found
 
 
-def _stability(
-    kind: VehicleType, parameters: IdmParameters, frequencies: FloatArray
-) -> tuple[list[Check], list[Panel]]:
-    speed = 11.0
+def compare_stability(quick: bool) -> Findings:
+    """String stability of the default car."""
+    kind, speed = default_types()[0], 11.0
+    parameters = IdmParameters.of_type(kind, LIMIT)
+    frequencies = np.array(FREQUENCIES[1::2] if quick else FREQUENCIES)
     measured = []
     for frequency in frequencies:
         duration = 100.0 + PERIODS / float(frequency)
@@ -139,20 +126,26 @@ def _stability(
             for v in column.speed.T
         ]
         measured.append(amplitude[2] / amplitude[1])
-    expected = gain(parameters, speed, frequencies)
-    error = 100.0 * float(np.max(np.abs(np.array(measured) / expected - 1.0)))
     grid = np.geomspace(0.003, 0.3, 200)
     curve = gain(parameters, speed, grid)
-    checks = [
-        Check("oscillation passed on, against linearized IDM", error, "%", None, "<= 2"),
-        Check("greatest gain of the default car in a string", float(curve.max()), "1"),
-    ]
-    lines = (
+    found = Findings()
+    error = _greatest_error(measured, gain(parameters, speed, frequencies))
+    found.check("oscillation passed on, against linearized IDM", error, "%", must="<= 2")
+    found.check("greatest gain of the default car in a string", curve.max(), "1")
+    found.panel(
+        f"Speed amplitude, follower over leader, at {speed:g} m/s; points are SUMO",
+        "frequency [Hz]",
+        "gain [1]",
         Line("IDM, linearized", grid, curve, "reference"),
-        *(
-            Line("", np.array([f]), np.array([g]))
-            for f, g in zip(frequencies, measured, strict=True)
-        ),
+        *_points(frequencies, measured),
     )
-    title = f"Speed amplitude, follower over leader, at {speed:g} m/s; points are SUMO"
-    return checks, [Panel(title, "frequency [Hz]", "gain [1]", lines)]
+    return found
+
+
+def _greatest_error(measured: Sequence[float], expected: FloatArray) -> float:
+    """Greatest relative error [%]."""
+    return 100.0 * float(np.max(np.abs(np.array(measured) / expected - 1.0)))
+
+
+def _points(x: Iterable[float], y: Iterable[float]) -> list[Line]:
+    return [Line("", np.array([a]), np.array([b])) for a, b in zip(x, y, strict=True)]

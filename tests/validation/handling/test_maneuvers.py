@@ -1,11 +1,10 @@
-"""The manoeuvres at a coarse step: they measure something, and the truck is in the right region."""
+"""Maneuvers at a coarse step: they measure something, and the truck is in the right region."""
 
 import numpy as np
 import pytest
 
 from iits_mj.validation import COMMANDS, ValidateConfig
-from iits_mj.validation.handling import circle, low_speed, step_steer
-from iits_mj.validation.handling import step_steer as steer
+from iits_mj.validation.handling import circle, low_speed_turn, step_steer
 
 STEP = 0.002
 LADEN = 36_000.0
@@ -17,8 +16,9 @@ def _values(checks):
 
 @pytest.mark.parametrize("payload", [LADEN, 0.0])
 def test_step_steer_follows_the_yaw_sideslip_model(payload):
-    (recording,) = steer.step_steers(payload, (np.deg2rad(15.0),), STEP)
-    checks, panels = steer.compare(payload, 15.0, ">= 97", recording)
+    (recording,) = step_steer.step_steers(payload, (np.deg2rad(15.0),), STEP)
+    found = step_steer.compare_step(payload, 15.0, ">= 97", recording)
+    checks, panels = found.checks, found.panels
     fits = [check.value for check in checks if check.name.endswith("fit")]
     assert len(fits) == len(panels) == 4
     assert min(fits) > 96.0
@@ -29,20 +29,20 @@ def test_step_steer_follows_the_yaw_sideslip_model(payload):
 
 
 def test_time_step_hardly_changes_the_step_steer():
-    (coarse,) = steer.step_steers(LADEN, (np.deg2rad(15.0),), 0.002)
-    (fine,) = steer.step_steers(LADEN, (np.deg2rad(15.0),), 0.001)
+    (coarse,) = step_steer.step_steers(LADEN, (np.deg2rad(15.0),), 0.002)
+    (fine,) = step_steer.step_steers(LADEN, (np.deg2rad(15.0),), 0.001)
     assert coarse.yaw_rate[-1] == pytest.approx(fine.yaw_rate[-1], rel=0.005)
     assert coarse.yaw_rate.max() == pytest.approx(fine.yaw_rate.max(), rel=0.01)
 
 
 def test_frequency_response_of_the_empty_truck_is_the_models():
-    values = _values(step_steer.compare_frequency(0.0, STEP)[0])
+    values = _values(step_steer.compare_frequency(0.0, STEP).checks)
     assert values["yaw rate, gain error"] < 6.0
     assert values["yaw rate, phase error"] < 6.0
 
 
 def test_trailer_follows_the_kinematic_trailer_round_the_corner():
-    turn = low_speed.turn(LADEN, STEP)
+    turn = low_speed_turn.turn(LADEN, STEP)
     assert turn.path_error() < 0.1
     assert turn.off_tracking() == pytest.approx(turn.kinematic_off_tracking(), abs=0.1)
     assert np.rad2deg(turn.recording.yaw[-1]) == pytest.approx(90.0, abs=3.0)

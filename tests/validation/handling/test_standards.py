@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 
 from iits_mj.parameters import TruckParameters
-from iits_mj.validation.handling import (
-    path_change,
-    rollover,
-    single_lane_change,
-    swept_path,
-    yaw_damping,
-)
+from iits_mj.validation.handling import lane_change, low_speed_turn, rollover, yaw_damping
 from iits_mj.validation.handling.roll_plane import RollPlane
 from iits_mj.validation.handling.yaw_damping import damping_ratio
 
@@ -71,10 +65,10 @@ def test_damping_falls_with_speed():
 
 
 def test_100_kmh_is_held_through_a_lane_change():
-    done = single_lane_change.sine_steer(0.0, 100.0 / 3.6, STEP)
-    assert done.speed_error() < single_lane_change.SPEED_TOLERANCE
-    assert done.peak() == pytest.approx(single_lane_change.PEAK, rel=0.1)
-    assert done.truck() == pytest.approx(done.linear(), rel=0.1)
+    done = lane_change.sine_steer(0.0, 100.0 / 3.6, STEP)
+    assert done.speed_error() < lane_change.SPEED_TOLERANCE
+    assert done.peak() == pytest.approx(lane_change.SINE_PEAK, rel=0.1)
+    assert done.amplification() == pytest.approx(done.model_amplification(), rel=0.1)
 
 
 def test_inverse_steer_moves_the_linear_steer_axle_along_the_path():
@@ -82,16 +76,16 @@ def test_inverse_steer_moves_the_linear_steer_axle_along_the_path():
 
     system = YawSideslip.from_parameters(TruckParameters.load(), 0.0).at(88.0 / 3.6)
     time = np.arange(0.0, 8.0, 0.01)
-    wanted = path_change.PEAK * np.sin(2.0 * np.pi * np.clip(time, 0.0, 2.5) / 2.5)
-    answer = simulate(system, time, path_change.inverse_steer(system, time, wanted))
-    np.testing.assert_allclose(answer.y, path_change.path(time), atol=0.03)
-    assert path_change.end_offset() == pytest.approx(1.46, abs=0.01)
+    wanted = lane_change.PATH_PEAK * np.sin(2.0 * np.pi * np.clip(time, 0.0, 2.5) / 2.5)
+    answer = simulate(system, time, lane_change.inverse_steer(system, time, wanted))
+    np.testing.assert_allclose(answer.y, lane_change.path(time), atol=0.03)
+    assert lane_change.end_offset() == pytest.approx(1.46, abs=0.01)
 
 
 def test_last_axle_swings_beyond_the_path_and_steer_axle_stays_on_it():
-    done = path_change.lane_change(LADEN, 88.0 / 3.6, STEP)
-    assert done.error < path_change.PATH_TOLERANCE
-    assert 0.1 < done.off_tracking() < path_change.OFF_TRACKING
+    done = lane_change.follow_path(LADEN, 88.0 / 3.6, STEP)
+    assert done.error < lane_change.PATH_TOLERANCE
+    assert 0.1 < done.off_tracking() < lane_change.OFF_TRACKING
     assert done.off_tracking() == pytest.approx(done.model_off_tracking(), abs=0.15)
 
 
@@ -132,14 +126,14 @@ def test_stiff_truck_tips_near_the_rigid_bound():
 
 
 def test_outer_steer_tire_follows_the_pbs_arc():
-    done = swept_path.turn(LADEN, STEP)
+    done = low_speed_turn.pbs_turn(LADEN, STEP)
     assert done.path_error() < 0.05
     assert np.rad2deg(done.recording.yaw[-1]) == pytest.approx(90.0, abs=1.0)
     assert done.swept_width() == pytest.approx(done.kinematic_swept_width(), abs=0.1)
-    assert 5.0 < done.swept_width() < swept_path.SWEPT_WIDTH
-    assert 0.0 < done.tail_swing()[0] < swept_path.TAIL_SWING
+    assert 5.0 < done.swept_width() < low_speed_turn.SWEPT_WIDTH
+    assert 0.0 < done.tail_swing()[0] < low_speed_turn.TAIL_SWING
 
 
 def test_distance_from_the_pbs_path_is_positive_inside():
     points = np.array([[-5.0, 1.0], [12.5, 12.5], [0.0, 12.5], [13.0, 20.0]])
-    np.testing.assert_allclose(swept_path.signed_distance(points), [1.0, 0.0, 12.5, -0.5])
+    np.testing.assert_allclose(low_speed_turn.signed_distance(points), [1.0, 0.0, 12.5, -0.5])

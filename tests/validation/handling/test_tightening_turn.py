@@ -6,7 +6,7 @@ import pytest
 from iits_mj.parameters import TruckParameters
 from iits_mj.validation.handling import tightening_turn
 from iits_mj.validation.handling.roll_plane import RollPlane
-from iits_mj.validation.handling.tightening_turn import effort, grip_limit
+from iits_mj.validation.handling.steady_turn import effort, grip_limit
 
 STEP = 0.005
 LADEN = 36_000.0

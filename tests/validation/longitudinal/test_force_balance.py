@@ -7,7 +7,7 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import static_axle_loads
 from iits_mj.validation.longitudinal import speed_accuracy
 from iits_mj.validation.longitudinal.force_balance import ForceBalance
-from iits_mj.validation.longitudinal.runs import hills, sloping
+from iits_mj.validation.longitudinal.hills import hills, sloping
 
 PARAMETERS = TruckParameters.load()
 LADEN = ForceBalance(PARAMETERS, 36_000.0)

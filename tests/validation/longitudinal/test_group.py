@@ -7,18 +7,24 @@ from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.truck import Truck
+from iits_mj.validation.harness.maneuver import run
 from iits_mj.validation.longitudinal import (
     braking,
-    full_stop,
+    descent,
+    energy_audit,
+    fuel_map,
     group,
     hill_climb,
-    steady_points,
 )
 from iits_mj.validation.longitudinal.acceleration import part_throttle, part_throttle_run
-from iits_mj.validation.longitudinal.runs import SpeedKeeper, run
+from iits_mj.validation.longitudinal.hills import HILLS_LENGTH, SpeedKeeper
 
 STEP = 0.002
 LADEN = 36_000.0
+
+
+def short(found):
+    return [check.name for check in found.checks if not check.ok]
 
 
 def values_of(checks):
@@ -27,7 +33,7 @@ def values_of(checks):
 
 def test_forty_percent_pedal_reads_as_the_paper():
     record = part_throttle_run(STEP)
-    values = values_of(part_throttle(record, record)[0])
+    values = values_of(part_throttle(record, record).checks)
     assert values["first gear used"] == 2.0
     assert values["gear at 40 s"] in (9.0, 10.0)
     assert 40.0 < values["speed at 40 s"] < 50.0
@@ -35,7 +41,7 @@ def test_forty_percent_pedal_reads_as_the_paper():
 
 
 def test_xbr_brings_the_demanded_deceleration_and_pressure_and_lets_go_smoothly():
-    checks, _ = braking.xbr(31_000.0, STEP)
+    checks = braking.compare_xbr(31_000.0, STEP).checks
     values = values_of(check for check in checks if "integrated" not in check.name)
     assert values["mean deceleration"] == pytest.approx(1.5, rel=0.03)
     assert values["overshoot"] < 10.0
@@ -44,16 +50,16 @@ def test_xbr_brings_the_demanded_deceleration_and_pressure_and_lets_go_smoothly(
 
 
 def test_full_stop_holds_without_lock_up():
-    values = values_of(full_stop.full_stop(0.0, full_stop.UN_R13, STEP)[0])
+    values = values_of(braking.compare_stop(0.0, braking.UN_R13, STEP).checks)
     assert values["longest lock-up above 15 km/h"] <= 1.0
     assert values["speed at the end"] < 0.1
     assert 20.0 < values["distance"] < 50.0
 
 
 def test_brakes_respond_as_the_rule_and_their_lines_say():
-    checks, (panel,) = braking.compare(0.0, STEP)
-    assert [check.name for check in checks if not check.ok] == []
-    assert len(panel.lines) == 6
+    found = braking.compare_response(0.0, STEP)
+    assert short(found) == []
+    assert [len(panel.lines) for panel in found.panels] == [6]
 
 
 @pytest.mark.parametrize(("grade", "managed"), [(0.15, True), (0.42, False)])
@@ -62,23 +68,21 @@ def test_laden_truck_sets_off_on_15_percent_and_not_on_42(grade, managed):
 
 
 def test_bisection_finds_the_edge():
-    climb = hill_climb._steepest(lambda grade: hill_climb._Try(grade < 0.237, 1), 0.0025)
+    climb = hill_climb.steepest(lambda grade: hill_climb.Attempt(grade < 0.237, 1), 0.0025)
     assert climb.grade == pytest.approx(0.237, abs=0.0025)
     assert climb.gear == 1
 
 
 def test_fuel_at_a_steady_point_is_map_times_power():
-    point = steady_points.measure(60.0 * KMH, 0.4, STEP)
-    specific = steady_points.consumption(TruckParameters.load(), point)
+    point = fuel_map.measure(60.0 * KMH, 0.4, STEP)
+    specific = fuel_map.consumption(TruckParameters.load(), point)
     assert point.spread < 0.005
     assert point.rate == pytest.approx(specific * point.torque * point.speed, rel=0.01)
 
 
 def test_consumption_outside_the_map_is_not_a_number():
-    point = steady_points.Point(
-        speed=120.0, torque=9000.0, rate=1.0, spread=0.0, used=0.0, time=1.0
-    )
-    assert np.isnan(steady_points.consumption(TruckParameters.load(), point))
+    point = fuel_map.Point(speed=120.0, torque=9000.0, rate=1.0, spread=0.0, used=0.0, time=1.0)
+    assert np.isnan(fuel_map.consumption(TruckParameters.load(), point))
 
 
 def test_keeper_uses_the_pedal_uphill_and_the_engine_brake_downhill():
@@ -106,7 +110,46 @@ def test_a_sensor_that_the_model_lacks_reads_not_a_number():
 
 def test_change_by_the_step_is_over_the_figure_at_the_finest(monkeypatch):
     values = {0.001: 20.0, 0.002: 20.05, 0.005: 19.8}
-    monkeypatch.setattr(group, "figures", lambda step: {"way": (values[step], "m")})
-    checks, _ = group.compare()
+    monkeypatch.setattr(group, "figures", lambda step: {"way": values[step]})
+    checks = group.compare_steps().checks
     assert [check.value for check in checks] == pytest.approx([0.25, 1.0])
     assert [check.ok for check in checks] == [True, False]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kph", [30.0, 60.0])
+def test_speed_is_held_down_six_percent_for_six_kilometers(kph):
+    assert short(descent.compare(kph * KMH, STEP)) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("payload", [LADEN, 0.0])
+def test_every_joule_of_the_engine_is_found(payload):
+    assert short(energy_audit.compare(payload, STEP, HILLS_LENGTH)) == []
+
+
+@pytest.mark.slow
+def test_startability_and_gradeability_are_the_computed_ones():
+    assert short(hill_climb.compare_limits(STEP, quick=False)) == []
+
+
+@pytest.mark.slow
+def test_steady_speeds_balance_the_forces():
+    assert short(hill_climb.compare_speeds(STEP, quick=False)) == []
+
+
+@pytest.mark.slow
+def test_fuel_at_all_steady_points_is_the_map():
+    assert short(fuel_map.compare(STEP, quick=False)) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("regulation", braking.REGULATIONS, ids=lambda r: r.name)
+@pytest.mark.parametrize("payload", [LADEN, 0.0])
+def test_full_stops_are_within_the_regulations(payload, regulation):
+    assert short(braking.compare_stop(payload, regulation, STEP)) == []
+
+
+@pytest.mark.slow
+def test_longitudinal_figures_do_not_depend_on_the_step():
+    assert short(group.compare_steps()) == []

@@ -17,7 +17,7 @@ from iits_mj.validation.traffic.flow import (
     matched,
     wasserstein,
 )
-from iits_mj.validation.traffic.replay import own_recording
+from iits_mj.validation.traffic.group import own_recording
 from tests.paths import ROOT
 from traffic_bridge import VehicleFrame
 from traffic_bridge.datasets import Trajectories
@@ -112,7 +112,7 @@ def test_lane_changes_of_a_recorded_set_are_per_vehicle_and_kilometer():
 
 
 def test_replayed_traffic_is_its_source():
-    assert [check.value for check in own_recording(5.0)] == [0.0, 0.0]
+    assert [check.value for check in own_recording(5.0).checks] == [0.0, 0.0]
 
 
 def _queue():
@@ -145,7 +145,7 @@ def test_a_queue_drives_as_fast_as_its_end_and_keeps_its_equilibrium_distance():
 
 def test_a_lane_without_leaders_is_refused():
     flow = _samples([8.0, 8.0], [np.nan, np.nan], [0.0, 1.0], station=[10.0, 290.0])
-    with pytest.raises(InputError, match="lane 0: nobody behind a leader"):
+    with pytest.raises(InputError, match="lane 0: no vehicle behind a leader"):
         conditions_of.Conditions.of(flow, flow, 4.5)
 
 

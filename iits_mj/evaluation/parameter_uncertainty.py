@@ -1,8 +1,8 @@
-"""`iits-mj montecarlo`: what the figures come to over all trucks that our knowledge allows.
+"""`iits-mj montecarlo`: effect of the uncertainty of the truck's parameters on its figures.
 
-Each sample is a truck drawn from `mjcf/spread.toml`, driven through the manoeuvres of
-`montecarlo_samples`. The distribution says how far a figure of the shipped truck is to be trusted;
-the rank correlations say which parameter one would have to know better.
+Each sample is a truck drawn from `mjcf/spread.toml` and driven through the same maneuvers. The
+distribution of a figure shows how reliable the figure of the shipped truck is; rank correlations
+show which parameters it depends on.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import hashlib
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -23,21 +23,17 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.assets import mjcf_path
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
-from iits_mj.core.results import Check, Line, Panel, Results
+from iits_mj.core.results import Findings, Line, Results
 from iits_mj.core.tables import write_table
 from iits_mj.core.units import DIESEL_DENSITY, KMH
-from iits_mj.parameters import payload_option
-from iits_mj.parameters import randomization as spreads
+from iits_mj.parameters import payload_option, randomization
 from iits_mj.parameters.randomization import Drawn, Spread
-from iits_mj.truck import Truck
-from iits_mj.validation.handling import rollover, single_lane_change
-from iits_mj.validation.handling.single_lane_change import PBS_FACTOR
-from iits_mj.validation.harness.recorder import fit, run_straight
+from iits_mj.validation.handling import lane_change, rollover
+from iits_mj.validation.harness import maneuver, recorder
 from iits_mj.validation.harness.run_cache import drive_digest
-from iits_mj.validation.longitudinal import full_stop
-from iits_mj.validation.longitudinal.full_stop import UN_R13, distance, fully_developed
+from iits_mj.validation.longitudinal import braking
 
-# --- One truck out of many that our figures allow: drawn, driven, measured ---
+# --- One truck: drawn, driven, measured ---
 
 # Speed of the lane change and of the fuel figure [m/s].
 SPEED = 80.0 * KMH
@@ -47,13 +43,13 @@ NOMINAL = -1
 
 @dataclass(frozen=True)
 class SampleTask:
-    """A truck that is to be measured.
+    """A truck to measure.
 
     Attributes:
-      seed: decides the truck; `NOMINAL` is the one of the shipped figures.
+      seed: of the draw; `NOMINAL` is the shipped truck.
       payload: [kg].
       timestep: of the physics [s].
-      spread: digest of what is drawn from.
+      spread: digest of the distributions.
     """
 
     seed: int
@@ -69,10 +65,10 @@ class Sample(SampleTask):
     Attributes:
       rollover_threshold: static, on a tilt table [g].
       rearward_amplification: single sine of 0.4 Hz at 80 km/h [1].
-      yaw_fit: of the yaw-sideslip model with the same figures to the tractor's yaw rate there [%].
+      yaw_fit: fit of the yaw-sideslip model with the same parameters to the yaw rate there [%].
       stop_distance: full stop from 60 km/h [m]; deceleration: mean fully developed [m/s2].
       fuel: at a steady 80 km/h on a level road [l/100 km].
-      wall_time: [s]; code: digest of what drove it.
+      wall_time: [s]; code: digest of the code that drove it.
     """
 
     rollover_threshold: float
@@ -86,14 +82,15 @@ class Sample(SampleTask):
 
     @property
     def task(self) -> SampleTask:
-        """What was measured."""
-        return SampleTask(self.seed, self.payload, self.timestep, self.spread)
+        """The task of the sample."""
+        return SampleTask(**{f.name: getattr(self, f.name) for f in fields(SampleTask)})
 
 
 @functools.cache
 def sample_code() -> str:
     """Digest of the code that drives samples."""
-    return drive_digest(full_stop, rollover, single_lane_change, spreads, sys.modules[__name__])
+    drivers = (braking, rollover, lane_change, maneuver, recorder, randomization)
+    return drive_digest(*drivers, sys.modules[__name__])
 
 
 def drawn_truck(spread: Spread, seed: int) -> Drawn:
@@ -102,29 +99,29 @@ def drawn_truck(spread: Spread, seed: int) -> Drawn:
 
 
 def measure(task: SampleTask, spread_file: Path | None = None) -> Sample:
-    """Drives one truck through all manoeuvres.
+    """Drives one truck through all maneuvers.
 
     Args:
       task: which truck.
-      spread_file: what it is drawn from; default: the shipped spread.
+      spread_file: distributions of the parameters; default: the shipped file.
 
     Raises:
-      InputError: the truck cannot be built, or holds no 80 km/h.
+      InputError: the truck cannot be built, or cannot hold 80 km/h.
       Error: the physics diverged.
     """
     began = time.perf_counter()
     drawn = drawn_truck(Spread.load(spread_file), task.seed)
     payload, timestep, overlay = task.payload, task.timestep, drawn.overlay
     tilt = rollover.tilt_table(payload, timestep, parameters=overlay)
-    sine = single_lane_change.sine_steer(payload, SPEED, timestep, parameters=overlay)
-    stop = full_stop.stop_run(payload, full_stop.UN_R13.speed, timestep, parameters=overlay)
+    sine = lane_change.sine_steer(payload, SPEED, timestep, parameters=overlay)
+    stop = braking.stop_run(payload, braking.UN_R13.speed, timestep, parameters=overlay)
     return Sample(
         **vars(task),
         rollover_threshold=tilt.threshold,
-        rearward_amplification=sine.truck(),
-        yaw_fit=fit(sine.recording.yaw_rate, sine.model.yaw_rate),
-        stop_distance=distance(stop),
-        deceleration=fully_developed(stop),
+        rearward_amplification=sine.amplification(),
+        yaw_fit=recorder.fit(sine.recording.yaw_rate, sine.model.yaw_rate),
+        stop_distance=braking.distance(stop),
+        deceleration=braking.fully_developed(stop),
         fuel=_steady_fuel(payload, timestep, drawn),
         wall_time=round(time.perf_counter() - began, 3),
         code=sample_code(),
@@ -133,22 +130,20 @@ def measure(task: SampleTask, spread_file: Path | None = None) -> Sample:
 
 def _steady_fuel(payload: float, timestep: float, drawn: Drawn) -> float:
     """Fuel at a steady speed on a level road [l/100 km]."""
-    truck = Truck.load(payload, parameters=drawn.overlay, timestep=timestep, visuals=False)
-    truck.reset(speed=SPEED)
-    hold = run_straight(truck, SPEED)
+    truck, hold = maneuver.steady_truck(payload, SPEED, timestep, parameters=drawn.overlay)
     before = truck.observe()
-    for _ in range(round(_FUEL_TIME / 0.01)):
+    for _ in range(round(_FUEL_TIME / recorder.PERIOD)):
         truck.command(hold.command(SPEED - truck.observe().speed, 0.0))
-        truck.step(round(0.01 / timestep))
+        truck.step(round(recorder.PERIOD / timestep))
     after = truck.observe()
     way = after.x - before.x
     return (after.fuel_used - before.fuel_used) / DIESEL_DENSITY / way * 1e5
 
 
-# --- `iits-mj montecarlo`: what the figures come to over all trucks that our knowledge allows ---
+# --- Distributions over many trucks ---
 
 SAMPLES_MAX = 1_000_000
-# Name of the figure, its title and unit.
+# Attribute, title and unit of each figure.
 FIGURES = (
     ("rollover_threshold", "static roll-over threshold", "g"),
     ("rearward_amplification", "rearward amplification", "1"),
@@ -158,41 +153,45 @@ FIGURES = (
     ("fuel", "fuel at 80 km/h", "l/100 km"),
 )
 PBS_THRESHOLD = 0.35
-R13_DECELERATION = 5.0
-# Fewer trucks than these tell nothing about correlations.
+# Least number of trucks for correlations, and number of correlations shown for each figure.
 _CORRELATED = 30
 _STRONGEST = 3
 
 
 @dataclass(frozen=True, kw_only=True)
 class MonteCarloConfig:
-    """Which trucks, and how many."""
+    """Number of trucks, and how they are drawn."""
 
-    samples: int = option(200, help="trucks to draw", low=2, high=SAMPLES_MAX)
+    samples: int = option(200, help="number of trucks to draw", low=2, high=SAMPLES_MAX)
     payload: float = payload_option()
     timestep: float = option(
-        0.002, help="of the physics", unit="s", low=0.0005, high=0.005, metavar="S"
+        0.002, help="time step of the physics", unit="s", low=0.0005, high=0.005, metavar="S"
     )
     spread: Path | None = option(
         None,
-        help="what is drawn from; without it the shipped mjcf/spread.toml",
+        help="distributions of the parameters; default: the shipped mjcf/spread.toml",
         metavar="FILE.toml",
     )
-    seed: int = option(0, help="another set of trucks", low=0, high=1_000)
-    jobs: int = option(1, help="processes at a time on this machine", low=1, high=256)
+    seed: int = option(0, help="number of the set of trucks", low=0, high=1_000)
+    jobs: int = option(1, help="number of processes on this machine", low=1, high=256)
 
     def __post_init__(self) -> None:
         options.check(self)
 
+    @property
+    def spread_file(self) -> Path:
+        """File with the distributions of the parameters."""
+        return self.spread or mjcf_path("spread.toml")
+
 
 def tasks_of(config: MonteCarloConfig) -> list[SampleTask]:
-    """The shipped truck, then those that are drawn.
+    """The shipped truck, then the drawn ones.
 
     Raises:
-      InputError: the spread cannot be read, or is not usable.
+      InputError: the file of distributions cannot be read, or is not usable.
     """
     Spread.load(config.spread)
-    digest = hashlib.sha256(_spread_file(config).read_bytes()).hexdigest()[:12]
+    digest = hashlib.sha256(config.spread_file.read_bytes()).hexdigest()[:12]
     first = SAMPLES_MAX * config.seed
     seeds = [NOMINAL, *range(first, first + config.samples)]
     return [SampleTask(seed, config.payload, config.timestep, digest) for seed in seeds]
@@ -204,7 +203,7 @@ def describe(task: SampleTask) -> str:
 
 
 def summarize(config: MonteCarloConfig, rows: Sequence[Sample]) -> Results:
-    """Distribution of each figure, shares that hold the standards, correlations, and curves.
+    """Shares of trucks that meet the standards, distributions of all figures, and correlations.
 
     Raises:
       InputError: the shipped truck is missing, or fewer than two are drawn.
@@ -216,18 +215,18 @@ def summarize(config: MonteCarloConfig, rows: Sequence[Sample]) -> Results:
     values = {name: np.array([getattr(row, name) for row in drawn]) for name, *_ in FIGURES}
     results = Results("montecarlo", seed=config.seed)
     results.notes += [
-        f"{len(drawn)} trucks drawn from {_spread_file(config).name}, "
+        f"{len(drawn)} trucks drawn from {config.spread_file.name}, "
         f"{config.payload / 1e3:g} t of load, {config.timestep:g} s a step",
         *_correlations(config, drawn, values),
     ]
-    results.checks += [*_shares(values), *_figures(shipped, values)]
+    results.add("", _shares(values))
     for name, title, unit in FIGURES:
-        results.figures[title] = [_panel(shipped, name, title, unit, values[name])]
+        results.add(title, _distribution(title, unit, getattr(shipped, name), values[name]))
     return results
 
 
 def write_samples(path: Path, config: MonteCarloConfig, rows: Sequence[Sample]) -> None:
-    """Writes each truck's factors and figures as CSV.
+    """Writes the factors and figures of each truck as CSV.
 
     Raises:
       InputError: it cannot be written.
@@ -240,14 +239,10 @@ def write_samples(path: Path, config: MonteCarloConfig, rows: Sequence[Sample]) 
     write_table(path, list(table[0]), table, "trucks")
 
 
-def _spread_file(config: MonteCarloConfig) -> Path:
-    return config.spread or mjcf_path("spread.toml")
-
-
 def _correlations(
     config: MonteCarloConfig, drawn: Sequence[Sample], values: dict[str, FloatArray]
 ) -> list[str]:
-    """The quantities that move each figure most, by Spearman's rank correlation."""
+    """The parameters with the strongest effect on each figure, by Spearman's rank correlation."""
     if len(drawn) < _CORRELATED:
         return [f"fewer than {_CORRELATED} trucks: no correlations"]
     spread = Spread.load(config.spread)
@@ -265,58 +260,52 @@ def _correlations(
     return lines
 
 
-def _shares(values: dict[str, FloatArray]) -> list[Check]:
-    """Shares of the trucks that hold what standards ask [%]."""
-    held = {
-        f"within UN R13's distance of {UN_R13.laden:.1f} m from 60 km/h": (
-            values["stop_distance"] <= UN_R13.laden,
+def _shares(values: dict[str, FloatArray]) -> Findings:
+    """Shares of the trucks that meet the standards [%]."""
+    found = Findings()
+    factor, deceleration = lane_change.PBS_FACTOR, braking.R13_DECELERATION
+    most = factor * values["rollover_threshold"]
+    for name, held, must in (
+        (
+            f"within UN R13's distance of {braking.UN_R13.laden:.1f} m from 60 km/h",
+            values["stop_distance"] <= braking.UN_R13.laden,
             ">= 100",
         ),
-        f"of {R13_DECELERATION:g} m/s2 mean fully developed deceleration (UN R13)": (
-            values["deceleration"] >= R13_DECELERATION,
+        (
+            f"of {deceleration:g} m/s2 mean fully developed deceleration (UN R13)",
+            values["deceleration"] >= deceleration,
             ">= 100",
         ),
-        f"of a rearward amplification of at most {PBS_FACTOR:g} thresholds (PBS)": (
-            values["rearward_amplification"] <= PBS_FACTOR * values["rollover_threshold"],
+        (
+            f"of a rearward amplification of at most {factor:g} thresholds (PBS)",
+            values["rearward_amplification"] <= most,
             ">= 100",
         ),
-        # A high load is the carrier's, not the truck's: for information.
-        f"of a roll-over threshold of {PBS_THRESHOLD:g} g (PBS)": (
+        # For information: the carrier, not the truck, decides on a high load.
+        (
+            f"of a roll-over threshold of {PBS_THRESHOLD:g} g (PBS)",
             values["rollover_threshold"] >= PBS_THRESHOLD,
             "",
         ),
-    }
-    return [
-        Check(f"trucks {name}", 100.0 * float(np.mean(ok)), "%", None, must)
-        for name, (ok, must) in held.items()
-    ]
+    ):
+        found.check(f"trucks {name}", 100.0 * float(np.mean(held)), "%", must=must)
+    return found
 
 
-def _figures(shipped: Sample, values: dict[str, FloatArray]) -> list[Check]:
-    checks = []
-    for name, title, unit in FIGURES:
-        found, own = values[name], float(getattr(shipped, name))
-        low, median, high = (float(v) for v in np.quantile(found, (0.05, 0.5, 0.95)))
-        checks += [
-            Check(f"{title}: 5 % of the trucks below", low, unit, own),
-            Check(f"{title}: median", median, unit, own),
-            Check(f"{title}: 5 % of the trucks above", high, unit, own),
-            Check(f"{title}: standard deviation", float(found.std(ddof=1)), unit),
-        ]
-    return checks
-
-
-def _panel(shipped: Sample, name: str, title: str, unit: str, found: FloatArray) -> Panel:
-    """Share of the trucks below a value, and the shipped truck's."""
-    order = np.sort(found)
-    share = np.arange(1, len(order) + 1) / len(order)
-    own = np.full(2, float(getattr(shipped, name)))
-    return Panel(
-        f"{title}: share of trucks below",
+def _distribution(title: str, unit: str, shipped: float, values: FloatArray) -> Findings:
+    """Quantiles of a figure, and the share of trucks below each value."""
+    found, own = Findings(title), float(shipped)
+    low, median, high = np.quantile(values, (0.05, 0.5, 0.95))
+    found.check("5 % of the trucks below", low, unit, own)
+    found.check("median", median, unit, own)
+    found.check("5 % of the trucks above", high, unit, own)
+    found.check("standard deviation", values.std(ddof=1), unit)
+    share = np.arange(1, len(values) + 1) / len(values)
+    found.panel(
+        "share of trucks below",
         f"{title} [{unit}]",
         "share [1]",
-        (
-            Line("shipped truck", own, np.array([0.0, 1.0]), "reference"),
-            Line("drawn trucks", order, share, "simulation"),
-        ),
+        Line("shipped truck", np.full(2, own), np.array([0.0, 1.0]), "reference"),
+        Line("drawn trucks", np.sort(values), share, "simulation"),
     )
+    return found

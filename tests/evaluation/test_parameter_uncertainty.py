@@ -5,7 +5,7 @@ import pytest
 
 from iits_mj import cli
 from iits_mj.core.errors import InputError
-from iits_mj.evaluation.montecarlo import (
+from iits_mj.evaluation.parameter_uncertainty import (
     FIGURES,
     NOMINAL,
     MonteCarloConfig,

@@ -1,0 +1,259 @@
+"""Stability under braking: split friction with a driver, and a bend with locked wheels.
+
+**Split friction** (ISO 16234; bounds of UN R13, annex 13): full braking on a road with a friction
+of 0.8 on the left and 0.3 on the right. The driver aims at a point of the lane's middle one second
+ahead, with a delay of 0.2 s (pure pursuit). The same is braked without steering for two seconds,
+and on each of the two surfaces alone. ISO 16234 is the open-loop method for heavy vehicles and
+combinations; its figure is the reaction with the steering wheel held. The bounds with a driver
+(braking rate, 120 and 240 degrees) and their clauses were taken without the text of UN R13 at hand;
+there they apply to the laden towing vehicle, here to the whole combination, laden and empty.
+
+**Locked wheels**: the truck runs steadily through a gentle left bend at 60 km/h on a friction of
+0.3, then brakes with its steering wheel held. Parameters alone decide which wheels lock: the brakes
+of the other groups have no torque, and ABS is off (its least speed is out of reach). The control is
+the shipped truck, braked harder than the road allows, so that ABS works on every axle.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from iits_mj.analytic import Kinematic
+from iits_mj.core.messages import EgoState, VehicleCommand, XbrMode
+from iits_mj.core.results import Findings, Line
+from iits_mj.core.units import GRAVITY, KMH
+from iits_mj.parameters import TruckParameters
+from iits_mj.road import Route
+from iits_mj.truck import Truck
+from iits_mj.validation.harness.maneuver import Run, run, steady_truck
+from iits_mj.validation.harness.recorder import PERIOD, drive
+
+Steering = Callable[[float, EgoState], float]
+
+
+def brake(
+    truck: Truck,
+    demand: float,
+    steering: Steering,
+    *,
+    duration: float,
+    stop: Callable[[EgoState], bool],
+) -> Run:
+    """Brakes the rolling truck.
+
+    Args:
+      truck: rolling.
+      demand: wanted deceleration [m/s2], positive.
+      steering: steering-wheel angle [rad] by time [s] and state.
+      duration: at most [s].
+      stop: ends the run early.
+    """
+
+    def command(time: float, state: EgoState) -> VehicleCommand:
+        angle = steering(time, state)
+        return VehicleCommand(
+            xbr_mode=XbrMode.MAXIMUM, xbr_demand=-demand, steering_wheel_angle=angle
+        )
+
+    return run(truck, command, duration, stop)
+
+
+# --- Split friction ---
+
+HIGH, LOW = 0.8, 0.3
+SPLIT_SPEED = 50.0 * KMH
+# More than either surface allows, so that ABS works [m/s2].
+SPLIT_DEMAND = 8.0
+# UN R13, annex 13, 5.3.6: steering-wheel angle in the first 2 s and in all [deg].
+STEER_EARLY, STEER_TOTAL = 120.0, 240.0
+# UN R13, annex 13, 5.3.5: least braking rate as a share of gravity, 0.75 (4 k_L + k_H) / 5 and at
+# least k_L. Its appendix measures it with the brakes built up, between these speeds [m/s].
+RATE = max(0.75 * (4.0 * LOW + HIGH) / 5.0, LOW)
+_FROM, _TO = 40.0 * KMH, 20.0 * KMH
+_LONG = 30.0
+# The driver: reaction [s], preview [s] and its least distance [m].
+_DELAY, _PREVIEW, _NEAR = 0.2, 1.0, 5.0
+# Half the outer track: beyond it the tires of one side cross the split (UN R13) [m].
+_ASTRIDE = 1.0
+
+
+def lane_keeper(ratio: float, wheelbase: float) -> Steering:
+    """A driver who steers with a delay on the arc that meets y = 0 at the preview distance."""
+    waiting: deque[float] = deque([0.0] * round(_DELAY / PERIOD))
+
+    def steering(_: float, state: EgoState) -> float:
+        reach = max(_PREVIEW * state.speed, _NEAR)
+        aside = state.y * np.cos(state.yaw) + reach * np.sin(state.yaw)
+        waiting.append(-ratio * wheelbase * 2.0 * aside / reach**2)
+        return float(np.clip(waiting.popleft(), -10.0, 10.0))
+
+    return steering
+
+
+def stop_on(
+    payload: float, left: float, right: float, timestep: float, *, driver: bool, duration: float
+) -> Run:
+    """Brakes from `SPLIT_SPEED` on a straight road with these coefficients of friction."""
+    route = Route.straight(2000.0).with_friction(left, right)
+    truck, _ = steady_truck(payload, SPLIT_SPEED, timestep, route=route)
+    wheelbase = Kinematic.from_parameters(truck.parameters).L
+    keeper = lane_keeper(truck.parameters.steering.ratio, wheelbase)
+    steering = keeper if driver else lambda _time, _state: 0.0
+    return brake(
+        truck, SPLIT_DEMAND, steering, duration=duration, stop=lambda s: s.speed < 0.5 * KMH
+    )
+
+
+def path_length(record: Run) -> float:
+    """Length of the steer axle's path [m]."""
+    return float(np.sum(np.hypot(np.diff(record.x), np.diff(record.y))))
+
+
+def braking_rate(record: Run) -> float:
+    """Mean deceleration over distance between `_FROM` and `_TO` as a share of gravity [1]."""
+    inside = (record.speed <= _FROM) & (record.speed >= _TO)
+    x, y, speed = record.x[inside], record.y[inside], record.speed[inside]
+    distance = float(np.sum(np.hypot(np.diff(x), np.diff(y))))
+    return float((speed[0] ** 2 - speed[-1] ** 2) / (2.0 * distance * GRAVITY))
+
+
+def compare_split(payload: float, timestep: float) -> Findings:
+    """Split friction with one payload [kg]."""
+    held = stop_on(payload, HIGH, LOW, timestep, driver=True, duration=_LONG)
+    free = stop_on(payload, HIGH, LOW, timestep, driver=False, duration=2.0)
+    high, low = (
+        path_length(stop_on(payload, mu, mu, timestep, driver=True, duration=_LONG))
+        for mu in (HIGH, LOW)
+    )
+    wheel = np.abs(np.rad2deg(held.steering_wheel_angle))
+    found = Findings(f"split friction {HIGH:g}/{LOW:g}, {payload / 1e3:g} t, 50 km/h")
+    found.check("stopping distance", path_length(held), "m", must=f"<= {low:.1f}")
+    found.check(f"stopping distance on {HIGH:g} alone", high, "m")
+    found.check(f"stopping distance on {LOW:g} alone", low, "m")
+    rate = braking_rate(held)
+    found.check("braking rate 40 to 20 km/h (UN R13)", rate, "g", must=f">= {RATE:g}")
+    early = wheel[held.time <= 2.0].max()
+    found.check(
+        "steering wheel in the first 2 s (UN R13)", early, "deg", must=f"<= {STEER_EARLY:g}"
+    )
+    found.check("steering wheel in all (UN R13)", wheel.max(), "deg", must=f"<= {STEER_TOTAL:g}")
+    found.check("deviation", np.max(np.abs(held.y)), "m", must=f"<= {_ASTRIDE:g}")
+    worst = np.max(np.abs(np.rad2deg(held.articulation)))
+    found.check("greatest hitch angle", worst, "deg", must="<= 5")
+    found.check("greatest yaw rate", np.max(np.abs(np.rad2deg(held.yaw_rate))), "deg/s")
+    turned = np.rad2deg(free.yaw[-1] - free.yaw[0])
+    found.check("change of heading in 2 s, wheel held", turned, "deg")
+    straight = Line("straight on", held.time[[0, -1]], np.zeros(2), "reference")
+    without = Line("steering wheel held", free.time, np.rad2deg(free.yaw))
+    for name, label, values, more in (
+        ("lateral position", "deviation [m]", held.y, ()),
+        ("heading", "yaw [deg]", np.rad2deg(held.yaw), (without,)),
+        ("steering wheel", "angle [deg]", np.rad2deg(held.steering_wheel_angle), ()),
+    ):
+        driven = Line("driver", held.time, values, "simulation")
+        found.panel(name, "time [s]", label, straight, driven, *more)
+    return found
+
+
+# --- Locked wheels ---
+
+BEND_FRICTION = 0.3
+BEND_SPEED = 60.0 * KMH
+# Lateral acceleration in the bend [m/s2]: a third of what the road allows.
+LATERAL = 1.0
+BEND_DEMAND = 4.0
+# Hitch angle of a jack-knifed truck, and greatest hitch angle of a stable one [rad].
+FOLDED, STEADY = np.deg2rad(30.0), np.deg2rad(5.0)
+# A swing that takes the trailer out of its lane: 1 m at the last axle [rad].
+SWUNG = np.deg2rad(6.0)
+_INTO, _BRAKING = 8.0, 12.0
+_SLOW = 3.0 * KMH
+
+
+@dataclass(frozen=True)
+class Group:
+    """Axles whose wheels lock, as indices front to rear; none with ABS."""
+
+    name: str
+    axles: tuple[int, ...]
+
+
+DRIVE = Group("drive axles locked", (1, 2))
+TRAILER = Group("trailer axles locked", (3, 4, 5))
+ABS = Group("all axles, ABS", ())
+
+
+def overlay(group: Group, parameters: TruckParameters) -> dict[str, object]:
+    """Parameters with which the wheels of the group lock and no others brake."""
+    if not group.axles:
+        return {}
+    torque = parameters.air_brake.torque_per_pressure
+    chosen = [float(t) if i in group.axles else 0.0 for i, t in enumerate(torque)]
+    return {"air_brake": {"abs_speed_min": 100.0, "torque_per_pressure": chosen}}
+
+
+def bend(payload: float, group: Group, timestep: float) -> Run:
+    """Brakes in the bend, recorded from the demand on, to 3 km/h or a jack-knife."""
+    parameters = TruckParameters.load()
+    truck, hold = steady_truck(
+        payload,
+        BEND_SPEED,
+        timestep,
+        station=50.0,
+        parameters=overlay(group, parameters),
+        route=Route.straight(2000.0).with_friction(BEND_FRICTION),
+    )
+    radius = BEND_SPEED**2 / LATERAL
+    wheel = parameters.steering.ratio * parameters.tractor.axles[1].position / radius
+    # Understeer makes the bend wider; it only has to be the same for all groups.
+    drive(
+        truck,
+        lambda time, _: wheel * min(time / 2.0, 1.0),
+        speed=BEND_SPEED,
+        duration=_INTO,
+        hold=hold,
+    )
+    limit = 2.0 * FOLDED
+    return brake(
+        truck,
+        BEND_DEMAND,
+        lambda _, __: wheel,
+        duration=_BRAKING,
+        stop=lambda state: state.speed < _SLOW or abs(state.articulation) > limit,
+    )
+
+
+def compare_locked(payload: float, timestep: float) -> Findings:
+    """Locked wheels with one payload [kg]."""
+    runs = {group: bend(payload, group, timestep) for group in (DRIVE, TRAILER, ABS)}
+    label = f"braking in a bend on {BEND_FRICTION:g}, {payload / 1e3:g} t, 60 km/h"
+    change = {g: np.rad2deg(r.articulation - r.articulation[0]) for g, r in runs.items()}
+    folded, swung, steady = np.rad2deg((FOLDED, -SWUNG, STEADY))
+    least, greatest = np.min(change[TRAILER]), np.max(np.abs(change[ABS]))
+    found = Findings()
+    for group in (DRIVE, TRAILER):
+        locked = runs[group].locked_share(slice(group.axles[0], group.axles[-1] + 1), 15.0 * KMH)
+        name = f"{label}, {group.name}: share of time with one of them locked above 15 km/h"
+        found.check(name, locked, "1")
+    for name, value, must in (
+        (f"{DRIVE.name}: hitch angle (jack-knife)", np.max(change[DRIVE]), f">= {folded:g}"),
+        (f"{TRAILER.name}: hitch angle (trailer swing)", least, f"<= {swung:g}"),
+        (f"{ABS.name}: greatest change of the hitch angle", greatest, f"<= {steady:g}"),
+    ):
+        found.check(f"{label}, {name}", value, "deg", must=must)
+    name = f"{label}, {ABS.name}: share of time with a wheel locked above 15 km/h"
+    found.check(name, runs[ABS].locked_share(slice(0, 6), 15.0 * KMH), "1", must="<= 0.2")
+
+    hitch, tracks = [], []
+    for group, record in runs.items():
+        role = "reference" if group is ABS else ""
+        hitch.append(Line(group.name, record.time, change[group], role))
+        x, y = record.x - record.x[0], record.y - record.y[0]
+        tracks.append(Line(group.name, x, y, role))
+    found.panel(f"{label}: hitch angle", "time [s]", "change of the hitch angle [deg]", *hitch)
+    found.panel(f"{label}: steer axle", "x [m]", "y [m]", *tracks)
+    return found

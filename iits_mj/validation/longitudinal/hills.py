@@ -1,0 +1,91 @@
+"""Straight roads with ramps and hills, and a driver who keeps a speed on them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from iits_mj.core.messages import VehicleCommand, XbrMode
+from iits_mj.road import RoadMap, Route
+from iits_mj.road.design import Design, build
+from iits_mj.validation.harness.recorder import PERIOD
+
+_LANE_WIDTH = 4.0
+_SPEED_LIMIT = 25.0
+# (station of the change [m], grade after it, length of the parabola [m]).
+Grade = tuple[float, float, float]
+_HILLS: tuple[Grade, ...] = (
+    (250.0, 0.03, 200.0),
+    (700.0, -0.02, 250.0),
+    (1100.0, 0.04, 250.0),
+    (1600.0, -0.045, 300.0),
+    (2050.0, 0.02, 300.0),
+    (2700.0, 0.0, 200.0),
+)
+HILLS_LENGTH = 3000.0
+
+
+def sloping(length: float, initial: float, grades: tuple[Grade, ...]) -> Route:
+    """A straight road along x that begins with grade `initial` (dz/ds).
+
+    Raises:
+      InputError: two changes of grade overlap.
+    """
+    design = Design(
+        name="slopes",
+        start=(0.0, 0.0, 0.0, 0.0),
+        lane_width=_LANE_WIDTH,
+        lanes=1,
+        left_shoulder=1.0,
+        right_shoulder=2.5,
+        speed_limit=_SPEED_LIMIT,
+        initial_grade=initial,
+        road_ends=(),
+        alignment=((length, 0.0, 0.0, 0.0, 0.0),),
+        grades=grades,
+        extra_lanes=(),
+        limits=((0.0, length, _SPEED_LIMIT),),
+        structures=(),
+    )
+    return RoadMap(build(design), design.name).route()
+
+
+def hills() -> Route:
+    """3 km of hills with grades from -4.5 to +4 %; they end 18 m above their start."""
+    return sloping(HILLS_LENGTH, 0.0, _HILLS)
+
+
+# Gains of the controller: share per speed error [s/m], and per its integral [1/m].
+_GAIN = 1.0
+_INTEGRAL = 0.08
+# The service brake works from the first to the second excess of speed [m/s].
+_TOO_FAST, _BACK = 1.0, 0.2
+_DECELERATION = 0.8
+
+
+class SpeedKeeper:
+    """Keeps a speed by pedal, then engine brake, then retarder, then the service brake.
+
+    A PI controller on the speed commands a share: above 0 it is the accelerator pedal, 0 to -1 the
+    engine brake, -1 to -2 the retarder. The service brake is used while the truck is 1 m/s too
+    fast, until the speed is back. Call `command` every 10 ms.
+    """
+
+    def __init__(self, share: float = 0.0) -> None:
+        """`share`: of the controller at the start, -2 to 1."""
+        self._integral = share
+        self.braking = False
+
+    def command(self, speed: float, target: float) -> VehicleCommand:
+        """The command at a speed, for a target speed [m/s]."""
+        error = target - speed
+        share = _GAIN * error + self._integral
+        if -2.0 < share < 1.0:  # no wind-up at the ends
+            self._integral += _INTEGRAL * error * PERIOD
+        self.braking = -error > (_BACK if self.braking else _TOO_FAST)
+        return VehicleCommand(
+            accelerator_pedal=float(np.clip(share, 0.0, 1.0)),
+            engine_brake=float(np.clip(-share, 0.0, 1.0)),
+            retarder=float(np.clip(-share - 1.0, 0.0, 1.0)),
+            xbr_mode=XbrMode.MAXIMUM if self.braking else XbrMode.OFF,
+            xbr_demand=-_DECELERATION if self.braking else 0.0,
+        )
