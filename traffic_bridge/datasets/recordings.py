@@ -17,7 +17,8 @@ from iits_mj.road import Route
 from traffic_bridge.datasets.assemble import Rows, assemble
 from traffic_bridge.datasets.trajectories import Trajectories
 from traffic_bridge.modes.resim import check_map
-from traffic_bridge.recording.recording import COLUMNS, Recording
+from traffic_bridge.recording.recording import Recording
+from traffic_bridge.recording.rows import COLUMNS
 
 LANE_WIDTH = 3.5  # [m], for a recording of one lane whose road is not given
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +20,9 @@ from iits_mj.core.errors import InputError
 from iits_mj.road import Route
 from traffic_bridge.datasets.kinematics import Motion, calm, fit, split_jumps, transitions
 from traffic_bridge.datasets.trajectories import Trajectories
+from traffic_bridge.recording.recording import Recording
+from traffic_bridge.recording.rows import COLUMNS
 from traffic_bridge.vehicles.types import default_types
-
-if TYPE_CHECKING:
-    from traffic_bridge.recording.recording import Recording
 
 IntArray = NDArray[np.int64]
 
@@ -105,8 +104,6 @@ def import_trajectories(
     Raises:
       InputError: the map does not have a lane that is needed, or nobody comes to lie on the route.
     """
-    from traffic_bridge.recording.recording import Recording
-
     config = config or ImportConfig()
     lanes = _lane_map(trajectories, config.lane_map)
     _check_lanes(trajectories, route, config.start_station, lanes)
@@ -252,8 +249,6 @@ def _taper(route: Route, cross: FloatArray, station: FloatArray, highest: int) -
 
 def _columns(laid: Laid, route: Route, step: float) -> FloatArray:
     """The figures of a recording's rows, in the order of its columns."""
-    from traffic_bridge.recording.recording import COLUMNS
-
     station, offset = laid.station.value, laid.offset.value
     point = route.evaluate(station, offset)
     # Who drives inside of a bend goes a shorter way for the same station.

@@ -16,7 +16,7 @@ from traffic_bridge.datasets import (
     read_trajectories,
     write_fcd,
 )
-from traffic_bridge.recording.recording import COLUMNS
+from traffic_bridge.recording.rows import COLUMNS
 
 THREE_LANES = 2900.0  # [m]: where the built-in highway has three lanes, in a bend and on a slope
 XODR = ROOT.parent / "shared/data/xodr"
