@@ -9,7 +9,7 @@
 libsumo is imported when a simulation starts, not before.
 """
 
-from traffic_bridge.config import DENSITIES, LANE_CHANGE_MODELS, TrafficConfig
+from traffic_bridge.config import DENSITIES, LANE_CHANGE_MODELS, Departure, TrafficConfig
 from traffic_bridge.datasets import Trajectories, import_trajectories, read_trajectories
 from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.mirror.mirror import Mirror
@@ -45,7 +45,6 @@ from traffic_bridge.vehicles.calibration import (
     evaluate,
     trimmed,
 )
-from traffic_bridge.vehicles.departures import Departure
 from traffic_bridge.vehicles.idm import IdmParameters
 from traffic_bridge.vehicles.types import KINDS, VehicleType, default_types, read_types
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
-from traffic_bridge.datasets.pairs import Pair
+from traffic_bridge.datasets.trajectories import Pair
 from traffic_bridge.vehicles.idm import PARAMETERS, IdmParameters, acceleration
 from traffic_bridge.vehicles.types import VehicleType, read_types
 

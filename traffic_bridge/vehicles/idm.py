@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from iits_mj.core.errors import InputError
 
 if TYPE_CHECKING:
-    from traffic_bridge.vehicles.registry import VehicleType
+    from traffic_bridge.vehicles.types import VehicleType
 
 EXPONENT = 4
 LEAST_GAP = 0.1  # [m]: nearer than that the interaction term is cut off
