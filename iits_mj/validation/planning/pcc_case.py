@@ -25,7 +25,7 @@ _ROOTS, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 
 @dataclass(frozen=True)
-class Case:
+class SolvedPlan:
     """A solved plan.
 
     Attributes:
@@ -59,7 +59,7 @@ def solve(
     config: PccConfig,
     mass: float = 55_000.0,
     parameters: TruckParameters | None = None,
-) -> Case:
+) -> SolvedPlan:
     """Plans, and sets the same problem again for those who judge the plan.
 
     Raises:
@@ -80,10 +80,10 @@ def solve(
     b_low[[0, -1]] = b_high[[0, -1]] = base[[0, -1]] ** 2
     task = Task(road, b_low, b_high, solution.baseline.time, np.zeros(base.size), 1e-3 * config.k_a)
     answer = Solver(vehicle, road.intervals, road.step).solve(task, base)
-    return Case(solution, vehicle, task, answer, config, parameters, fuel_map)
+    return SolvedPlan(solution, vehicle, task, answer, config, parameters, fuel_map)
 
 
-def bound(case: Case, k_a: float) -> tuple[float, float]:
+def bound(case: SolvedPlan, k_a: float) -> tuple[float, float]:
     """Lower bound on fuel plus the term of k_a of all plans of the case [kg], and the plan's gap.
 
     From the multipliers of the optimum; where those leave a gap, from the relaxation's own optimum.

@@ -41,7 +41,7 @@ from iits_mj.validation.planning.pcc_accuracy import (
 )
 from iits_mj.validation.planning.pcc_case import (
     PAPER_SAVING_PERCENT,
-    Case,
+    SolvedPlan,
     bound,
     scaled_heights,
     solve,
@@ -81,7 +81,7 @@ class Table:
         mass: float = LADEN,
         parameters: TruckParameters | None = None,
         must: str = "",
-    ) -> Case | None:
+    ) -> SolvedPlan | None:
         """Plans and notes the saving; None and a note when there is no plan."""
         try:
             case = solve(road, config, mass, parameters)
@@ -216,7 +216,7 @@ def sensitivities(table: Table, road: RoadProfile, name: str) -> list[Panel]:
     panels = []
 
     def sweep(
-        title: str, values: tuple[float, ...], solve_one: Callable[[str, float], Case | None]
+        title: str, values: tuple[float, ...], solve_one: Callable[[str, float], SolvedPlan | None]
     ) -> None:
         quantity, unit = title.rstrip("]").split(" [")
         words = "" if unit == "1" else f" {unit}"

@@ -80,7 +80,8 @@ def _tasks(config: ValidateConfig, timestep: float) -> dict[str, DriveTask]:
 
     if config.quick:
         return {"hills at 40 km/h, 19 t": task(hills(), 250.0, 0.0, 40.0 * KMH)}
-    tasks, truck = {}, TruckParameters.load()
+    tasks: dict[str, DriveTask] = {}
+    truck = TruckParameters.load()
     for payload in config.payloads():
         mass = f"{truck.gross_mass(payload) / 1e3:.0f} t"
         fast = 40.0 if payload > 0.5 * truck.payload.mass_max else 75.0
