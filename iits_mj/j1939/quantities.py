@@ -184,7 +184,7 @@ def to_state(found: Mapping[str, float], references: ReferenceTorques, base: Ego
     if "shift_in_process" in values:
         values["shift_in_process"] = values["shift_in_process"] > 0.5
     if "engine_torque_percent" in found and "torque_loss_percent" in found:
-        # Percent torque counts what the cylinders give: friction and engine brake come off it.
+        # Percent torque is that of the cylinders: friction and engine brake are subtracted.
         net = found["engine_torque_percent"] - found["torque_loss_percent"]
         braking = references.engine_brake * found.get("engine_brake_percent", 0.0)
         values["engine_torque"] = 0.01 * (references.engine * net + braking)
