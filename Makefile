@@ -8,7 +8,7 @@ OUT    ?= out
 FLAGS  ?=
 JOBS   ?= 2
 
-PLUGIN  := $(wildcard iits_mj/plugin/*.cc iits_mj/plugin/*.h)
+PLUGIN  := $(wildcard iits_mj/plugin/*.cc iits_mj/plugin/*.h iits_mj/plugin/laws/*.h)
 BUILD   := pyproject.toml CMakeLists.txt
 
 # Python 3.13 gets dm-control without its dependencies: pyproject.toml says why.
@@ -89,7 +89,7 @@ lint: $(VENV)/installed-test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/clang-format --dry-run -Werror $(PLUGIN)
+	$(BIN)/clang-format --dry-run -Werror $(PLUGIN) tests/plugin/laws.cc
 
 check: $(VENV)/installed-test
 	$(BIN)/pytest -m "not slow" -n $(JOBS)
@@ -115,13 +115,13 @@ check-mujoco4: $(BIN)/cmake
 format: $(VENV)/installed-test
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
-	$(BIN)/clang-format -i $(PLUGIN)
+	$(BIN)/clang-format -i $(PLUGIN) tests/plugin/laws.cc
 
 # --- generated files ------------------------------------------------------------------------
 
-# j1939_groups comes first: the others import the messages. Tests compare the files with the code.
+# Tests compare the files with the code.
 generate: $(VENV)/installed-test
-	for tool in j1939_groups j1939_manual export_model highway_map environment_manual; do \
+	for tool in j1939_manual export_model highway_map environment_manual; do \
 	  $(BIN)/python tools/$$tool.py || exit; done
 
 pictures: $(VENV)/installed-test

@@ -1,6 +1,6 @@
 """The pipeline: scene -> decision -> trajectory -> command.
 
-Knows messages and roads only: it could sit in a real truck's computer.
+It knows messages and roads only, so that it could run on a real truck's computer.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from controllers.decision.base import DecisionContext, DecisionMaker, Keep
 from controllers.decision.observation import ObservationHistory, observe_frame
 from controllers.planning.planner import Planner, PlannerConfig, named_decision
 from controllers.planning.speed_reference import CruiseReference, ProfileReference, SpeedReference
-from controllers.planning.surroundings import Neighbor, Surroundings
 from controllers.tracking.controller import Tracker, TrackingConfig
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import (
@@ -22,9 +21,8 @@ from iits_mj.core.messages import (
     Trajectory,
     VehicleCommand,
 )
+from iits_mj.core.neighbors import Neighbor
 from iits_mj.parameters import TruckParameters
-
-# --- The pipeline: scene -> decision -> trajectory -> command ---
 
 if TYPE_CHECKING:
     from iits_mj.road import Route
@@ -40,8 +38,8 @@ class Stack:
 
     Attributes:
       last_decision: the decision maker's last answer.
-      last_trajectory: what is being tracked, or None before the first plan.
-      reference: who says how fast the truck would like to go.
+      last_trajectory: the one being tracked, or None before the first plan.
+      reference: gives the speed that the truck would like to drive.
     """
 
     def __init__(
@@ -63,13 +61,13 @@ class Stack:
           planner: settings; default: the paper's 16.67 m/s on the two rightmost lanes.
           tracking: settings.
           parameters: of the truck; default: the shipped one.
-          profile: reference speed over station, planned before.
+          profile: reference speed over station, planned before the drive.
           decision_period: [s].
-          reference: who says how fast to go, as `controllers.pcc.PccReference`; default: the
-            profile, or without one the planner's cruise speed.
+          reference: of the speed, as `controllers.pcc.PccReference`; default: the profile, or
+            without one the planner's cruise speed.
 
         Raises:
-          InputError: profile and reference are both given, or the profile is none.
+          InputError: profile and reference are both given, or the profile is not valid.
         """
         if profile is not None and reference is not None:
             raise InputError("a stack has one speed reference: give profile or reference, not both")
@@ -88,7 +86,7 @@ class Stack:
         self.reset()
 
     def reset(self) -> None:
-        """Ready for a new drive: all memory and counters cleared."""
+        """Clears all memory and counters, for a new drive."""
         self.planner.reset()
         self.tracker.reset()
         self.history.reset()
@@ -119,7 +117,7 @@ class Stack:
         return self.reference.at(station)
 
     def asks_at(self, time: float) -> bool:
-        """Whether a plan at a time [s] would ask the decision maker, as things are now."""
+        """Whether a plan at a time [s] would ask the decision maker."""
         if self.planner.changing:
             return False
         last = self._decided_at
@@ -129,17 +127,16 @@ class Stack:
         """A new trajectory from a scene, every 100 ms.
 
         Raises:
-          InputError: a value of the scene that matters is not finite.
+          InputError: a number of the scene is not finite.
         """
-        surroundings = Surroundings(scene, preview=self.planner.preview)
-        profile = self.reference.update(scene, lambda: self._leader(surroundings))
+        profile = self.reference.update(scene, lambda: self._leader(scene))
         reference = self.reference.free(scene.ego.station)
         self.history.add(scene.time, observe_frame(scene, self.route, reference))
         decision = Decision.KEEP
         if self.asks_at(scene.time):
             self._decided_at = scene.time
             decision = self._decide(scene)
-        self.last_trajectory = self.planner.plan(scene, decision, profile, surroundings)
+        self.last_trajectory = self.planner.plan(scene, decision, profile)
         return self.last_trajectory
 
     def control(self, ego: EgoState) -> VehicleCommand:
@@ -152,21 +149,20 @@ class Stack:
             raise InputError("control asked for before the first plan: call Stack.plan first")
         return self.tracker.command(ego, self.last_trajectory)
 
-    def _leader(self, surroundings: Surroundings) -> Neighbor | None:
+    def _leader(self, scene: Scene) -> Neighbor | None:
         """The vehicle ahead in the lane that is being kept or changed to."""
-        scene = surroundings.scene
         lane, sight = self.planner.lane(scene), self.planner.config.speed.preview
         path = self.planner.preview.follow(lane, scene.ego.station, sight)
-        return surroundings.leader(path)
+        return scene.neighbors.leader_along_path(path)
 
     def context(self, scene: Scene) -> DecisionContext:
-        """What a decision maker is given in a scene whose frame is in the history."""
+        """Context of a decision in a scene whose frame is in the history."""
         return DecisionContext(
             scene=scene,
             route=self.route,
             lane=self.planner.lane(scene),
             lanes=self.planner.config.lanes,
-            # A plan that slows down behind a slow vehicle must not hide what passing it would gain.
+            # Not the plan's speed: behind a slow leader it would hide the gain of passing.
             reference_speed=self.reference.free(scene.ego.station),
             observation=self.history.observation(),
         )

@@ -22,8 +22,7 @@ from controllers.stack import Stack
 from iits_mj.core.errors import Error
 from iits_mj.core.messages import EgoState, Scene
 from iits_mj.j1939 import CommandSender, Link, StateReceiver, pgn_of
-from iits_mj.j1939.addresses import CONTROLLER
-from iits_mj.j1939.network import request
+from iits_mj.j1939.network import CONTROLLER, request
 from iits_mj.road import RoadMap
 
 STEP = 0.02

@@ -18,25 +18,14 @@ import gymnasium
 from controllers.decision.observation import FEATURES, FRAME_AGES, FRAME_SHAPE, ROWS
 from controllers.decision.observation import __doc__ as observation_text
 from iits_mj import suite
-from iits_mj.envs import driving
-from iits_mj.envs.driving import DrivingEnv, TaskEnv
+from iits_mj.envs.driving import DrivingEnv
 from iits_mj.envs.highway import DecisionEnv, HighwayEnv, HighwayFastEnv
 from iits_mj.envs.platoon import PlatoonEnv
 from iits_mj.envs.speed_planning import SpeedPlanningEnv
 from iits_mj.suite import tasks
-from iits_mj.suite.tasks import DrivingTask, Platoon
+from iits_mj.suite.tasks import DRIVING_TASKS, DrivingTask, Platoon
 from iits_mj.suite.tasks.base import BRAKE_MAX
 
-# Classes of the tasks that drive, by the suite's name.
-KINDS: dict[str, type[DrivingTask]] = {
-    "cruise": tasks.Cruise,
-    "stop": tasks.Stop,
-    "hill_start": tasks.HillStart,
-    "lane_keep": tasks.LaneKeep,
-    "lane_change": tasks.LaneChange,
-    "tight_turn": tasks.TightTurn,
-    "dock": tasks.Dock,
-}
 OTHERS: dict[str, type[gymnasium.Env[Any, Any]]] = {
     "Highway": HighwayEnv,
     "HighwayFast": HighwayFastEnv,
@@ -48,31 +37,25 @@ _NOTE = "<!-- made from the code by `python tools/environment_manual.py` -->"
 
 def pages() -> dict[str, str]:
     """File name to Markdown."""
-    envs = {
-        kind.task_name: name.removesuffix("Env")
-        for name, kind in vars(driving).items()
-        if inspect.isclass(kind) and issubclass(kind, TaskEnv) and kind is not TaskEnv
-    }
-    made = {f"{task}.md": _driving(task, envs[task]) for task in KINDS}
+    made = {f"{task}.md": _driving(task, _env(task)) for task in DRIVING_TASKS}
     made["highway.md"] = _highway()
     made |= {f"{_snake(name)}.md": _other(name) for name in OTHERS if name != "Highway"}
     made["platoon.md"] = _platoon()
-    made["README.md"] = _index(envs)
+    made["README.md"] = _index()
     return made
 
 
 def _driving(task: str, env: str) -> str:
-    kind = KINDS[task]
-    limit = inspect.getdoc(suite.truck.SUITE[task]) or ""
+    kind = DRIVING_TASKS[task]
     return _joined(
         f"# {env}",
         _NOTE,
         _picture(task, env),
-        _paragraphs(kind),
+        _body(kind),
         _table(
             ("", ""),
             [
-                ("dm_control", f'`suite.load("truck", "{task}")`: {limit}'),
+                ("dm_control", f'`suite.load("truck", "{task}")`, {kind.time_limit:g} s'),
                 ("Gymnasium", f'`gymnasium.make("iits_mj:iits_mj/{env}-v0")`'),
                 (
                     "many at once",
@@ -145,16 +128,16 @@ def _platoon() -> str:
     )
 
 
-def _index(envs: dict[str, str]) -> str:
+def _index() -> str:
     rows = [
         (
-            f"[{env}]({task}.md)",
+            f"[{_env(task)}]({task}.md)",
             f"`truck`, `{task}`",
-            f"`iits_mj/{env}-v0`",
-            ", ".join(f"`{name}`" for name in KINDS[task].actions),
-            (inspect.getdoc(KINDS[task]) or "").splitlines()[0],
+            f"`iits_mj/{_env(task)}-v0`",
+            ", ".join(f"`{name}`" for name in kind.actions),
+            (inspect.getdoc(kind) or "").splitlines()[0],
         )
-        for task, env in envs.items()
+        for task, kind in DRIVING_TASKS.items()
     ]
     rows.append(
         (
@@ -226,16 +209,18 @@ def _actions(kind: type[DrivingTask]) -> str:
 
 def _observations(kind: type[DrivingTask | tasks.Highway], heading: str = "##") -> str:
     rows, place = [], 0
-    for name, told in kind.observed.items():
-        places = str(place) if told.size == 1 else f"{place} to {place + told.size - 1}"
-        rows.append((places, f"`{name}`", told.meaning, told.unit, f"{told.scale:g}", told.source))
-        place += told.size
+    for name, entry in kind.observed.items():
+        places = str(place) if entry.size == 1 else f"{place} to {place + entry.size - 1}"
+        rows.append(
+            (places, f"`{name}`", entry.meaning, entry.unit, f"{entry.scale:g}", entry.source)
+        )
+        place += entry.size
     head = ("num", "observation", "meaning", "unit", "scale", "from")
     return f"{heading} Observations\n\n" + _table(head, rows)
 
 
 def _decision_observation() -> str:
-    """Where in the 216 numbers each one stands, and the features as their module tells them."""
+    """Places of the 216 numbers, and the features as their module lists them."""
     rows, features = FRAME_SHAPE
     lines = [
         [cell.strip() for cell in line.strip("|").split("|")]
@@ -285,10 +270,6 @@ def _first(thing: object) -> str:
     return (inspect.getdoc(thing) or "").split("\n\n")[0].replace("\n", " ")
 
 
-def _paragraphs(kind: type) -> str:
-    return _unwrapped(_parts(kind)[0])
-
-
 def _body(kind: type) -> str:
     return _unwrapped(_parts(kind)[0])
 
@@ -330,6 +311,11 @@ def _shown(default: object) -> str:
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
     return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def _env(task: str) -> str:
+    """Name of a task's environment in Gymnasium."""
+    return task.title().replace("_", "")
 
 
 def _snake(name: str) -> str:

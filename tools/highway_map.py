@@ -14,8 +14,7 @@ import tempfile
 from pathlib import Path
 
 from iits_mj.core.errors import Error
-from iits_mj.road.design import Design
-from iits_mj.road.design_build import build
+from iits_mj.road.design import Design, build
 from iits_mj.road.elements import OpenDriveMap
 from iits_mj.road.writer import write
 from traffic_bridge.network.nets import run_netconvert

@@ -14,8 +14,8 @@ import cantools.database
 
 from iits_mj.j1939.database import message_names, pgn_of
 from iits_mj.j1939.frame import Frame
-from iits_mj.j1939.group import layouts
-from iits_mj.j1939.mapping import Mapping, commands, reports, sender
+from iits_mj.j1939.groups import layouts
+from iits_mj.j1939.mapping import SignalRow, commands, reports, sender
 
 # More sensors than this are named by the first and the last.
 _MOST_NAMES = 3
@@ -124,22 +124,22 @@ def _layout(name: str) -> str:
     return "\n".join(rows)
 
 
-def _elements(row: Mapping) -> str:
+def _elements(row: SignalRow) -> str:
     if len(row.elements) > _MOST_NAMES:
         return f"`{row.elements[0]}` ... `{row.elements[-1]}`"
     return ", ".join(f"`{element}`" for element in row.elements) or "the truck's parameters"
 
 
-def _spn(row: Mapping) -> str:
+def _spn(row: SignalRow) -> str:
     return str(_signal(row).spn or "own")
 
 
-def _step(row: Mapping) -> str:
+def _step(row: SignalRow) -> str:
     signal = _signal(row)
     return f"{signal.scale:g} {signal.unit or ''}".strip()
 
 
-def _signal(row: Mapping) -> cantools.database.can.Signal:
+def _signal(row: SignalRow) -> cantools.database.can.Signal:
     return layouts().get_message_by_name(row.message).get_signal_by_name(row.signal)
 
 

@@ -10,25 +10,25 @@ libsumo is imported when a simulation starts, not before.
 """
 
 from traffic_bridge.config import DENSITIES, LANE_CHANGE_MODELS, TrafficConfig
-from traffic_bridge.datasets import Trajectories, lay, read_trajectories
+from traffic_bridge.datasets import Trajectories, import_trajectories, read_trajectories
 from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.mirror.mirror import Mirror
 from traffic_bridge.modes.parallel import SeparateTraffic, TrafficWorlds, WorldSpec
 from traffic_bridge.modes.repsim import MixedSim, RepSim
 from traffic_bridge.modes.resim import ReSim
 from traffic_bridge.modes.sumo_modes import InterSim, PureSim, Traffic
+from traffic_bridge.network.lane_graph import MapPath
 from traffic_bridge.network.map_lookup import MapPoint, Place
 from traffic_bridge.network.map_network import MapLane, MapNetwork, MapRoad
-from traffic_bridge.network.map_paths import MapPath
-from traffic_bridge.network.nets import Network, build_network, cache_dir, find_netconvert
+from traffic_bridge.network.nets import build_network, cache_dir, find_netconvert
 from traffic_bridge.recording.recorder import Recorder
 from traffic_bridge.recording.recording import PoseDigest, Recording
 from traffic_bridge.session import sumo_runs_here
 from traffic_bridge.signals.events import (
     Event,
     LaneClosure,
+    LightOverride,
     LightProgramRun,
-    LightState,
     SlowConvoy,
     SpeedLimit,
     StoppedVehicle,
@@ -60,9 +60,9 @@ __all__ = [
     "InterSim",
     "LaneClosure",
     "LightAhead",
+    "LightOverride",
     "LightPhase",
     "LightProgramRun",
-    "LightState",
     "MapLane",
     "MapNetwork",
     "MapPath",
@@ -70,7 +70,6 @@ __all__ = [
     "MapRoad",
     "Mirror",
     "MixedSim",
-    "Network",
     "Place",
     "PoseDigest",
     "PureSim",
@@ -99,7 +98,7 @@ __all__ = [
     "default_types",
     "evaluate",
     "find_netconvert",
-    "lay",
+    "import_trajectories",
     "read_events",
     "read_trajectories",
     "read_types",

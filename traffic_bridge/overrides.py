@@ -1,4 +1,4 @@
-"""Orders that overlap in time: the newest one in force holds, and each ends by itself."""
+"""Overrides of settings that overlap in time: the newest one holds, each ends independently."""
 
 from __future__ import annotations
 
@@ -10,34 +10,38 @@ from typing import Any, NamedTuple
 Undo = Callable[[], None]
 
 
-class _Order(NamedTuple):
-    """A value and who can end it; nobody can any more once `undo` is dead."""
+class _Override(NamedTuple):
+    """A value and a reference to its undo function; without the function it cannot end."""
 
     value: Any
     undo: weakref.ref[Undo]
 
 
-class Orders:
-    """What was ordered of each field of each target, oldest first.
+class Overrides:
+    """The overrides of each field of each target, oldest first.
 
-    An order for good, whose undo nobody holds any more, hides the older ones for ever: those are
-    dropped, so that orders given again and again take no more and more memory.
+    An override whose undo function no longer exists is permanent and hides the older ones for ever.
+    Those are dropped, so repeated overrides do not use more and more memory.
     """
 
     def __init__(self) -> None:
         self._numbers = itertools.count()
-        self._of: dict[str, dict[str, dict[int, _Order]]] = {}
+        self._of: dict[str, dict[str, dict[int, _Override]]] = {}
+
+    def __len__(self) -> int:
+        """Number of values that are stored."""
+        return sum(len(kept) for fields in self._of.values() for kept in fields.values())
 
     def add(self, target: str, values: Mapping[str, Any], ended: Callable[[], None]) -> Undo:
-        """Gives an order; the newest of a target's field is in force.
+        """Adds an override; of a target's field the newest one holds.
 
         Args:
-          target: whom it is for.
+          target: name of the vehicle, type or light.
           values: by field.
-          ended: called after the order was ended, unless its target was forgotten before.
+          ended: called after the override has ended, unless its target was forgotten before.
 
         Returns:
-          A function that ends the order, once.
+          A function that ends the override; further calls do nothing.
         """
         number, fields = next(self._numbers), tuple(values)
 
@@ -46,40 +50,40 @@ class Orders:
                 ended()
 
         for field, value in values.items():
-            orders = self._of.setdefault(target, {}).setdefault(field, {})
-            if orders:
-                last = next(reversed(orders))
-                if orders[last].undo() is None:
-                    for hidden in [key for key in orders if key != last]:
-                        del orders[hidden]
-            orders[number] = _Order(value, weakref.ref(undo))
+            kept = self._of.setdefault(target, {}).setdefault(field, {})
+            if kept:
+                last = next(reversed(kept))
+                if kept[last].undo() is None:
+                    for hidden in [key for key in kept if key != last]:
+                        del kept[hidden]
+            kept[number] = _Override(value, weakref.ref(undo))
         return undo
 
     def fields(self, target: str) -> Iterable[str]:
-        """The fields of which a target has orders, in the order in which they came."""
+        """The fields of a target that have overrides, in the order of their first override."""
         return self._of.get(target, {}).keys()
 
     def newest(self, field: str, *targets: str) -> Any:
-        """The value of the newest order of a field given to any of these; None: there is none."""
+        """The value of the newest override of a field of any of the targets; None without one."""
         number, value = -1, None
         for target in targets:
-            orders = self._of.get(target, {}).get(field)
-            if orders and (last := next(reversed(orders))) > number:
-                number, value = last, orders[last].value
+            kept = self._of.get(target, {}).get(field)
+            if kept and (last := next(reversed(kept))) > number:
+                number, value = last, kept[last].value
         return value
 
     def forget(self, target: str) -> None:
-        """Drops all orders of a target; ending them does nothing from now on."""
+        """Drops all overrides of a target; their undo functions then do nothing."""
         self._of.pop(target, None)
 
     def _end(self, target: str, fields: Iterable[str], number: int) -> bool:
-        """Takes an order back; False where it is gone already."""
+        """Removes an override; False if it is already gone."""
         found = False
         mine = self._of.get(target, {})
         for field in fields:
-            orders = mine.get(field, {})
-            found |= orders.pop(number, None) is not None
-            if not orders:
+            kept = mine.get(field, {})
+            found |= kept.pop(number, None) is not None
+            if not kept:
                 mine.pop(field, None)
         if not mine:
             self._of.pop(target, None)

@@ -1,4 +1,4 @@
-"""What every decision maker sees and answers.
+"""Decision makers: their protocol, their input, and the one that always keeps its lane.
 
 A decision maker is asked about once a second: change to the left, keep, or change to the right.
 It does not steer: the planner checks the answer again and may refuse it.
@@ -6,6 +6,7 @@ It does not steer: the planner checks the answer again and may refuse it.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -22,14 +23,14 @@ Observation = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class DecisionContext:
-    """All that a decision may rest on, at one instant.
+    """Input of a decision at one instant.
 
     Attributes:
       scene: the truck and the traffic around it.
       route: the truck's road.
       lane: index of the lane that the truck keeps, or changes to, now (0 = rightmost).
       lanes: indices of the lanes the truck may use; the paper limits it to two.
-      reference_speed: what the speed planner wants here [m/s].
+      reference_speed: wanted by the speed planner here [m/s].
       observation: of shape (216,), see `controllers.decision.observation`.
     """
 
@@ -41,8 +42,15 @@ class DecisionContext:
     observation: Observation
 
     def may_use(self, lane: int) -> bool:
-        """True when the lane exists beside the truck and is one the truck is allowed to use."""
+        """Whether the lane exists beside the truck and the truck is allowed to use it."""
         return lane in self.lanes and bool(self.route.lane_exists(lane, self.scene.ego.station))
+
+    def sides(self) -> Iterator[tuple[Decision, int]]:
+        """The decisions to change to a lane that the truck may use, left first, with the lane."""
+        for side in (Decision.LEFT, Decision.RIGHT):
+            lane = self.lane - int(side)
+            if self.may_use(lane):
+                yield side, lane
 
 
 class DecisionMaker(Protocol):

@@ -1,8 +1,8 @@
 """The paper's observation: 4 frames x 9 rows x 6 features = 216 numbers in [-1, 1].
 
-One function makes it in training and in driving. Frames are those of now, 1, 2 and 3 seconds ago,
-in this order. A frame's rows are the truck, the nearest two vehicles behind, the nearest six ahead
-(nearest first); rows of vehicles that are not there are zero. Features, with their normalisation:
+One function makes it in training and in driving. The frames are of now, 1, 2 and 3 seconds ago, in
+this order. A frame's rows are the truck, the nearest two vehicles behind, and the nearest six ahead
+(nearest first); rows without a vehicle are zero. Features, with their normalization:
 
 | feature         | truck's row                        | other rows                      | /      |
 |-----------------|------------------------------------|---------------------------------|--------|
@@ -13,14 +13,14 @@ in this order. A frame's rows are the truck, the nearest two vehicles behind, th
 | lateral speed   | own                                | its own                         | 40 m/s |
 | reference speed | reference speed                    | reference speed minus its speed | 40 m/s |
 
-The paper says how many vehicles are seen, not how far. Its release sees 100 m ahead, which a truck
+The paper gives the number of vehicles, not the range. Its release sees 100 m ahead, which a truck
 that closes in by 4 m/s covers in 25 s: whether the other lane is worth a change shows only beyond.
-Here it is 250 m, the reach of a truck's long-range radar.
+Here the range is 250 m, that of a truck's long-range radar.
 
 Longitudinal distance is measured along the route from front bumper to front bumper. A vehicle is
 "ahead" when its front is ahead of the truck's and within 250 m, else "behind" while its front is at
-most 50 m behind the *trailer's* rear: what drives beside the trailer counts as behind. Vehicles
-that are on no driving lane of the route (lane -1: other carriageway, parking) are not observed.
+most 50 m behind the *trailer's* rear: a vehicle beside the trailer is behind. Vehicles on no
+driving lane of the route (lane -1: other carriageway, parking) are not observed.
 """
 
 from __future__ import annotations
@@ -56,13 +56,14 @@ Frame = NDArray[np.float32]
 
 
 def observe_frame(scene: Scene, route: Route, reference_speed: float) -> Frame:
-    """One frame of the observation, shape (9, 6), normalised and clipped to [-1, 1].
+    """One frame of the observation, shape (9, 6), normalized and clipped to [-1, 1].
 
     Raises:
-      InputError: a value is not finite; the message names row and feature.
+      InputError: a number is not finite; the message names it.
     """
-    ego, footprint = scene.ego, scene.footprint
-    front = ego.station + footprint.front_overhang
+    ego = scene.ego
+    neighbors = scene.neighbors
+    ahead, behind = neighbors.nearest_by_front(RANGE_AHEAD, RANGE_BEHIND)
     rows = np.zeros(FRAME_SHAPE)
     rows[0] = (
         1.0,
@@ -72,29 +73,16 @@ def observe_frame(scene: Scene, route: Route, reference_speed: float) -> Frame:
         _lateral_speed(scene, route),
         reference_speed,
     )
-    ahead: list[tuple[float, int]] = []
-    behind: list[tuple[float, int]] = []
-    for index, vehicle in enumerate(scene.vehicles):
-        dx = vehicle.station + 0.5 * vehicle.length - front
-        if vehicle.lane < 0:
-            continue
-        if not math.isfinite(dx):
-            raise InputError(f"observation: dx of vehicle {vehicle.id!r} is {dx}: must be finite")
-        if 0.0 < dx <= RANGE_AHEAD:
-            ahead.append((dx, index))
-        elif -RANGE_BEHIND - footprint.length <= dx <= 0.0:
-            behind.append((-dx, index))
-    chosen = list(enumerate(sorted(behind)[:_BEHIND], start=1))
-    chosen += list(enumerate(sorted(ahead)[:_AHEAD], start=1 + _BEHIND))
-    for row, (distance, index) in chosen:
-        vehicle = scene.vehicles[index]
-        rows[row] = (
-            1.0,
-            distance if row > _BEHIND else -distance,
-            vehicle.offset - ego.offset,
-            vehicle.speed - ego.speed,
-            vehicle.lateral_speed,
-            reference_speed - vehicle.speed,
+    for first, found in ((1, behind[:_BEHIND]), (1 + _BEHIND, ahead[:_AHEAD])):
+        rows[first : first + len(found)] = np.column_stack(
+            (
+                np.ones(len(found)),
+                neighbors.front_distance[found],
+                neighbors.offset[found] - ego.offset,
+                neighbors.speed[found] - ego.speed,
+                neighbors.lateral_speed[found],
+                reference_speed - neighbors.speed[found],
+            )
         )
     _check_finite(rows)
     return np.minimum(np.maximum(rows / SCALE, -1.0), 1.0).astype(np.float32)
@@ -103,7 +91,7 @@ def observe_frame(scene: Scene, route: Route, reference_speed: float) -> Frame:
 class ObservationHistory:
     """Keeps frames by time and stacks those of now, 1, 2 and 3 seconds ago.
 
-    Before 3 s have passed the oldest frame stands for those that do not exist yet.
+    In the first 3 s the oldest frame replaces those that do not exist yet.
     """
 
     def __init__(self) -> None:
@@ -147,7 +135,7 @@ class ObservationHistory:
 def observation(frames: list[Frame]) -> Observation:
     """Stacks four frames, newest first (now, 1, 2, 3 s ago), to float32 of shape (216,).
 
-    For those who keep frames themselves; `ObservationHistory` gives the same numbers.
+    For callers that keep frames themselves; `ObservationHistory` gives the same numbers.
     """
     if len(frames) != len(FRAME_AGES):
         raise InputError(f"observation of {len(frames)} frames: {len(FRAME_AGES)} are wanted")
@@ -158,7 +146,7 @@ def observation(frames: list[Frame]) -> Observation:
 
 
 def mirrored(observation: NDArray[np.floating], width: float) -> Observation:
-    """The same situation with left and right in each other's place.
+    """The observation with left and right exchanged.
 
     Args:
       observation: shape (..., 216).
@@ -185,7 +173,7 @@ def _check_finite(rows: NDArray[np.floating]) -> None:
 
 
 def _road_left(route: Route, station: float, offset: float) -> float:
-    """Distance to the end of its lane or of the road, in probes' steps, up to RANGE_AHEAD [m]."""
+    """Distance to the end of the lane or road, in steps of 25 m, up to RANGE_AHEAD [m]."""
     lane = route.lane_at(station, offset)
     distance = 0.0
     while distance < RANGE_AHEAD:

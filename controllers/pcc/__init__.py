@@ -1,23 +1,28 @@
 """Predictive cruise control: fuel-optimal speed over a hilly road, offline and receding."""
 
-from controllers.pcc.leader_constraint import FenceConfig, Leader
-from controllers.pcc.planner import PccConfig, PccSolution, plan
+from controllers.pcc.leader_constraint import Leader, LeaderConfig
+from controllers.pcc.planner import PccComparison, PccConfig, plan
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.receding import HorizonPlan, RecedingPlanner
 from controllers.pcc.reference import PccReference, PccReport
+from controllers.pcc.solver import solve
+from controllers.pcc.task import Solution, SpeedTask
 from controllers.pcc.trip import Appointment, RecedingConfig
 
 __all__ = [
     "Appointment",
-    "FenceConfig",
     "HorizonPlan",
     "Leader",
+    "LeaderConfig",
+    "PccComparison",
     "PccConfig",
     "PccReference",
     "PccReport",
-    "PccSolution",
     "RecedingConfig",
     "RecedingPlanner",
     "RoadProfile",
+    "Solution",
+    "SpeedTask",
     "plan",
+    "solve",
 ]

@@ -1,8 +1,8 @@
-"""Fuel from the engine's map through the gearbox, and the convex fit that the optimizer uses.
+"""Fuel rate of the truck from the engine's map and gearbox, and the optimizer's convex fit of it.
 
-The map gives the fuel rate over torque and speed; below its lowest torque the rate goes linearly to
-zero at the drag torque (overrun cut-off), beyond its last row and columns the specific consumption
-of the edge holds. For a wheel force and a speed the gear with the least fuel is taken, among those
+The map gives the fuel rate over torque and speed. Below its lowest torque the rate goes linearly to
+zero at the drag torque (overrun cut-off); beyond its last row and columns the specific consumption
+of the edge applies. For a wheel force and a speed the gear with the least fuel is taken among those
 whose speed and full-load torque allow it.
 """
 
@@ -20,7 +20,7 @@ from iits_mj.core.errors import PlanningError
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.powertrain import Engine
 
-_SPEEDS = 4000  # at which the least power of all gears is looked for
+_SPEEDS = 4000  # samples for the least power of all gears
 _ENGINE_SPEED_MIN = 85.0  # [rad/s], 810 rpm: below it the driver would have shifted down
 
 
@@ -45,7 +45,7 @@ class Willans:
     def overrun_power(self) -> float:
         """Drag power [W] at which the line reaches zero fuel: the engine overruns below it.
 
-        The fitted line meets the drag torque table within some 10 %, though it never saw it.
+        It agrees with the drag torque table, which the fit does not use, within some 10 %.
         """
         root = self.f1**2 - 4.0 * self.f0 * self.f2
         # 2 f0 / (f1 + sqrt(...)) is the root that stays finite when f2 is zero.
@@ -53,7 +53,7 @@ class Willans:
 
 
 class FuelMap:
-    """The engine's map seen from the wheels."""
+    """The engine's fuel map over wheel force and vehicle speed, with the best gear."""
 
     def __init__(self, parameters: TruckParameters) -> None:
         engine, gearbox = parameters.engine, parameters.gearbox
@@ -84,9 +84,9 @@ class FuelMap:
     def full_power(self) -> float:
         """Greatest engine power [W] that some gear gives at every speed of the gears.
 
-        From where the lowest gear has its greatest power to where the highest has: the power falls
-        between two gears and is nearly the same at each such step. Of the truck alone, whatever the
-        band of a plan: below those speeds the lowest gear's force holds 37 % with 55 t.
+        The speeds range from the greatest power of the lowest gear to that of the highest. The
+        power falls between two gears, nearly equally at each step. It does not depend on the band
+        of a plan: below these speeds the lowest gear's force holds 37 % with 55 t.
         """
         engine = self._engine
         peak = np.argmax(engine.full_load_speed * engine.full_load_torque)
@@ -96,8 +96,8 @@ class FuelMap:
     def rate(self, force: FloatArray, speed: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
         """Fuel rate [kg/s] and gear (1 to 12) for wheel forces [N] at vehicle speeds [m/s].
 
-        A negative force is engine drag first and brakes beyond it. Where no gear carries the force
-        the one with the most torque is taken, at its full load.
+        A negative force is engine drag first and brakes beyond it. Where no gear gives the force,
+        the one with the most torque is taken at full load.
         """
         omega = self.gear_speed[:, None] * speed[None, :]
         loss = np.where(force > 0.0, 1.0 / self.efficiency, self.efficiency)
@@ -106,7 +106,7 @@ class FuelMap:
         runs = (omega >= _ENGINE_SPEED_MIN) & (omega <= self._engine.governed_speed)
         fits = runs & (torque <= full * 1.001)
         rate = self.engine_rate(np.minimum(torque, full), omega)
-        # Among gears with the same rate (overrun) the tallest.
+        # Of gears with the same rate (overrun), the highest.
         order = np.arange(self.gear_speed.size)[:, None] * 1e-12
         best = np.where(fits, rate - order, np.inf).argmin(axis=0)
         strongest = np.where(runs, full * omega, -1.0).argmax(axis=0)
@@ -114,10 +114,10 @@ class FuelMap:
         return rate[gear, np.arange(force.size)], gear + 1
 
     def below_fit(self, fit: Willans, v_min: float, v_max: float) -> float:
-        """By how much the map is below a fit at most [kg/s], over a band of speeds [m/s].
+        """Greatest excess of a fit over the map [kg/s], over a band of speeds [m/s].
 
         A drive of time T burns by the map at least what it burns by the fit, less T times this.
-        Looked for on a lattice of speeds and powers, from overrun to full power.
+        Sampled on a grid of speeds and powers, from overrun to full power.
         """
         speed = np.repeat(np.linspace(v_min, v_max, 60), 200)
         power = np.tile(np.linspace(-fit.overrun_power, self.full_power(), 200), 60)
@@ -134,21 +134,21 @@ class FuelMap:
         rate, _ = self.rate(power * self.efficiency / speed, speed)
         unit = 1e5
         basis = np.column_stack([np.ones(power.size), power / unit, (power / unit) ** 2])
-        coefficients = _nonnegative_fit(basis, rate)
+        coefficients = nonnegative_fit(basis, rate)
         error = float(np.sqrt(np.mean((basis @ coefficients - rate) ** 2)) / rate.mean())
         f0, f1, f2 = (float(c) for c in coefficients)
         return Willans(f0, f1 / unit, f2 / unit**2, error)
 
 
-def _nonnegative_fit(basis: FloatArray, value: FloatArray) -> FloatArray:
-    """Least-squares coefficients, none below zero, of a few columns: the best of all subsets."""
+def nonnegative_fit(basis: FloatArray, value: FloatArray) -> FloatArray:
+    """Least-squares coefficients >= 0 of a few columns: the best of all subsets of columns."""
     count = basis.shape[1]
     normal, right = basis.T @ basis, basis.T @ value
     best, least = np.zeros(count), 0.0
     for size in range(1, count + 1):
         for chosen in itertools.combinations(range(count), size):
             part = np.linalg.solve(normal[np.ix_(chosen, chosen)], right[list(chosen)])
-            # Of a least-squares part, the sum of squares less that of the values.
+            # Sum of squares of the residual less that of the values.
             gain = -float(part @ right[list(chosen)])
             if (part >= 0.0).all() and gain < least:
                 best, least = np.zeros(count), gain

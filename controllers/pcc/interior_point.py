@@ -1,13 +1,14 @@
-"""A primal-dual interior-point method for the speed planner's problem, linear in its length.
+"""A primal-dual interior-point method for the speed task, in time linear in the road's length.
 
 Slacks s of all inequalities g(x) >= 0 and their multipliers z follow the central path s z = mu by
 Mehrotra's predictor and corrector (S. Mehrotra, SIAM Journal on Optimization 2, 1992; slacks and
 merit function as in J. Nocedal and S. Wright, Numerical Optimization, chapter 19). The brake forces
-are eliminated interval by interval; what remains is one system over the nodes (`kkt.py`).
+are eliminated interval by interval; one system over the nodes remains, whose solution costs time
+linear in their number.
 
-Curvature is exact where that is positive definite, else its convex part. Where the quick run does
-not come on, a guarded one takes mu down step by step and lets the merit function
-`cost - mu sum log s + nu |g - s|` decide how far each step goes.
+Curvature is exact where that is positive definite, else its convex part. If the quick run makes no
+progress, a guarded one lowers mu step by step and lets the merit function
+`cost - mu sum log s + nu |g - s|` decide the length of each step.
 """
 
 from __future__ import annotations
@@ -16,31 +17,31 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.lapack import dgbtrf, dgbtrs, dpttrf, dpttrs
 
-from controllers.pcc.kkt import Inequalities, NodeSystem
-from controllers.pcc.problem import Point, Problem
+from controllers.pcc.problem import Inequalities, Point, Problem
 from iits_mj.core.arrays import FloatArray
 
 _INSIDE = 0.05  # least first slack
 _MU = 0.1  # first s z
 _DIVERGED = 1e9
-_EXACT = 1e-9  # gradient of the Lagrangian that no further step betters
-_ACCEPTED = 100.0  # times the tolerances, with which an optimum is taken when iterations are up
-_WINDOW = 30  # iterations of the quick run, each so many the errors are to fall to a tenth
+_EXACT = 1e-9  # gradient of the Lagrangian that no further step improves
+_ACCEPTED = 100.0  # times the tolerances: an optimum is accepted when iterations run out
+_WINDOW = 30  # iterations of the quick run, within which the errors must fall to a tenth
 _NO_STEP = "the curvature is not positive"
-_NO_DRIVE = "no drive keeps to all limits: their multipliers have no bound"
+_NO_DRIVE = "no drive keeps all limits: their multipliers have no bound"
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Of the method.
+    """Settings of the method.
 
     Attributes:
       tolerance: of the mean s z and of the inequalities' residuals.
       dual_tolerance: of the Lagrangian's gradient.
       polish: further steps at most once the tolerances are met.
       iterations: of one run, at most; time_limit: for both [s].
-      guarded: True leaves the quick run out; fallback: False leaves the guarded one out.
+      guarded: True skips the quick run; fallback: False skips the guarded one.
     """
 
     tolerance: float = 1e-8
@@ -54,14 +55,14 @@ class Settings:
 
 @dataclass(frozen=True)
 class Optimum:
-    """Outcome of the method, in the problem's units.
+    """Result of the method, in the problem's units.
 
     Attributes:
       b, y: variables, (n + 1,) and (n,).
       time_price: multiplier of the trip time; prices: of the intervals' durations, (n,).
       costate: worth of b at a node for what comes after it, (n + 1,); of the last, its own cost.
       iterations: of all runs; converged: whether the optimality conditions hold.
-      note: why not, in words.
+      note: the reason where they do not.
     """
 
     b: FloatArray
@@ -75,7 +76,7 @@ class Optimum:
 
 
 def minimize(problem: Problem, b: FloatArray, settings: Settings | None = None) -> Optimum:
-    """Solves from a guess of b, shape (n + 1,); look at `converged`."""
+    """Solves from a guess of b, shape (n + 1,); the result says whether it converged."""
     settings = settings or Settings()
     began = time.perf_counter()
     done = 0
@@ -91,7 +92,7 @@ def minimize(problem: Problem, b: FloatArray, settings: Settings | None = None) 
 
 
 class _Run:
-    """One run: where it is (`at`), slacks s and multipliers z, shape (m,)."""
+    """One run: the iterate `at`, slacks s and multipliers z, shape (m,)."""
 
     def __init__(
         self,
@@ -118,11 +119,11 @@ class _Run:
 
     @property
     def late(self) -> bool:
-        """Whether the time is up."""
+        """Whether the time limit is reached."""
         return time.perf_counter() - self._began > self.settings.time_limit
 
     def go(self, guarded: bool) -> str:
-        """Iterates until the optimality conditions hold; else says why they do not."""
+        """Iterates until the optimality conditions hold; returns "", else why they do not."""
         settings, limits = self.settings, self.limits
         mu, penalty, polished = _MU, 1.0, 0
         errors: list[float] = []
@@ -160,10 +161,10 @@ class _Run:
             dual < _ACCEPTED * settings.dual_tolerance
         ):
             return ""
-        return f"{self.iterations} iterations were not enough"
+        return f"no convergence within {self.iterations} iterations"
 
     def optimum(self, note: str) -> Optimum:
-        """The outcome; an empty note means converged."""
+        """The result; an empty note means converged."""
         by_force, by_duration, by_change, _ = self.limits.slopes(self.at, self.z)
         start, end = self.at.to_nodes(by_force, by_duration, by_change)
         return Optimum(
@@ -193,7 +194,7 @@ class _Run:
         return True
 
     def _lower(self, mu: float, error: float) -> float:
-        """The next mu, below the last one where its own problem is solved well enough."""
+        """The next mu, lowered where the problem of the last one is solved well enough."""
         off = np.abs(self.s * self.z - mu * self.limits.present).max()
         least = 0.1 * self.settings.tolerance
         while max(error, off) < 10.0 * mu and mu > least:
@@ -202,7 +203,7 @@ class _Run:
         return mu
 
     def _guarded_step(self, residual: FloatArray, mu: float, penalty: float) -> float:
-        """A step that lowers the merit function; gives back nu, NaN where there is no direction."""
+        """A step that lowers the merit function; returns nu, NaN where there is no direction."""
         present = self.limits.present
         system = _System(self)
         if not system.definite:
@@ -262,7 +263,7 @@ class _System:
                 h01 * free[:-1] * free[1:],
                 (at.d0 * free[:-1], at.d1 * free[1:]),
                 times,
-                limits.fenced,
+                limits.behind,
             )
             self.definite = self._system.definite
             if self.definite:
@@ -285,9 +286,95 @@ class _System:
         return ds, dz, db, dy
 
 
+class NodeSystem:
+    """(H + G' C' W C G) x = r with H tridiagonal, G the durations' gradients, C their running sum.
+
+    H has shape (m, m), m = n + 1 nodes. W holds the weights of the times at nodes 1..n. Where only
+    the last time has a weight the system is H with a border; else the times and the prices of the
+    intervals join the unknowns, ordered by node, and the system has three bands on either side.
+    """
+
+    def __init__(
+        self,
+        diagonal: FloatArray,
+        beside: FloatArray,
+        gradient: tuple[FloatArray, FloatArray],
+        weights: FloatArray,
+        inner: bool,
+    ) -> None:
+        """Factors the system; `definite` is False where H is not, or rounding leaves no pivot.
+
+        Args:
+          diagonal: of H, shape (n + 1,).
+          beside: the diagonal beside it, shape (n,).
+          gradient: of the durations by b at start and end of each interval, each (n,).
+          weights: of the times at nodes 1..n, shape (n,), none negative.
+          inner: whether weights but the last are above 0.
+        """
+        self._d0, self._d1 = gradient
+        self._weights, self._inner = weights, inner
+        self._beside = beside
+        self._diagonal = diagonal
+        self._factor, self._below, info = dpttrf(diagonal, beside)
+        self.definite = bool(info == 0)
+        if self.definite and not inner and weights[-1] > 0.0:
+            border = np.zeros(diagonal.size)
+            border[:-1] += self._d0
+            border[1:] += self._d1
+            self._border = border
+            self._answer = self._plain(border)
+            self._pivot = 1.0 / weights[-1] + float(np.sum(border * self._answer))
+        elif self.definite and inner:
+            self._bands, self._order, info = dgbtrf(self._banded(), 3, 3)
+            self.definite = bool(info == 0)
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """The solution x, shape (n + 1,), for a right side of that shape; H must be definite."""
+        if self._inner:
+            n = self._beside.size
+            full = np.zeros((n + 1, 3))
+            full[:, 0] = right
+            solution, _ = dgbtrs(self._bands, 3, 3, full.ravel()[:-1], self._order)
+            return np.asarray(solution[0::3])
+        x = self._plain(right)
+        if self._weights[-1] > 0.0:
+            x = x - self._answer * (float(np.sum(self._border * x)) / self._pivot)
+        return x
+
+    def _plain(self, right: FloatArray) -> FloatArray:
+        solution, _ = dpttrs(self._factor, self._below, right)
+        return np.asarray(solution)
+
+    def _banded(self) -> FloatArray:
+        """Unknowns b[k], t[k], price[k] by node; rows: b, t and t[k+1] - t[k] - grad d . b = 0.
+
+        In LAPACK's form: entry (i, j) stands at [3 + i - j, j], below three rows for its pivoting.
+        """
+        n = self._beside.size
+        room = np.zeros((10, 3 * (n + 1)))
+        bands = room[3:]
+        bands[3, 0::3] = self._diagonal
+        bands[0, 3::3] = self._beside
+        bands[6, 0:-3:3] = self._beside
+        # Row of b[k]: price[k] d0[k] + price[k-1] d1[k-1].
+        bands[1, 2:-3:3] = self._d0
+        bands[4, 2:-3:3] = self._d1
+        # Row of t[k]: W t[k] + price[k] - price[k-1] = 0; t[0] is 0, kept by a unit weight.
+        bands[3, 1] = 1.0
+        bands[3, 4::3] = self._weights
+        bands[2, 5:-3:3] = 1.0
+        bands[5, 2:-3:3] = -1.0
+        # Row of price[k]: grad d . b + t[k] - t[k+1] = 0, with t[0] left out.
+        bands[5, 0:-3:3] = self._d0
+        bands[2, 3::3] = self._d1
+        bands[4, 4:-3:3] = 1.0
+        bands[1, 4::3] = -1.0
+        return room[:, :-1]
+
+
 def _to_boundary(value: FloatArray, step: FloatArray, keep: float) -> float:
     """Greatest share of a step, at most 1, that leaves 1 - `keep` of every value."""
-    # Where an inequality is not there both are 0, and the quotient is no number: left out.
+    # Where an inequality does not apply both are 0 and the quotient is NaN, which fmin ignores.
     fall = float(np.fmin.reduce(step / value))
     return 1.0 if fall >= 0.0 else min(1.0, -keep / fall)
 

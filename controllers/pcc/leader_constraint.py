@@ -1,20 +1,21 @@
-"""The vehicle ahead as a fence: the earliest time at which each station may be passed."""
+"""The vehicle ahead as a constraint: the earliest time at which each station may be passed."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from controllers.pcc.profile import RoadProfile
-from controllers.pcc.vehicle import PointMass, durations, full_power_speed
+from controllers.pcc.vehicle import PointMass, full_power_speed, passing_times
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.checks import require_positive
 from iits_mj.core.errors import InputError
 
-LEAST_PACE = 0.5  # [m/s] of a leader that stands: it is to be met, not waited for
-_CRAWL = 1.2  # [m/s] that braking ends at: above the 1 m/s of plans behind a leader
-_BRAKE_SHARE = 0.8  # of the planned braking force, so that the fence leaves the optimizer room
+_LEAST_PACE = 0.5  # [m/s] assumed of a stopped leader, so that passing times stay finite
+_CRAWL = 1.2  # [m/s] at which braking ends: above the 1 m/s of plans behind a leader
+_BRAKE_SHARE = 0.8  # of the planned braking force, so that the optimizer has room
 
 
 @dataclass(frozen=True)
@@ -22,8 +23,8 @@ class Leader:
     """The vehicle ahead.
 
     Attributes:
-      rear: station at which the truck's reference point is when its bumper touches the leader [m].
-      speed: [m/s]; acceleration: [m/s2]; it is taken to fade over a second.
+      rear: station of the truck's reference point when its bumper touches the leader [m].
+      speed: [m/s]; acceleration: [m/s2], assumed to last for a second.
     """
 
     rear: float
@@ -31,7 +32,7 @@ class Leader:
     acceleration: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuses numbers that are not finite."""
+        """Raises InputError for numbers that are not finite."""
         for name in ("rear", "speed", "acceleration"):
             value = getattr(self, name)
             if not math.isfinite(value):
@@ -39,23 +40,23 @@ class Leader:
 
     @property
     def pace(self) -> float:
-        """Speed that it is taken to go on at [m/s]."""
-        return max(self.speed + self.acceleration, LEAST_PACE)
+        """Speed at which it is assumed to continue [m/s]."""
+        return max(self.speed + self.acceleration, _LEAST_PACE)
 
 
 @dataclass(frozen=True)
-class FenceConfig:
-    """What is kept to the vehicle ahead.
+class LeaderConfig:
+    """Gaps and speeds of plans behind a vehicle.
 
-    The gaps are a little less than those of the trajectory planner's car following, which rules
-    when the truck is near: who plans to stay farther behind never comes near enough to pass.
+    The gaps are a little less than those of the trajectory planner's car following, which takes
+    over when the truck is near: a plan with larger gaps would never come near enough to pass.
 
     Attributes:
       time_gap: [s]; standstill_gap: further distance to it [m].
-      regain: time in which a gap that is too short is won back to a third [s].
-      deceleration: greatest that a plan has for a vehicle's sake [m/s2].
+      regain: time constant with which a gap that is too short grows back [s].
+      deceleration: greatest planned deceleration behind a vehicle [m/s2].
       slower: greatest difference to its speed while falling back [m/s].
-      hold: for so long it is predicted to go on; after that it is out of the way, or passed [s].
+      hold: time for which it is predicted; later it counts as gone or passed [s].
       horizon: of plans behind a vehicle [m].
       jam: behind vehicles slower than this nothing is optimized [m/s].
     """
@@ -70,49 +71,46 @@ class FenceConfig:
     jam: float = 4.0
 
     def __post_init__(self) -> None:
-        """Refuses numbers that are not finite or not above 0."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not math.isfinite(value) or value <= 0.0:
-                raise InputError(f"{field.name} = {value!r} is not allowed: use a number above 0")
+        """Raises InputError for numbers that are not finite or not above 0."""
+        require_positive(self, *vars(self))
 
     def clear(self, leader: Leader) -> float:
-        """Station up to which a standing truck might roll [m]."""
+        """Greatest station of the truck at standstill [m]."""
         return leader.rear - self.standstill_gap
 
 
 @dataclass(frozen=True)
-class Fence:
-    """The vehicle ahead in a plan; both of shape (n + 1,).
+class LeaderConstraint:
+    """What a vehicle ahead asks of a plan; both of shape (n + 1,).
 
     Attributes:
-      time: earliest time from now at which each node may be passed [s].
-      slowest: least speeds that the plan may have to that end [m/s].
+      earliest: time from now before which each node must not be passed [s].
+      slowest: least speeds that the plan may have to meet that [m/s].
     """
 
-    time: FloatArray
+    earliest: FloatArray
     slowest: FloatArray
 
     def kept(self, road: RoadProfile, speed: FloatArray, early: float = 0.0) -> bool:
-        """Whether node speeds stay behind it, or pass it by at most `early` seconds too soon."""
-        return bool((_clock(road, speed) >= self.time - early - 1e-6).all())
+        """Whether node speeds pass no node more than `early` seconds too soon."""
+        return bool((passing_times(speed, road) >= self.earliest - early - 1e-6).all())
 
 
-def fence_of(
-    vehicle: PointMass, road: RoadProfile, speed: float, leader: Leader, config: FenceConfig
-) -> Fence:
-    """The fence of a vehicle that goes on at its speed for a while.
+def constraint_behind(
+    leader: Leader, vehicle: PointMass, road: RoadProfile, speed: float, config: LeaderConfig
+) -> LeaderConstraint:
+    """The constraint of a leader that continues at its speed for a while.
 
-    Not for long: who plans to stay behind a slow vehicle two kilometers on slows down now, and
-    hangs back to be fast when it should be gone. A gap that is too short now, as after a cut-in,
-    is won back over some time, and no more is asked for than comfortable braking can do: no fence
-    makes a problem infeasible, and what braking it takes beyond that is the trajectory planner's.
+    The time is short: a plan that stays behind a slow vehicle for two kilometers would slow down
+    now and hang back. A gap that is too short now, as after a cut-in, grows back over some time,
+    and no more is asked for than comfortable braking can do: the constraint never makes a problem
+    infeasible, and the trajectory planner brakes harder where that is needed.
 
     Args:
+      leader: the vehicle ahead.
       vehicle: the truck.
-      road: ahead, from where it is.
+      road: ahead, from the truck's station on.
       speed: of the truck [m/s].
-      leader: the vehicle.
       config: gaps.
 
     Raises:
@@ -122,28 +120,25 @@ def fence_of(
     way = road.station - road.station[0]
     floor = min(max(pace - config.slower, 0.5 * pace), speed)
     braked = easing_speeds(road, speed, floor, config.deceleration)
-    # On a climb it may be slower still: as slow as full power makes who arrives there so slowly.
+    # On a climb it may be slower still: as slow as full power allows from that speed.
     slowest = 0.99 * full_power_speed(vehicle, road, speed, braked)
     slowest[0] = speed
     passing = (road.station - config.clear(leader)) / pace + config.time_gap
     lost = max(speed - pace, 0.0) ** 2 / (2.0 * config.deceleration) / pace
     missing = max(float(passing[0]) + lost, 0.0)
-    passing = passing - missing * np.exp(-way / (config.regain * max(speed, LEAST_PACE)))
-    # Once the vehicle is gone nothing is in the way: nobody needs to pass later than that.
+    passing = passing - missing * np.exp(-way / (config.regain * max(speed, _LEAST_PACE)))
+    # After `hold` the vehicle counts as gone, so no node needs to be passed later.
     passing = np.clip(passing, 0.0, config.hold)
-    return Fence(np.minimum(passing, 0.98 * _clock(road, slowest)), slowest)
-
-
-def _clock(road: RoadProfile, speed: FloatArray) -> FloatArray:
-    return np.concatenate([[0.0], np.cumsum(durations(speed, road))])
+    earliest = np.minimum(passing, 0.98 * passing_times(slowest, road))
+    return LeaderConstraint(earliest, slowest)
 
 
 def approach_speeds(
-    road: RoadProfile, speed: float, leader: Leader, config: FenceConfig
+    road: RoadProfile, speed: float, leader: Leader, config: LeaderConfig
 ) -> FloatArray:
-    """Node speeds (n + 1,) that come down to a leader's at the deceleration of the settings.
+    """Node speeds (n + 1,) that fall to a leader's speed at the deceleration of the settings.
 
-    The trajectory planner does the following itself; this only saves driving up to a jam.
+    The trajectory planner does the car following; this avoids driving fast up to a jam.
     """
     end = max(leader.pace, config.jam)
     way = np.maximum(config.clear(leader) - road.station, 0.0)
@@ -152,7 +147,7 @@ def approach_speeds(
 
 
 def easing_speeds(road: RoadProfile, speed: float, end: float, deceleration: float) -> FloatArray:
-    """Node speeds (n + 1,) that come down to an end speed [m/s] at a deceleration [m/s2]."""
+    """Node speeds (n + 1,) that fall to an end speed [m/s] at a deceleration [m/s2]."""
     way = road.station - road.station[0]
     return np.asarray(np.sqrt(np.maximum(speed**2 - 2.0 * deceleration * way, end**2)))
 

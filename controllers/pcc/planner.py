@@ -1,4 +1,4 @@
-"""Offline: the fuel-optimal speed over a whole road, against a constant-speed cruise."""
+"""Offline plan: the fuel-optimal speed over a whole road, against a constant-speed cruise."""
 
 from __future__ import annotations
 
@@ -10,28 +10,37 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.pcc.fuel import FuelMap, Willans
+from controllers.pcc.fuel import FuelMap
 from controllers.pcc.profile import RoadProfile
-from controllers.pcc.solver import Solver, Task, on_finer_road
-from controllers.pcc.vehicle import PointMass, brakeable, cruise, durations, full_power_speed
+from controllers.pcc.solver import require_method, solve
+from controllers.pcc.task import Solution, SpeedTask
+from controllers.pcc.vehicle import (
+    PointMass,
+    brakeable,
+    cruise,
+    durations,
+    full_power_speed,
+    passing_times,
+)
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.core.messages import SpeedProfile
+from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 
-_NEARLY = 0.999  # of the fastest possible speed, so that more than one drive remains
+_NEARLY = 0.999  # of the fastest possible speed, so that more than one drive is possible
 
 
 @dataclass(frozen=True)
 class PccConfig:
-    """What the plan may do.
+    """Set speed, band and weights of a plan.
 
     Attributes:
       v_ref: set speed of the constant-speed cruise [m/s]; 20 m/s is the paper's 72 km/h.
       v_min, v_max: band of the plan [m/s]; slower only where full power does not reach v_min. At
         25 m/s the speed limiter of a heavy truck holds (directive 92/6/EEC); the road's own limits
         are kept below it.
-      mean_speed: True lets the cruise's set speed be found for which its *mean* is v_ref.
+      mean_speed: True finds the set speed for which the *mean* of the cruise is v_ref.
       k_a: the paper's weight of a^2, for a fuel rate in g/s: [g/s per (m/s2)^2].
       deceleration_max: of planned braking [m/s2].
     """
@@ -52,7 +61,7 @@ class PccConfig:
         if not 1.0 <= self.v_min <= self.v_ref <= self.v_max <= 60.0:
             raise InputError(
                 f"band {self.v_min:g} to {self.v_max:g} m/s with v_ref {self.v_ref:g} m/s: "
-                "1 <= v_min <= v_ref <= v_max <= 60 is wanted"
+                "use 1 <= v_min <= v_ref <= v_max <= 60"
             )
 
 
@@ -75,56 +84,56 @@ class Drive:
 
     @property
     def time(self) -> float:
-        """Of the whole drive [s]."""
+        """Duration of the whole drive [s]."""
         return float(self.clock[-1])
 
 
 @dataclass(frozen=True)
-class PccSolution:
+class PccComparison:
     """Plan and cruise over the same road, in equal time, to the same end speed.
 
     Attributes:
-      road: the profile; speed_profile: the plan for the trajectory planner.
+      task, optimum: the problem and its solution. With the optimum's `time_price` and `costate` and
+        the plan's clock a drive can follow the plan.
+      speed_profile: the plan for the trajectory planner.
       plan, baseline: both drives; v_set: set speed of the cruise [m/s].
-      time_price: what a second of trip time costs at the optimum [kg/s].
-      costate: how much less is burnt after a node for a little more v^2 there, shape (n + 1,)
-        [kg/(m2/s2)]; with `time_price` and `plan.clock`, what a drive needs to follow the plan.
-      solve_time, build_time: of the solver, and of setting it up [s]; iterations; method: of it.
-      willans: the fuel fit of the optimizer; status: "optimal".
     """
 
-    road: RoadProfile
+    task: SpeedTask
+    optimum: Solution
     speed_profile: SpeedProfile
     plan: Drive
     baseline: Drive
     v_set: float
-    time_price: float
-    costate: FloatArray
-    solve_time: float
-    build_time: float
-    iterations: int
-    method: str
-    willans: Willans
-    status: str = "optimal"
+
+    @property
+    def road(self) -> RoadProfile:
+        """The road."""
+        return self.task.road
+
+    @property
+    def time_price(self) -> float:
+        """What a second of trip time costs at the optimum [kg/s]."""
+        return self.optimum.time_price
 
     @property
     def fuel(self) -> float:
-        """Of the plan by the optimizer's model [kg]."""
+        """Fuel of the plan by the optimizer's model [kg]."""
         return float(self.plan.fuel.sum())
 
     @property
     def baseline_fuel(self) -> float:
-        """Of the cruise by the optimizer's model [kg]."""
+        """Fuel of the cruise by the optimizer's model [kg]."""
         return float(self.baseline.fuel.sum())
 
     @property
     def saving_percent(self) -> float:
-        """By the optimizer's model [%]."""
+        """Saving by the optimizer's model [%]."""
         return 100.0 * (1.0 - self.fuel / self.baseline_fuel)
 
     @property
     def map_saving_percent(self) -> float:
-        """By the engine's map with gears and overrun cut-off [%]."""
+        """Saving by the engine's map with gears and overrun cut-off [%]."""
         return 100.0 * (1.0 - float(self.plan.map_fuel.sum()) / float(self.baseline.map_fuel.sum()))
 
 
@@ -135,7 +144,7 @@ def plan(
     config: PccConfig | None = None,
     method: str = "interior_point",
     fine: RoadProfile | None = None,
-) -> PccSolution:
+) -> PccComparison:
     """Plans the whole road and compares it with the constant-speed cruise.
 
     Both start and end at the cruise's speed there; the plan takes no longer than the cruise.
@@ -144,54 +153,41 @@ def plan(
       road: to be driven from end to end.
       parameters: of the truck, default the packaged ones.
       mass: of the combination [kg].
-      config: what the plan may do.
-      method: of the solver, "interior_point" or "ipopt".
-      fine: the same road with closer nodes, at which the speed profile is wanted; see `refine.py`.
+      config: set speed, band and weights.
+      method: of `controllers.pcc.solver.solve`.
+      fine: the same road with closer nodes, at which the speed profile is wanted; see
+        `on_finer_road`.
 
     Raises:
-      InputError: mass is no truck's, or the method is not known.
+      InputError: the mass is not that of a truck, or the method is not known.
       PlanningError: a climb is beyond full power, limits contradict, or there is no solution.
     """
+    require_method(method)
     config = config or PccConfig()
     parameters = parameters or TruckParameters.load()
     fuel_map = FuelMap(parameters)
     vehicle = make_vehicle(parameters, fuel_map, mass, config)
     v_set, base = _cruise(vehicle, road, config)
-    solver = Solver(vehicle, road.intervals, road.step, method=method)
-    total = float(durations(base, road).sum())
     cap = np.minimum(road.v_limit, max(config.v_max, v_set))
-    fastest = full_power_speed(vehicle, road, float(base[0]), cap)
-    low = least_speeds(fastest, base, config.v_min)
+    low = _least_speeds(full_power_speed(vehicle, road, float(base[0]), cap), base, config.v_min)
     # Where full power cannot reach the band the plan is free to use all of it, no more.
     b_low, b_high = low**2, np.maximum(cap, low) ** 2
     b_low[[0, -1]] = b_high[[0, -1]] = base[[0, -1]] ** 2
-    task = Task(road, b_low, b_high, total, np.zeros(base.size), k_a=1e-3 * config.k_a)
-    answer = solver.solve(task, base)
-    profile = SpeedProfile(road.station, answer.speed)
+    total = float(durations(base, road).sum())
+    task = SpeedTask(vehicle, road, b_low, b_high, total, k_a=1e-3 * config.k_a)
+    optimum = solve(task, base, method)
+    profile = SpeedProfile(road.station, optimum.speed)
     if fine is not None:
-        profile = SpeedProfile(
-            fine.station, on_finer_road(vehicle, road, answer.speed, fine, config.v_max)
-        )
-    return PccSolution(
-        road,
-        profile,
-        evaluate(vehicle, fuel_map, road, answer.speed),
-        evaluate(vehicle, fuel_map, road, base),
-        v_set,
-        answer.time_price,
-        answer.costate,
-        answer.wall_time,
-        solver.build_time,
-        answer.iterations,
-        answer.method,
-        vehicle.fuel,
-    )
+        speed = on_finer_road(vehicle, road, optimum.speed, fine, config.v_max)
+        profile = SpeedProfile(fine.station, speed)
+    drive, baseline = (evaluate(vehicle, fuel_map, road, v) for v in (optimum.speed, base))
+    return PccComparison(task, optimum, profile, drive, baseline, v_set)
 
 
 def make_vehicle(
     parameters: TruckParameters, fuel_map: FuelMap, mass: float, config: PccConfig
 ) -> PointMass:
-    """The point mass of a band; InputError when the mass is not a truck's."""
+    """The truck as point mass for the band of a plan; InputError for a mass that no truck has."""
     if not (isinstance(mass, numbers.Real) and 5_000.0 <= mass <= 80_000.0):
         raise InputError(f"mass {mass!r} kg is not allowed: use 5000 to 80000 kg")
     return PointMass.of(
@@ -202,13 +198,13 @@ def make_vehicle(
 def lower_speeds(fastest: FloatArray, v_min: float) -> FloatArray:
     """Least speeds: v_min where it can be reached, else a thousandth below the fastest possible.
 
-    So they are continuous along the road and hardly depend on the grid.
+    This makes them continuous along the road and nearly independent of the grid.
     """
     return np.asarray(np.minimum(v_min, _NEARLY * fastest))
 
 
-def least_speeds(fastest: FloatArray, cruise: FloatArray, v_min: float) -> FloatArray:
-    """Least speeds of a plan that ends as the cruise does, which may be below v_min there."""
+def _least_speeds(fastest: FloatArray, cruise: FloatArray, v_min: float) -> FloatArray:
+    """Least speeds of a plan that ends at the cruise's speed, which may be below v_min there."""
     low = lower_speeds(fastest, v_min)
     in_band = np.flatnonzero(cruise >= v_min)
     last = int(in_band[-1]) + 1 if in_band.size else 0
@@ -217,7 +213,7 @@ def least_speeds(fastest: FloatArray, cruise: FloatArray, v_min: float) -> Float
 
 
 def evaluate(vehicle: PointMass, fuel_map: FuelMap, road: RoadProfile, speed: FloatArray) -> Drive:
-    """Power and both fuel figures of node speeds."""
+    """The drive with given node speeds (n + 1,): power, fuel by both models, gears."""
     time = durations(speed, road)
     mean = 0.5 * (speed[1:] + speed[:-1])
     rate, gear = fuel_map.rate(vehicle.net_force(speed, road), mean)
@@ -227,12 +223,56 @@ def evaluate(vehicle: PointMass, fuel_map: FuelMap, road: RoadProfile, speed: Fl
         vehicle.fuel_of(speed, road),
         rate * time,
         gear,
-        np.concatenate([[0.0], np.cumsum(time)]),
+        passing_times(speed, road),
     )
 
 
+def on_finer_road(
+    vehicle: PointMass,
+    road: RoadProfile,
+    speed: FloatArray,
+    fine: RoadProfile,
+    v_max: float = np.inf,
+) -> FloatArray:
+    """Speeds of a plan at the nodes of a finer profile of the same road [m/s].
+
+    A plan states one force for each interval. Straight lines of v^2 over a road that is rough
+    within the intervals would ask for forces that swing with every bump, up into the brakes: on the
+    paper's road a 50 m plan followed so burns 0.8 % more than planned. With the force held, kinetic
+    and potential energy change places there, and it burns what was planned: with force, rolling
+    resistance and drag as at the mean of the interval, `m_e v^2 / 2 + m g z` is linear in the
+    station between two nodes of the plan. The fine road's limits and the band are kept as well as
+    between the plan's nodes.
+
+    Args:
+      vehicle: the truck of the plan.
+      road: the plan's grid.
+      speed: of the plan at its nodes, shape (n + 1,) [m/s].
+      fine: the same road with closer nodes, within the stations of `road`.
+      v_max: of the band [m/s].
+
+    Raises:
+      InputError: the fine profile leaves the road, or the speeds do not match its nodes.
+    """
+    if speed.shape != road.station.shape or not np.isfinite(speed).all():
+        raise InputError(f"a plan over {road.name!r} needs {road.station.size} finite speeds")
+    first, last = road.station[[0, -1]]
+    if fine.station[0] < first - 1e-6 or fine.station[-1] > last + 1e-6:
+        raise InputError(
+            f"fine profile {fine.name!r} from {fine.station[0]:.0f} to {fine.station[-1]:.0f} m "
+            f"leaves the plan's {first:.0f} to {last:.0f} m"
+        )
+    line = np.interp(fine.station, road.station, speed**2)
+    above = fine.height - np.interp(fine.station, road.station, road.height)
+    b = line - 2.0 * GRAVITY * vehicle.mass / vehicle.inertial_mass * above
+    # No road dips by more than the kinetic energy; at least half the planned energy is kept.
+    b = np.maximum(b, 0.5 * line)
+    cap = np.maximum(np.minimum(fine.v_limit, v_max), np.sqrt(line))
+    return np.asarray(np.minimum(np.sqrt(b), cap))
+
+
 def _cruise(vehicle: PointMass, road: RoadProfile, config: PccConfig) -> tuple[float, FloatArray]:
-    """Set speed and node speeds of the cruise, begun at its set speed."""
+    """Set speed and node speeds of the cruise, which starts at its set speed."""
 
     def drive(v_set: float) -> FloatArray:
         start = min(v_set, float(_start_speed(vehicle, road)))

@@ -1,4 +1,4 @@
-"""The speed planner's problem in units of its own: values, gradients, curvature.
+"""The speed task as a scaled nonlinear program: values, gradients, curvature, inequalities.
 
 Nodes k = 0..n, intervals of length ds between them. Variables: b = v^2 at the nodes and y, the
 brake force, in the intervals. With the net force N that the motion asks for, linear in b, the
@@ -7,27 +7,41 @@ exact for constant force, and convex in b.
 
     minimize   sum [f0 d + f1 F ds/eta + f2 (F ds/eta)^2 / d + k_a a^2 d] - worth b[n]
     subject to 0 <= y <= B_max,  -P_drag d <= F ds/eta <= P_max d,  b within bounds,
-               t[n] <= T,  t[k] >= fence[k]  with  t[k] = d[0] + ... + d[k-1]
+               t[n] <= T,  t[k] >= earliest[k]  with  t[k] = d[0] + ... + d[k-1]
 
 The fuel is jointly convex in (F, d). Its curvature in b is a sum of squares and m d'' with m the
 Lagrangian's derivative by d: where m >= 0 the problem is convex there.
 
-Units inside: b by 400 m2/s2, force by what full power gives at 20 m/s, time by ds / 20 m/s, fuel by
-what full power burns in that time. All variables and multipliers are then of the order of 1.
+Units of the program: b by 400 m2/s2, force by what full power gives at 20 m/s, time by ds / 20 m/s,
+fuel by what full power burns in that time. All variables and multipliers are then of the order of
+1.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from controllers.pcc.task import SpeedTask
 from iits_mj.core.arrays import FloatArray
+
+_SPEED = 20.0  # [m/s], unit
+_B_MAX = 1e4  # [m2/s2], in place of no speed limit at all
+# Relative room in power and trip time: where only one drive is possible its multipliers would have
+# no bound without it.
+_ROOM = 1e-7
+_ROOM_BRAKE = 1e-4  # of the force of full power at 20 m/s: a newton or two
+# What a soft end speed is worth: so many times what full power burns for it.
+_END_WORTH = 20.0
+_PINNED = 1e-9  # difference of the bounds of b, below which b is fixed
+
+IntervalSlopes = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One problem of n intervals in its own units; see the module.
+    """The program of n intervals in its own units; see the module.
 
     Attributes:
       inertia: net force per difference of b; air: per mean of b; resistance: of grade and tires,
@@ -36,7 +50,8 @@ class Problem:
       overrun: P_drag / P_max; full: 1, or a little more so that there is room inside; brake:
         greatest y.
       low, high: bounds of b, shape (n + 1,), equal where fixed.
-      time_max: greatest t[n], inf for none; fence: least t at nodes 1..n, shape (n,), 0 for none.
+      time_max: greatest t[n], inf for none.
+      earliest: least t at nodes 1..n behind a vehicle, shape (n,), 0 for none.
     """
 
     inertia: float
@@ -51,7 +66,7 @@ class Problem:
     low: FloatArray
     high: FloatArray
     time_max: float
-    fence: FloatArray
+    earliest: FloatArray
 
     @property
     def intervals(self) -> int:
@@ -67,6 +82,71 @@ class Problem:
         """Net force of the intervals, shape (n,)."""
         first, last = self.slope
         return first * b[:-1] + last * b[1:] + self.resistance
+
+
+@dataclass(frozen=True)
+class Units:
+    """Units of a `Problem`: b [m2/s2], force over mass [m/s2], time [s], fuel [kg]."""
+
+    b: float
+    force: float
+    time: float
+    fuel: float
+
+
+def with_room(task: SpeedTask) -> SpeedTask:
+    """The task with the room in power, brakes and trip time that `scaled` gives the solver."""
+    vehicle = task.vehicle
+    newton = vehicle.efficiency * vehicle.power_max / _SPEED
+    more = replace(
+        vehicle,
+        power_max=vehicle.power_max * (1.0 + _ROOM),
+        brake_max=vehicle.brake_max + _ROOM_BRAKE * newton,
+    )
+    return replace(task, vehicle=more, time_max=task.time_max * (1.0 + _ROOM))
+
+
+def scaled(task: SpeedTask, soft_end: bool = False) -> tuple[Problem, Units]:
+    """The program of a task, and its units; a soft end speed has a worth instead of a bound."""
+    vehicle, step = task.vehicle, task.road.step
+    fuel, power, mass = vehicle.fuel, vehicle.power_max, vehicle.inertial_mass
+    full = fuel.f0 + fuel.f1 * power + fuel.f2 * power**2
+    duration = step / _SPEED
+    units = Units(
+        b=_SPEED**2,
+        force=vehicle.efficiency * power / (mass * _SPEED),
+        time=duration,
+        fuel=full * duration,
+    )
+    to_acceleration = units.b / (2.0 * step)
+    high = np.minimum(task.b_high, _B_MAX)
+    low = np.minimum(task.b_low, high)
+    inertia = to_acceleration / units.force
+    coefficients = (
+        (fuel.f0 + task.price_time) / full,
+        fuel.f1 * power / full,
+        fuel.f2 * power**2 / full,
+    )
+    worth = task.price_energy * units.b / units.fuel
+    if soft_end:
+        low[-1] *= 0.9
+        worth += _END_WORTH * inertia * (coefficients[1] + 2.0 * coefficients[2])
+    problem = Problem(
+        inertia=inertia,
+        air=vehicle.drag / mass * units.b / units.force,
+        resistance=vehicle.slope_force(task.road.grade) / (mass * units.force),
+        fuel=coefficients,
+        calm=task.k_a * to_acceleration**2 / full,
+        worth=worth,
+        overrun=vehicle.power_drag / power,
+        full=1.0 + _ROOM,
+        brake=vehicle.brake_max / (mass * units.force) + _ROOM_BRAKE,
+        low=low / units.b,
+        high=high / units.b,
+        time_max=task.time_max * (1.0 + 0.1 * _ROOM) / units.time,
+        earliest=np.maximum(task.earliest[1:], 0.0) / units.time,
+    )
+    return problem, units
 
 
 class Point:
@@ -172,3 +252,104 @@ class Point:
             h01 += twist * (d0 - d1) - own
             h11 += own + 2.0 * twist * d1
         return h00, h01, h11, weight, mass * first + mean * d0, mass * last + mean * d1
+
+
+class Inequalities:
+    """All inequalities g(x) >= 0 of a problem in one vector of shape (m,), and its Lagrangian.
+
+    Order: 4 n of the intervals (brake force, room of the brake, overrun, full power), 2 (n + 1) of
+    the nodes (above the low bound, below the high one), n earliest times if there are any, the trip
+    time. An inequality that does not apply (of pinned nodes, free nodes, no trip time) has
+    `present` 0 and never a multiplier.
+
+    Attributes:
+      pinned: nodes whose b is fixed, shape (n + 1,); behind: whether any earliest time applies.
+      present: 1 where an inequality applies, else 0, shape (m,); count: their number.
+      nodes: the slice of the bounds of b in the vector.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        n = self._n = problem.intervals
+        self.pinned = problem.high - problem.low < _PINNED
+        self.behind = bool((problem.earliest > 0.0).any())
+        self.timed = bool(np.isfinite(problem.time_max))
+        present = [np.ones(4 * n), np.tile(~self.pinned, 2)]
+        if self.behind:
+            present.append(problem.earliest > 0.0)
+        present.append(np.array([self.timed]))
+        self.present = np.concatenate(present).astype(float)
+        self.count = float(self.present.sum())
+        self.nodes = slice(4 * n, 6 * n + 2)
+
+    def values(self, at: Point) -> FloatArray:
+        """All g(x); 1 in place of a trip time that does not apply."""
+        p = self.problem
+        free = p.time_max - at.time[-1] if self.timed else 1.0
+        parts = [
+            at.y,
+            p.brake - at.y,
+            at.force + p.overrun * at.duration,
+            p.full * at.duration - at.force,
+            at.b - p.low,
+            p.high - at.b,
+        ]
+        if self.behind:
+            parts.append(at.time - p.earliest)
+        return np.concatenate([*parts, np.array([free])])
+
+    def change(self, at: Point, db: FloatArray, dy: FloatArray) -> FloatArray:
+        """First-order change of all g(x) for steps of b (n + 1,) and y (n,)."""
+        p = self.problem
+        first, last = p.slope
+        duration = at.d0 * db[:-1] + at.d1 * db[1:]
+        force = first * db[:-1] + last * db[1:] + dy
+        time = np.cumsum(duration)
+        parts = [dy, -dy, force + p.overrun * duration, p.full * duration - force]
+        parts += [db, -db]
+        if self.behind:
+            parts.append(time)
+        return np.concatenate([*parts, -time[-1:]])
+
+    def prices(self, z: FloatArray) -> FloatArray:
+        """Price of each interval's duration by trip time and earliest times, shape (n,)."""
+        n = self._n
+        price = np.full(n, z[-1])
+        if self.behind:
+            # Every duration before a node helps to reach its earliest time.
+            price -= np.cumsum(z[6 * n + 2 : 7 * n + 2][::-1])[::-1]
+        return price
+
+    def slopes(self, at: Point, z: FloatArray) -> IntervalSlopes:
+        """Derivatives of `cost - z g` by force, duration, change of b and y, each (n,)."""
+        brake, room, overrun, full = z[: 4 * self._n].reshape(4, self._n)
+        by_force, by_duration, by_change = at.cost_slope()
+        by_force = by_force - overrun + full
+        by_duration = by_duration + self.prices(z)
+        by_duration -= self.problem.overrun * overrun + self.problem.full * full
+        return by_force, by_duration, by_change, by_force - brake + room
+
+    def gradient(self, at: Point, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Gradient of `cost - z g` by b, zero where pinned, and by y."""
+        n = self._n
+        by_force, by_duration, by_change, by_brake = self.slopes(at, z)
+        start, end = at.to_nodes(by_force, by_duration, by_change)
+        above, below = z[self.nodes].reshape(2, n + 1)
+        gradient = below - above
+        gradient[:-1] += start
+        gradient[1:] += end
+        gradient[-1] -= self.problem.worth
+        gradient[self.pinned] = 0.0
+        return gradient, by_brake
+
+    def weights(
+        self, ratio: FloatArray
+    ) -> tuple[tuple[FloatArray, FloatArray, FloatArray], FloatArray, FloatArray]:
+        """Multipliers over slacks as weights of the intervals, the nodes, and times at 1..n."""
+        n = self._n
+        brake, room, overrun, full = ratio[: 4 * n].reshape(4, n)
+        times = np.zeros(n)
+        if self.behind:
+            times += ratio[6 * n + 2 : 7 * n + 2]
+        times[-1] += ratio[-1]
+        return (brake + room, overrun, full), ratio[self.nodes].reshape(2, n + 1).sum(axis=0), times

@@ -1,4 +1,8 @@
-"""The road as the speed planner sees it: a uniform grid of stations with grade and speed limit."""
+"""The road of the speed planner: a uniform grid of stations with height and speed limit.
+
+Profiles come from a route, from a CSV file with heights, or from a certification cycle with grade
+over time, such as those of EPA's GEM.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +21,8 @@ if TYPE_CHECKING:
     from iits_mj.road import Route
 
 _GRADE_MAX = 0.25
-_profile_COLUMNS = (("s_m", "s", "station_m", "station"), ("z_m", "z", "height_m", "height"))
+_HEIGHT_COLUMNS = (("s_m", "s", "station_m", "station"), ("z_m", "z", "height_m", "height"))
+_CYCLE_COLUMNS = (("cycsecs", "time_s"), ("cycmps", "speed_mps"), ("cycgrade", "grade"))
 
 
 @dataclass(frozen=True)
@@ -27,7 +32,7 @@ class RoadProfile:
     Attributes:
       station: of the nodes, shape (n + 1,) [m].
       height: of the nodes, shape (n + 1,) [m].
-      v_limit: greatest lawful and curve-safe speed at the nodes, shape (n + 1,) [m/s]; may be inf.
+      v_limit: greatest legal and curve-safe speed at the nodes, shape (n + 1,) [m/s]; may be inf.
       name: for reports.
     """
 
@@ -37,15 +42,15 @@ class RoadProfile:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Refuses grids that are not uniform, heights that are no road, limits that are none."""
+        """Raises InputError for an uneven grid, a steep grade, or a limit that is not above 0."""
         n = self.station.size
         if n < 5 or self.height.shape != (n,) or self.v_limit.shape != (n,):
-            raise InputError(f"road profile {self.name!r} has {n} nodes: at least 5 are wanted")
+            raise InputError(f"road profile {self.name!r} has {n} nodes: at least 5 are needed")
         if not (np.isfinite(self.station).all() and np.isfinite(self.height).all()):
             raise InputError(f"road profile {self.name!r} holds numbers that are not finite")
         steps = np.diff(self.station)
         if steps.min() <= 0.0 or not np.allclose(steps, steps[0], rtol=1e-6):
-            raise InputError(f"road profile {self.name!r}: stations must be evenly spaced, rising")
+            raise InputError(f"road profile {self.name!r}: stations must rise evenly")
         steep = np.abs(self.grade)
         if steep.max() > _GRADE_MAX:
             where = self.station[int(steep.argmax())]
@@ -63,7 +68,7 @@ class RoadProfile:
 
     @property
     def length(self) -> float:
-        """From the first to the last node [m]."""
+        """Distance from the first to the last node [m]."""
         return float(self.station[-1] - self.station[0])
 
     @property
@@ -77,7 +82,7 @@ class RoadProfile:
         return np.diff(self.height) / np.diff(self.station)
 
     def part(self, first: int, intervals: int) -> RoadProfile:
-        """The stretch of `intervals` intervals from node `first`, which must be on the road."""
+        """The part of `intervals` intervals from node `first` on."""
         stop = first + intervals + 1
         if first < 0 or stop > self.station.size:
             raise InputError(f"road profile {self.name!r} has no nodes {first} to {stop - 1}")
@@ -97,20 +102,20 @@ class RoadProfile:
         """A profile from rising stations and heights [m], without speed limits.
 
         Args:
-          station: horizontal ways, as along a map; those measured along a road of 5 % are 0.1 %
-            longer. Shape (n,).
+          station: horizontal distances, as along a map; those measured along a road of 5 % are
+            0.1 % longer. Shape (n,).
           height: of shape (n,).
           step: of the grid.
-          length: that is wanted; without it to the end.
+          length: of the profile; default: to the end.
           name: for reports.
-          start: first station of the grid; without it the first there is.
+          start: first station of the grid; default: the first given one.
 
         Raises:
-          InputError: stations that do not rise, numbers that are not finite, a road too short.
+          InputError: stations do not rise, numbers are not finite, or the road is too short.
         """
         s, z = np.asarray(station, dtype=float), np.asarray(height, dtype=float)
         if s.ndim != 1 or s.shape != z.shape or s.size < 2:
-            raise InputError(f"road profile {name!r}: two columns of equal length are wanted")
+            raise InputError(f"road profile {name!r}: two columns of equal length are needed")
         if not (np.isfinite(s).all() and np.isfinite(z).all()):
             raise InputError(f"road profile {name!r} holds numbers that are not finite")
         if (np.diff(s) <= 0.0).any():
@@ -132,10 +137,10 @@ class RoadProfile:
         """A profile from a CSV file with a station column (s_m) and a height column (z_m).
 
         Raises:
-          InputError: unreadable file, missing columns, fewer than 5 intervals.
+          InputError: the file cannot be read, lacks columns, or has fewer than 5 intervals.
         """
         file = Path(path)
-        station, height = read_columns(file, "road profile", _profile_COLUMNS)
+        station, height = read_columns(file, "road profile", _HEIGHT_COLUMNS)
         return cls.from_heights(station, height, step, length, file.name, start)
 
     @classmethod
@@ -155,14 +160,14 @@ class RoadProfile:
           start: first station [m].
           length: default to the end of the route [m].
           step: of the grid [m].
-          lane: whose speed limit counts.
-          lateral_acceleration: that curves may ask for [m/s2].
+          lane: the lane with the speed limit.
+          lateral_acceleration: greatest in curves [m/s2].
         """
         name = route.road_map.path.name if route.road_map.path else "route"
         if not start >= 0.0:
             raise InputError(f"start {start:g} m is not on the road {name!r}: it begins at 0 m")
         grid = _grid(start, float(route.length), step, length, name)
-        # The smoothed grade bridges the seams of the map, the raw heights do not.
+        # The smoothed grade bridges the seams of the map; the raw heights do not.
         fine = np.linspace(grid[0], grid[-1], 5 * (grid.size - 1) + 1)
         grade = np.asarray(route.smoothed_grade(fine), dtype=float)
         rise = 0.5 * (grade[1:] + grade[:-1]) * np.diff(fine)
@@ -172,7 +177,7 @@ class RoadProfile:
         widest = np.lib.stride_tricks.sliding_window_view(padded, 11).max(axis=1)[::5]
         curve = np.sqrt(lateral_acceleration / np.maximum(widest, 1e-6))
         lawful = np.array([route.speed_limit(float(s), lane) for s in grid])
-        # A limit holds from the node before the sign, as it must be met at the sign.
+        # A limit applies from the node before the sign, as it must be met at the sign.
         lawful = np.minimum(lawful, np.append(lawful[1:], lawful[-1]))
         return cls(grid, height, np.minimum(lawful, curve), name)
 
@@ -188,25 +193,21 @@ def _grid(first: float, last: float, step: float, length: float | None, name: st
     count = math.floor((end - first) / step + 1e-9)
     if count < 4:
         raise InputError(
-            f"road profile {name!r}: {end - first:g} m is too short: a grid of {step:g} m wants "
+            f"road profile {name!r}: {end - first:g} m is too short: a grid of {step:g} m needs "
             f"{4.0 * step:g} m or more"
         )
     return np.asarray(first + step * np.arange(count + 1), dtype=float)
 
 
-# --- Certification cycles with grade over time, such as those of EPA's GEM, as roads ---
-# A cycle gives speed and grade second by second. Driven at its own speed the grades lie at
-# stations, and their rises add up to heights; the road can then be driven at any other speed.
-
-_COLUMNS = (("cycsecs", "time_s"), ("cycmps", "speed_mps"), ("cycgrade", "grade"))
-
-
 @dataclass(frozen=True)
 class Cycle:
-    """A road made of a cycle.
+    """A road made from a certification cycle.
+
+    A cycle gives speed and grade second by second. Integrated at its own speed the grades lie at
+    stations, and their rises add up to heights; the road can then be driven at any speed.
 
     Attributes:
-      road: without speed limits, which a cycle does not tell.
+      road: without speed limits, which a cycle does not give.
       speed: mean over its time [m/s]; spread: greatest less smallest speed [m/s].
     """
 
@@ -221,21 +222,21 @@ def read_cycle(path: str | Path, step: float = 50.0, length: float | None = None
     Args:
       path: of the file.
       step: of the road's grid [m].
-      length: that is wanted [m]; without it all.
+      length: of the road [m]; default: to the end.
 
     Raises:
-      InputError: unreadable file, missing columns, time that does not rise, speeds below 0, or a
-        road that is too short or too steep.
+      InputError: the file cannot be read or lacks columns, time does not rise, a speed is below 0,
+        or the road is too short or too steep.
     """
     file = Path(path)
-    time, speed, grade = read_columns(file, "cycle", _COLUMNS)
+    time, speed, grade = read_columns(file, "cycle", _CYCLE_COLUMNS)
     if (np.diff(time) <= 0.0).any():
         raise InputError(f"cycle {str(file)!r}: time must rise from row to row")
     if speed.min() < 0.0:
         raise InputError(f"cycle {str(file)!r}: speed {speed.min():g} m/s is below 0")
     way = 0.5 * (speed[1:] + speed[:-1]) * np.diff(time)
     rise = 0.5 * (grade[1:] + grade[:-1]) * way
-    # Where the cycle stands still nothing is added to the road.
+    # A standstill of the cycle adds nothing to the road.
     moves = np.concatenate([[True], way > 0.0])
     station = np.concatenate([[0.0], np.cumsum(way)])[moves]
     height = np.concatenate([[0.0], np.cumsum(rise)])[moves]

@@ -1,11 +1,15 @@
-"""Predictive cruise control as the stack's speed reference: a plan a second, behind traffic."""
+"""Predictive cruise control as the stack's speed reference: limits, traffic flow, plans.
+
+`PccReference` makes a plan a second behind the traffic. `RoadLimits` gives it the speed limits of
+the road and `Flow` the speed of the vehicles ahead.
+"""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,25 +23,28 @@ from controllers.planning.config import PlannerConfig
 from controllers.planning.road_preview import LanePath, RoadPreview
 from controllers.planning.rollover_limits import RollMargins
 from controllers.planning.speed_caps import SpeedCaps, with_zones
-from controllers.planning.surroundings import Neighbor
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.checks import require_positive
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Scene, SpeedProfile, TrackedVehicle
+from iits_mj.core.neighbors import Neighbor
 from iits_mj.parameters import TruckParameters
-
-# --- How fast the truck may go along its route: what plans take for the road's limits ---
-# They are the trajectory planner's own bounds, so that a plan, its schedule and the lag behind it
-# are of a drive that can be driven: the map's limits with changing signs laid over them, bends by
-# comfort and by the truck's roll-over margin, each come down to at its gentle deceleration.
 
 if TYPE_CHECKING:
     from iits_mj.road import Route
 
-_FREE = 1e3  # [m/s] in place of no wish
+_FREE = 1e3  # [m/s] in place of no reference speed
+_HALF_CYCLE = 0.05
+_MASS_CHANGE = 0.02  # relative change of mass at which the planner is made again
+_GAIN_AHEAD = 500.0  # [m] within which a lane change must pay
 
 
 class RoadLimits:
-    """Greatest speeds over station, as they hold now.
+    """Greatest speeds over station that the trajectory planner will allow.
+
+    They are that planner's own bounds, so that plan, schedule and lag belong to a drive that can be
+    driven: the map's limits with the changing signs over them, bends limited by comfort and by the
+    truck's roll-over margin, each approached at its gentle deceleration.
 
     Args:
       route: the truck's road.
@@ -57,13 +64,13 @@ class RoadLimits:
         self._limit: FloatArray = np.empty(0)
 
     def update(self, scene: Scene) -> bool:
-        """Takes what holds now; true where that is something else than before.
+        """Takes the signs and the mass of a scene; returns whether the limits have changed.
 
         Args:
           scene: the truck, its mass and lane, and the signs.
 
         Raises:
-          InputError: a zone's limit is no positive number, or its ends are none.
+          InputError: a zone's limit is not a positive number, or its ends are not finite.
         """
         ego, zones = scene.ego, scene.signals.zones
         of_lane = any(zone.lane is not None for zone in zones)
@@ -78,7 +85,7 @@ class RoadLimits:
         )
         free = SpeedProfile(station, np.full(station.size, _FREE))
         slowest = self._caps.cap(path, free, margin, ego)
-        # A node stands for half a step to both sides.
+        # A node represents half a step to both sides.
         padded = np.pad(slowest, self._around, mode="edge")
         window = np.lib.stride_tricks.sliding_window_view(padded, 2 * self._around + 1)
         self._limit = np.asarray(window.min(axis=1))
@@ -91,19 +98,15 @@ class RoadLimits:
         return np.asarray(self._limit[np.clip(row, 0, self._limit.size - 1)])
 
 
-# --- How fast the traffic ahead drives: an estimate from the vehicles in sight ---
-# A plan that counts on being fast downhill, where others drive, is late: it meets them.
-
-
 @dataclass(frozen=True)
 class FlowConfig:
-    """How the flow is judged.
+    """Settings of the estimated traffic flow.
 
     Attributes:
-      sight: vehicles of the road's lanes so far ahead count [m].
+      sight: range ahead in which vehicles of the road's lanes count [m].
       memory: time constant of the estimate [s].
-      margin: that a truck can be faster than the others by passing some of them [m/s].
-      presence: share of the time with somebody in sight from which on there is a flow, 0 to 1.
+      margin: by which a truck can be faster than the flow by passing some vehicles [m/s].
+      presence: share of the time with a vehicle in sight above which there is a flow, 0 to 1.
     """
 
     sight: float = 300.0
@@ -112,27 +115,27 @@ class FlowConfig:
     presence: float = 0.5
 
     def __post_init__(self) -> None:
-        """Refuses numbers that are not finite or not above 0."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not math.isfinite(value) or value <= 0.0:
-                raise InputError(f"{field.name} = {value!r} is not allowed: use a number above 0")
+        """Raises InputError for numbers that are not finite or not above 0."""
+        require_positive(self, *vars(self))
 
 
 class Flow:
-    """The mean speed of the vehicles ahead, remembered for a while."""
+    """Filtered mean speed of the vehicles ahead.
+
+    A plan that counts on being faster than the traffic, as downhill, would be late.
+    """
 
     def __init__(self, config: FlowConfig | None = None) -> None:
         self.config = config or FlowConfig()
         self.reset()
 
     def reset(self) -> None:
-        """Knows of no traffic."""
+        """Forgets the traffic so far."""
         self._speed = self._present = 0.0
         self._time = -math.inf
 
     def update(self, time: float, station: float, vehicles: Iterable[TrackedVehicle]) -> float:
-        """Greatest speed that the traffic allows on the whole [m/s]; inf where there is none.
+        """Greatest mean speed that the traffic allows [m/s]; inf without traffic.
 
         Args:
           time: now [s].
@@ -145,7 +148,7 @@ class Flow:
             for v in vehicles
             if v.lane >= 0 and 0.0 < v.station - station < config.sight and math.isfinite(v.speed)
         ]
-        # The first look counts in full.
+        # The first update counts in full.
         weight = 1.0 - math.exp(-max(time - self._time, 0.0) / config.memory)
         self._time = time
         self._present += weight * (float(bool(ahead)) - self._present)
@@ -156,24 +159,15 @@ class Flow:
         return self._speed + config.margin if self._present > config.presence else math.inf
 
 
-# --- Predictive cruise control as the stack's speed reference: a plan a second, behind traffic ---
-
-if TYPE_CHECKING:
-    from iits_mj.road import Route
-
-_HALF_CYCLE = 0.05
-_MASS_CHANGE = 0.02  # of the mass, beyond which the truck is another one
-_GAIN_AHEAD = 500.0  # [m] in which a lane change is to pay
-
-
 @dataclass(frozen=True)
 class PccReport:
-    """What PCC did in a drive.
+    """Plans of PCC in a drive.
 
     Attributes:
-      plans: number by status; solve_time: of every solve [s]; reasons: why not optimal, by number.
-      price: of a second now [kg/s]; lag: behind the schedule now [s], nan without one.
-      schedules: made so far.
+      plans: number by status; solve_time: of every solve [s]; reasons: number by reason why a plan
+        is not optimal.
+      price: of a second now [kg/s]; lag: behind the schedule now [s], NaN without one.
+      schedules: number made so far.
     """
 
     plans: dict[str, int]
@@ -188,7 +182,7 @@ class PccReference:
     """The receding-horizon planner in the stack; see `controllers.planning.speed_reference`.
 
     Attributes:
-      planner: None before the first scene, which tells the truck's mass.
+      planner: None before the first scene, which gives the truck's mass.
       last: the last plan.
     """
 
@@ -202,16 +196,16 @@ class PccReference:
         period: float = 1.0,
         planner: PlannerConfig | None = None,
     ) -> None:
-        """Looks the road up.
+        """Samples the road.
 
         Args:
-          route: the truck's road, whose limits and curve speeds the plans keep.
+          route: the truck's road, with the limits and curve speeds of the plans.
           config: set speed and band.
           parameters: of the truck.
           receding: settings.
-          appointment: where the trip ends, and when; default: the road's end.
+          appointment: the wanted end of the trip; default: the road's end.
           period: between two plans [s].
-          planner: settings of the trajectory planner, which say how fast bends are driven.
+          planner: settings of the trajectory planner, with the speed in bends.
 
         Raises:
           InputError: the period is not above 0.
@@ -230,7 +224,7 @@ class PccReference:
         self.reset()
 
     def reset(self) -> None:
-        """Ready for a new drive."""
+        """Forgets the drive so far."""
         if self.planner is not None:
             self.planner.reset()
         self._flow.reset()
@@ -242,7 +236,7 @@ class PccReference:
         self._times: list[float] = []
 
     def update(self, scene: Scene, find_leader: Callable[[], Neighbor | None]) -> SpeedProfile:
-        """The plan, made anew once a period.
+        """The plan, renewed once a period.
 
         Raises:
           InputError: the truck's station, speed, time or mass is not finite.
@@ -253,11 +247,11 @@ class PccReference:
         return self.last.profile
 
     def at(self, station: float) -> float:
-        """Speed asked for at a station now [m/s]."""
+        """Reference speed at a station now [m/s]."""
         return self.config.v_ref if self.last is None else self.last.profile.at(station)
 
     def free(self, station: float) -> float:
-        """The most that the schedule has within the next 500 m; in traffic the set speed [m/s]."""
+        """Greatest speed of the schedule within the next 500 m [m/s]; in traffic the set speed."""
         schedule = None if self.planner is None else self.planner.schedule
         if schedule is None or not schedule.covers(station):
             return self.config.v_ref
@@ -266,7 +260,7 @@ class PccReference:
         return fastest if math.isinf(self._top) else max(fastest, self.config.v_ref)
 
     def report(self) -> PccReport:
-        """What was done since the reset."""
+        """The plans since the reset."""
         price, lag = (math.nan, math.nan) if self.last is None else (self.last.price, self.last.lag)
         schedules = 0 if self.planner is None else self.planner.trip.schedules
         times = tuple(self._times)
@@ -279,7 +273,7 @@ class PccReference:
             planner.trip.limit_by(self._limits.at)
         leader = None if neighbor is None else _leader_of(ego, neighbor)
         flow = self._flow.update(scene.time, ego.station, scene.vehicles)
-        # Among others the set speed is driven where it can be, by passing them, and no more.
+        # In traffic the truck drives at most the set speed, by passing other vehicles.
         self._top = max(flow, self.config.v_ref)
         found = planner.plan(ego.station, ego.speed, scene.time, leader, self._top)
         self._plans[found.status] += 1
@@ -290,7 +284,7 @@ class PccReference:
         return found
 
     def _planner_for(self, ego: EgoState) -> RecedingPlanner:
-        """The planner of a truck of this mass; made once, unless the load changes."""
+        """The planner of a truck of this mass; made again when the load changes."""
         if not math.isfinite(ego.mass):
             raise InputError(f"speed planner: mass is {ego.mass!r}: must be finite")
         planner = self.planner
@@ -308,17 +302,16 @@ class PccReference:
 
 
 def _leader_of(ego: EgoState, neighbor: Neighbor) -> Leader:
-    """Whose rear is ahead; who drives in beside the truck counts as at its bumper.
+    """The leader of a neighbor; a vehicle that cuts in beside the truck counts as at its bumper.
 
     Raises:
-      InputError: the gap is more negative than the vehicle is long: it is not ahead.
+      InputError: the gap is more negative than the vehicle is long, so it is not ahead.
     """
-    vehicle = neighbor.vehicle
-    if not neighbor.gap >= -vehicle.length:
+    if not neighbor.gap >= -neighbor.length:
         raise InputError(
-            f"vehicle {vehicle.id!r}: gap {neighbor.gap:g} m is not that of a vehicle ahead: use "
-            f"{-vehicle.length:g} m, its length, or more"
+            f"vehicle {neighbor.id!r}: gap {neighbor.gap:g} m is not that of a vehicle ahead; use "
+            f"{-neighbor.length:g} m (its length) or more"
         )
     return Leader(
-        ego.station + max(neighbor.gap, 0.0), max(vehicle.speed, 0.0), vehicle.acceleration
+        ego.station + max(neighbor.gap, 0.0), max(neighbor.speed, 0.0), neighbor.acceleration
     )

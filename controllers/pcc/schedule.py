@@ -1,9 +1,9 @@
-"""The timetable of a trip: clock, price of a second and worth of speed over station.
+"""The schedule of a trip: clock, price of a second and worth of speed over station.
 
-One optimization of the whole road gives all three. They are what a short horizon must know of the
-road beyond its end: with the time's price as running cost and the worth of kinetic energy at its
-end the plan over 5 km is a piece of the plan over the whole road (Bellman's principle, to first
-order in the speed at the horizon's end). A lag behind the clock raises the price.
+One optimization of the whole road gives all three. A short horizon needs them in place of the road
+beyond its end: with the price of time as running cost and the worth of kinetic energy at its end,
+the plan over 5 km is a piece of the plan over the whole road (Bellman's principle, to first order
+in the speed at the horizon's end). A lag behind the clock raises the price.
 """
 
 from __future__ import annotations
@@ -17,14 +17,15 @@ import numpy as np
 from controllers.pcc.leader_constraint import braking_speeds
 from controllers.pcc.planner import PccConfig, lower_speeds
 from controllers.pcc.profile import RoadProfile
-from controllers.pcc.solver import Answer, Solver, Task
-from controllers.pcc.vehicle import PointMass, durations, full_power_speed
+from controllers.pcc.solver import solve
+from controllers.pcc.task import Solution, SpeedTask
+from controllers.pcc.vehicle import PointMass, durations, full_power_speed, passing_times
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import PlanningError
 
-# The least trip time is nobody's plan: every drop of fuel for a second. So much is left [1].
+# Factor on the least trip time, near which a second would cost any amount of fuel [1].
 _TIGHT = 1.01
-# A trip that is to end at a time is not to end earlier by more than this share of it [1].
+# A trip may end before its wanted time by at most this share of it [1].
 _EARLY = 1e-3
 # Least price of a second over the idle fuel rate: at -1 standing would cost nothing [1].
 _LEAST_PRICE = -0.9
@@ -35,14 +36,14 @@ _FASTER = (0.75, 1.35)
 
 @dataclass(frozen=True)
 class Schedule:
-    """A trip as planned, over the nodes of its road, shape (n + 1,) each.
+    """A planned trip over the nodes of its road; arrays of shape (n + 1,).
 
     Attributes:
       station: [m]; speed: [m/s]; clock: absolute time of passing [s].
-      worth: what v^2 is worth [kg/(m2/s2)].
+      worth: fuel that v^2 saves later [kg/(m2/s2)].
       price: of a second [kg/s]; negative where the truck is held back to its appointment.
-      late: s by which the wanted arrival is out of reach, 0 when it is not.
-      top: greatest speed for a truck that would be early otherwise [m/s].
+      late: time by which the wanted arrival is out of reach, 0 if it is not [s].
+      top: greatest speed of a truck that would be early otherwise [m/s].
     """
 
     station: FloatArray
@@ -59,12 +60,12 @@ class Schedule:
         return float(self.station[-1])
 
     def covers(self, station: float) -> bool:
-        """True where the schedule says something; it begins at the node after the truck."""
+        """Whether a station [m] is on the schedule, which begins at the node after the truck."""
         step = float(self.station[1] - self.station[0])
         return bool(self.station[0] - step <= station <= self.station[-1])
 
     def due(self, station: float) -> float:
-        """Time at which a station is to be passed [s]; v^2 is linear between nodes."""
+        """Planned time of passing a station [s]; v^2 is linear between nodes."""
         k = int(np.clip(np.searchsorted(self.station, station) - 1, 0, self.station.size - 2))
         return float(
             self.clock[k]
@@ -84,11 +85,11 @@ class Schedule:
         return time - self.due(station)
 
     def price_at(self, vehicle: PointMass, station: float, time: float) -> float:
-        """Price of a second for a truck that is here now [kg/s].
+        """Price of a second for a truck at a station and time [kg/s].
 
-        What is left of the trip must be driven faster by the share of its time that was lost, or
-        that the schedule itself is late; the price changes by as much as on the level between these
-        two mean speeds.
+        The rest of the trip must be driven faster by the share of its time that was lost, or by
+        which the schedule itself is late; the price changes as on the level between these two mean
+        speeds.
         """
         planned = max(float(self.clock[-1]) - self.due(station), 1e-3)
         left = max(float(self.clock[-1]) - self.late - time, 1e-3)
@@ -99,12 +100,12 @@ class Schedule:
 
 
 def least_price(vehicle: PointMass) -> float:
-    """Least price of a second, with which the problem stays convex [kg/s]."""
+    """Least price of a second with which the problem stays convex [kg/s]."""
     return _LEAST_PRICE * vehicle.fuel.f0
 
 
 def level_price(vehicle: PointMass, speed: float) -> float:
-    """Price of a second for which a speed is the best on the level [kg/s]; negative when crawling.
+    """Price of a second for which a speed is optimal on the level [kg/s]; negative if very slow.
 
     The cost of a metre is `f0/v + f1 R/eta + f2 R^2 v/eta^2 + price/v` with R = m g c + k v^2; its
     derivative by v is zero at the best speed.
@@ -119,7 +120,7 @@ def level_price(vehicle: PointMass, speed: float) -> float:
 def level_worth(vehicle: PointMass, speed: float) -> float:
     """Worth of v^2 on the level [kg/(m2/s2)]: the fuel that a little more force costs.
 
-    The optimum's condition on the engine's force: `f1/eta + 2 f2 R v/eta^2` a joule.
+    From the optimality condition on the engine's force: `f1/eta + 2 f2 R v/eta^2` a joule.
     """
     resistance = float(vehicle.slope_force(np.zeros(1))[0]) + vehicle.drag * speed**2
     joule = vehicle.fuel.f1 / vehicle.efficiency
@@ -129,7 +130,7 @@ def level_worth(vehicle: PointMass, speed: float) -> float:
 
 @dataclass(frozen=True)
 class Bounds:
-    """Speeds that a plan may have: least and greatest v^2 (n + 1,), and the fastest drive."""
+    """Least and greatest v^2 of a plan, and the speed of the fastest drive; (n + 1,) each."""
 
     low: FloatArray
     high: FloatArray
@@ -139,7 +140,7 @@ class Bounds:
 def bounds_of(
     vehicle: PointMass, road: RoadProfile, speed: float, slowest: FloatArray, config: PccConfig
 ) -> Bounds:
-    """Bounds from a speed now; where it is above the limits they are met by braking.
+    """Bounds of a plan from a speed [m/s]; where that is above the limits, the truck brakes.
 
     Raises:
       PlanningError: full power does not carry the truck over a climb.
@@ -161,21 +162,19 @@ def make_schedule(
     arrival: float | None = None,
     slack: float = 0.0,
     end_speed: float | None = None,
-    time_limit: float = 1e6,
 ) -> Schedule:
     """Plans a trip over a whole road.
 
     Args:
       vehicle: the truck.
-      road: from where it is to where it shall arrive.
+      road: from the truck to its destination.
       config: set speed and band.
       speed: now [m/s].
       time: now [s].
-      arrival: when the road's end is to be reached, neither later nor earlier as far as the band
-        allows [s]; default: when a cruise at v_ref would, or earlier where that saves fuel.
+      arrival: wanted time at the road's end, neither later nor earlier as far as the band allows
+        [s]; default: that of a cruise at v_ref, or earlier where that saves fuel.
       slack: of the cruise's time, without `arrival` [1].
-      end_speed: wanted at the end [m/s]; default: free, v^2 being worth what it is on the level.
-      time_limit: for the solver [s].
+      end_speed: wanted at the end [m/s]; default: free, with the worth of v^2 on the level.
 
     Raises:
       PlanningError: full power does not carry the truck, or the optimization fails.
@@ -185,10 +184,9 @@ def make_schedule(
     wanted = float(durations(held, road).sum()) * (1.0 + slack)
     if arrival is not None:
         wanted = arrival - time
-    solver = Solver(vehicle, road.intervals, road.step, time_limit=time_limit)
     late = 0.0
 
-    def solve(price: float | None, top: float) -> tuple[Answer, float]:
+    def planned(price: float | None, top: float) -> tuple[Solution, float]:
         """The plan at a price of time, or within the wanted time, below a top speed; its time."""
         nonlocal late
         lower = replace(road, v_limit=np.minimum(road.v_limit, top))
@@ -200,60 +198,60 @@ def make_schedule(
         if price is None:
             least = float(durations(bounds.fastest, road).sum()) * _TIGHT
             limit, late = max(wanted, least), max(least - wanted, 0.0)
-        worth = level_worth(vehicle, config.v_ref)
-        task = Task(
+        task = SpeedTask(
+            vehicle,
             road,
             b_low,
             b_high,
             limit,
-            np.zeros(road.station.size),
             k_a=1e-3 * config.k_a,
             price_time=price or 0.0,
-            price_energy=0.0 if end_speed is not None else worth,
+            price_energy=level_worth(vehicle, config.v_ref) if end_speed is None else 0.0,
         )
-        answer = solver.solve(task, np.clip(held, np.sqrt(b_low), np.sqrt(b_high)))
-        if not np.isfinite(answer.speed).all():
+        guess = np.clip(held, np.sqrt(b_low), np.sqrt(b_high))
+        found = solve(task, guess, time_limit=math.inf)
+        if not np.isfinite(found.speed).all():
             raise PlanningError("the schedule's optimization gave speeds that are not finite")
-        return answer, float(durations(answer.speed, road).sum())
+        return found, float(durations(found.speed, road).sum())
 
-    answer, took = solve(None, math.inf)
-    price, top = answer.time_price, math.inf
+    found, took = planned(None, math.inf)
+    price, top = found.time_price, math.inf
     if arrival is not None and took < wanted * (1.0 - _EARLY):
-        answer, price, top = _held_back(solve, wanted, least_price(vehicle), config)
-    clock = time + np.concatenate([[0.0], np.cumsum(durations(answer.speed, road))])
-    return Schedule(road.station, answer.speed, clock, answer.costate, price, late, top)
+        found, price, top = _held_back(planned, wanted, least_price(vehicle), config)
+    clock = time + passing_times(found.speed, road)
+    return Schedule(road.station, found.speed, clock, found.costate, price, late, top)
 
 
 def _held_back(
-    solve: Callable[[float, float], tuple[Answer, float]],
+    planned: Callable[[float, float], tuple[Solution, float]],
     wanted: float,
     least: float,
     config: PccConfig,
-) -> tuple[Answer, float, float]:
+) -> tuple[Solution, float, float]:
     """The plan that takes the wanted time [s] where the cheapest is faster, its price and top.
 
-    A negative price of a second slows the truck down. The cost of a metre is `(f0 + price) / v` and
-    what the engine's work costs: convex while `f0 + price` is positive. Where the least price does
-    not do, as the truck rolls fast downhill, a top speed does.
+    A negative price of a second slows the truck down. The cost of a meter is `(f0 + price) / v`
+    plus the engine's work: convex while `f0 + price` is positive. Where the least price does not
+    suffice, as the truck rolls fast downhill, a top speed does.
     """
-    answer, took = solve(least, math.inf)
+    found, took = planned(least, math.inf)
     by_top = took < wanted
     low, high = (config.v_min, config.v_max) if by_top else (least, 0.0)
     price, top = least, math.inf
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         price, top = (least, middle) if by_top else (middle, math.inf)
-        answer, took = solve(price, top)
+        found, took = planned(price, top)
         if abs(took - wanted) <= _EARLY * wanted:
             break
-        # More of either is faster.
+        # A higher price and a higher top speed both are faster.
         low, high = (low, middle) if took < wanted else (middle, high)
-    return answer, price, top
+    return found, price, top
 
 
 def cruise_from(
     vehicle: PointMass, road: RoadProfile, v_set: float, speed: float, slowest: FloatArray
 ) -> FloatArray:
-    """Node speeds (n + 1,) of a cruise that is begun at any speed: faster ones brake first."""
+    """Node speeds (n + 1,) of a cruise that begins at any speed; faster ones brake first."""
     cap = np.maximum(np.minimum(road.v_limit, v_set), slowest)
     return full_power_speed(vehicle, road, speed, cap)

@@ -1,337 +1,276 @@
-"""The optimal control problem in the distance domain: task, answer, and who solves it.
+"""Solves speed tasks: one entry, `solve(task, guess, method)`, for every method.
 
-The interior-point method of our own (`interior_point.py`) needs no set-up and a time linear in the
-number of intervals. IPOPT (`ipopt.py`) solves the same problem for comparison, and where our own
-method should not converge. The problem itself stands in `problem.py`.
-
-The cost is the paper's (section on the fuel-efficient speed planner) in the distance domain; its
-fence `s <= s_fence(t)` becomes an earliest time of passing each station.
+Methods that come with the package: `interior_point` (default; no set-up, time linear in the number
+of intervals) and `ipopt` (the same program written once more with CasADi, as reference, and as
+fallback where the interior-point method does not converge). Other packages add methods with
+`register`: importing `iits_mj.validation.planning.pcc_hermite` adds `finite_elements`, the paper's
+transcription.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
-from controllers.pcc.feasibility import require_feasible
 from controllers.pcc.interior_point import Optimum, Settings, minimize
-from controllers.pcc.problem import Problem
-from controllers.pcc.profile import RoadProfile
-from controllers.pcc.vehicle import PointMass
+from controllers.pcc.problem import Point, Problem, Units, scaled
+from controllers.pcc.task import Solution, SpeedTask, require_feasible
+from controllers.pcc.vehicle import PointMass, passing_times
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError, PlanningError
-from iits_mj.core.units import GRAVITY
 
-if TYPE_CHECKING:
-    from controllers.pcc.ipopt import Ipopt
+Method = Callable[..., Solution]
+"""Solves a task from a guess of the node speeds (n + 1,); further settings are keywords."""
 
-METHODS = ("interior_point", "ipopt")
+METHODS: dict[str, Method] = {}
+_MORE = "finite_elements needs `import iits_mj.validation.planning.pcc_hermite`"
+
 _PATIENCE = 2.0  # [s] left, from which IPOPT may take over: CasADi alone takes a second to load
-_SPEED = 20.0  # [m/s], unit inside the problem
-_B_MAX = 1e4  # [m2/s2], in place of no speed limit at all
-# Relative room in power and trip time: where only one drive is possible its multipliers would have
-# no bound without it.
-_ROOM = 1e-7
-_ROOM_BRAKE = 1e-4  # of the force of full power at 20 m/s: a newton or two
-# After a long climb at full power the end speed is the same, but for less and less, whatever was
-# done before: to hold it exactly would take multipliers without bound. There the end speed is worth
-# so many times what full power burns for it, and may be missed by so little [m/s].
-_END_WORTH = 20.0
-_END_ITERATIONS = 40  # with the end speed as a bound, before that
+# After a long climb at full power the end speed hardly depends on what was done before: to hold it
+# exactly would take multipliers without bound. There it has a worth instead, and may be missed by
+# so little [m/s].
 _END_SHORT = 0.02
-_END_EXACT = 1e-6  # of v^2, within which the end speed is what was asked for
+_END_ITERATIONS = 40  # with the end speed as a bound, before that
+_END_EXACT = 1e-6  # of v^2, within which the end speed is the wanted one
 _END_NEAR = 1e-3  # of v^2: how near the end speed is to the greatest possible one there
 
 
-@dataclass(frozen=True)
-class Task:
-    """One problem.
+def register(name: str) -> Callable[[Method], Method]:
+    """Decorator that makes a method known to `solve` by a name."""
 
-    Attributes:
-      road: grid; b_low, b_high: bounds of v^2 at the nodes, shape (n + 1,), equal where fixed.
-      time_max: greatest trip time [s], inf for none; fence: earliest times, shape (n + 1,).
-      k_a: weight of a^2 [kg/s per (m/s2)^2].
-      price_time: cost of a second [kg/s]; price_energy: worth of final b [kg/(m2/s2)].
-    """
+    def add(method: Method) -> Method:
+        METHODS[name] = method
+        return method
 
-    road: RoadProfile
-    b_low: FloatArray
-    b_high: FloatArray
-    time_max: float
-    fence: FloatArray
-    k_a: float = 0.0
-    price_time: float = 0.0
-    price_energy: float = 0.0
+    return add
 
 
-@dataclass(frozen=True)
-class Answer:
-    """The optimum.
-
-    Attributes:
-      speed: at the nodes, shape (n + 1,) [m/s]; the last may miss its bound by 0.02 m/s
-        after a long climb at full power.
-      time_price: what a second of the trip time costs [kg/s].
-      iterations: of the solver; wall_time: of the whole solve [s].
-      costate: how much less is burnt after a node for a little more v^2 there, shape (n + 1,)
-        [kg/(m2/s2)]; at the last node, what v^2 there costs before it.
-      interval_price: what a second in an interval costs by trip time and fences, shape (n,) [kg/s],
-        without the task's own price.
-      method: that solved it.
-    """
-
-    speed: FloatArray
-    time_price: float
-    iterations: int
-    wall_time: float
-    costate: FloatArray
-    interval_price: FloatArray
-    method: str
+def require_method(name: str) -> None:
+    """Raises InputError when no method has that name."""
+    if name not in METHODS:
+        raise InputError(f"method {name!r} is not known; use one of {', '.join(METHODS)}; {_MORE}")
 
 
-@dataclass(frozen=True)
-class Units:
-    """Units of a `Problem`: b [m2/s2], force over mass [m/s2], time [s], fuel [kg]."""
-
-    b: float
-    force: float
-    time: float
-    fuel: float
-
-
-class Solver:
-    """Solves tasks on grids of one size. `build_time`: of setting up, in seconds.
-
-    `fenced` says whether tasks may hold fences; `method` is one of METHODS; `tolerance` is that of
-    our own method, in its units of about 1: the default makes the multipliers exact, 1e-6 gives
-    speeds within 5 mm/s in three quarters of the time.
-    """
-
-    def __init__(
-        self,
-        vehicle: PointMass,
-        intervals: int,
-        step: float,
-        fenced: bool = False,
-        time_limit: float = 20.0,
-        method: str = "interior_point",
-        tolerance: float = 1e-8,
-    ) -> None:
-        if method not in METHODS:
-            raise InputError(f"method {method!r} is not known: use one of {', '.join(METHODS)}")
-        if not 1e-12 <= tolerance <= 1e-2:
-            raise InputError(f"tolerance = {tolerance!r} is not allowed: use 1e-12 to 1e-2")
-        began = time.perf_counter()
-        self.vehicle, self.intervals, self.step, self.fenced = vehicle, intervals, step, fenced
-        self.time_limit, self.method, self.tolerance = time_limit, method, tolerance
-        self._ipopt: Ipopt | None = None
-        if method == "ipopt":
-            self._make_ipopt()
-        self.build_time = time.perf_counter() - began
-
-    def solve(self, task: Task, guess: FloatArray) -> Answer:
-        """Solves from a guess of the node speeds, shape (n + 1,).
-
-        Raises:
-          PlanningError: there is no such drive, with the reason; or no solver ends in time.
-        """
-        began = time.perf_counter()
-        self._check(task, guess)
-        fastest = require_feasible(self.vehicle, task)
-        spent = bool(fastest[-1] ** 2 < task.b_low[-1] * (1.0 + _END_NEAR))
-        problem, units = scaled(self.vehicle, task)
-        own = None
-        if self.method == "interior_point":
-            own = self._own(task, problem, guess**2 / units.b, spent)
-        left = self.time_limit - (time.perf_counter() - began)
-        if own is None or (not own.converged and left > _PATIENCE):
-            optimum, method = self._make_ipopt().solve(task, guess, problem, units), "ipopt"
-        else:
-            optimum, method = own, "interior_point"
-        short = math.sqrt(task.b_low[-1]) - math.sqrt(optimum.b[-1] * units.b)
-        if optimum.converged and short > _END_SHORT:
-            note = f"the end speed is missed by {short:.2f} m/s"
-            optimum = replace(optimum, converged=False, note=note)
-        if not optimum.converged:
-            raise PlanningError(
-                f"the speed optimization over {task.road.length:.0f} m has no result: "
-                f"{optimum.note}"
-            )
-        return _answer(task, optimum, units, time.perf_counter() - began, method)
-
-    def _own(self, task: Task, problem: Problem, guess: FloatArray, spent: bool) -> Optimum:
-        """By the interior-point method; with a soft end speed where that is `spent` and hard."""
-        settings = Settings(
-            tolerance=self.tolerance,
-            dual_tolerance=100.0 * self.tolerance,
-            polish=2 if self.tolerance <= 1e-8 else 0,
-            time_limit=self.time_limit,
-        )
-        if not spent:
-            return minimize(problem, guess, settings)
-        short = replace(settings, iterations=_END_ITERATIONS, time_limit=0.5 * self.time_limit)
-        own = minimize(problem, guess, replace(short, fallback=False))
-        if own.converged:
-            return own
-        soft, _ = scaled(self.vehicle, task, soft_end=True)
-        return minimize(soft, guess, replace(settings, time_limit=0.5 * self.time_limit))
-
-    def _make_ipopt(self) -> Ipopt:
-        """IPOPT for this grid, built when first needed: CasADi takes a second to load."""
-        if self._ipopt is None:
-            from controllers.pcc.ipopt import Ipopt
-
-            self._ipopt = Ipopt(
-                self.vehicle, self.intervals, self.step, self.fenced, self.time_limit
-            )
-        return self._ipopt
-
-    def _check(self, task: Task, guess: FloatArray) -> None:
-        road, nodes = task.road, self.intervals + 1
-        if road.intervals != self.intervals or abs(road.step - self.step) > 1e-6:
-            raise PlanningError(
-                f"the solver is for {self.intervals} intervals of {self.step:g} m, the road has "
-                f"{road.intervals} of {road.step:g} m"
-            )
-        for name, array in (
-            ("b_low", task.b_low),
-            ("b_high", task.b_high),
-            ("fence", task.fence),
-            ("guess", guess),
-        ):
-            if np.shape(array) != (nodes,) or np.isnan(array).any():
-                raise PlanningError(
-                    f"{name} of the task must hold {nodes} numbers, not {np.shape(array)} or NaN"
-                )
-        for name in ("time_max", "k_a", "price_time", "price_energy"):
-            value = getattr(task, name)
-            if math.isnan(value) or (name != "time_max" and math.isinf(value)):
-                raise PlanningError(f"{name} = {value!r} of the task is not allowed")
-        if task.k_a < 0.0:
-            raise PlanningError(f"k_a = {task.k_a!r} of the task is not allowed: use 0 or more")
-        if task.b_low.min() <= 0.0:
-            raise PlanningError("the least speeds of the task must be above 0")
-        if task.fence.max() > 0.0 and not self.fenced:
-            raise PlanningError("the task holds fences; the solver was made without: fenced=True")
-
-
-def with_room(vehicle: PointMass, task: Task) -> tuple[PointMass, Task]:
-    """Vehicle and task with the room in power, brakes and trip time that the solver takes."""
-    power, newton = vehicle.power_max, vehicle.efficiency * vehicle.power_max / _SPEED
-    more = replace(
-        vehicle,
-        power_max=power * (1.0 + _ROOM),
-        brake_max=vehicle.brake_max + _ROOM_BRAKE * newton,
-    )
-    return more, replace(task, time_max=task.time_max * (1.0 + _ROOM))
-
-
-def scaled(vehicle: PointMass, task: Task, soft_end: bool = False) -> tuple[Problem, Units]:
-    """The task in the units in which it is solved; a soft end speed has a worth, not a bound."""
-    fuel, power, step = vehicle.fuel, vehicle.power_max, task.road.step
-    mass = vehicle.inertial_mass
-    full = fuel.f0 + fuel.f1 * power + fuel.f2 * power**2
-    duration = step / _SPEED
-    units = Units(
-        b=_SPEED**2,
-        force=vehicle.efficiency * power / (mass * _SPEED),
-        time=duration,
-        fuel=full * duration,
-    )
-    to_acceleration = units.b / (2.0 * step)
-    high = np.minimum(task.b_high, _B_MAX)
-    low = np.minimum(task.b_low, high)
-    inertia = to_acceleration / units.force
-    coefficients = (
-        (fuel.f0 + task.price_time) / full,
-        fuel.f1 * power / full,
-        fuel.f2 * power**2 / full,
-    )
-    worth = task.price_energy * units.b / units.fuel
-    if soft_end:
-        low[-1] *= 0.9
-        worth += _END_WORTH * inertia * (coefficients[1] + 2.0 * coefficients[2])
-    problem = Problem(
-        inertia=inertia,
-        air=vehicle.drag / mass * units.b / units.force,
-        resistance=vehicle.slope_force(task.road.grade) / (mass * units.force),
-        fuel=coefficients,
-        calm=task.k_a * to_acceleration**2 / full,
-        worth=worth,
-        overrun=vehicle.power_drag / power,
-        full=1.0 + _ROOM,
-        brake=vehicle.brake_max / (mass * units.force) + _ROOM_BRAKE,
-        low=low / units.b,
-        high=high / units.b,
-        time_max=task.time_max * (1.0 + 0.1 * _ROOM) / units.time,
-        fence=np.maximum(task.fence[1:], 0.0) / units.time,
-    )
-    return problem, units
-
-
-def _answer(task: Task, optimum: Optimum, units: Units, wall_time: float, method: str) -> Answer:
-    per_second = units.fuel / units.time
-    b = np.clip(optimum.b * units.b, task.b_low, task.b_high)
-    reached = optimum.b[-1] * units.b
-    if reached < task.b_low[-1] * (1.0 - _END_EXACT):
-        b[-1] = reached
-    return Answer(
-        speed=np.sqrt(b),
-        time_price=max(optimum.time_price, 0.0) * per_second,
-        iterations=optimum.iterations,
-        wall_time=wall_time,
-        costate=optimum.costate * (units.fuel / units.b),
-        interval_price=optimum.prices * per_second,
-        method=method,
-    )
-
-
-# --- A plan between its nodes: what its constant forces do on a road that is known more finely ---
-# A plan states one force for each interval. Drawn as straight lines of v^2 over a road that is
-# rough within the intervals it would ask for forces that swing with every bump, up into the brakes:
-# on the paper's road a 50 m plan followed so burns 0.8 % more than planned. With the force held,
-# kinetic and potential energy change places there, and it burns what was planned.
-
-
-def on_finer_road(
-    vehicle: PointMass,
-    road: RoadProfile,
-    speed: FloatArray,
-    fine: RoadProfile,
-    v_max: float = np.inf,
-) -> FloatArray:
-    """Speeds at the nodes of a finer profile of the same road, shape of its stations [m/s].
-
-    With force, rolling resistance and drag as at the mean of the interval, `m_e v^2 / 2 + m g z`
-    is linear in the station between two nodes of the plan. The fine road's limits and
-    the band are kept as well as between the plan's nodes.
+def solve(
+    task: SpeedTask,
+    guess: FloatArray | None = None,
+    method: str = "interior_point",
+    **settings: Any,
+) -> Solution:
+    """The optimal speed of a task.
 
     Args:
-      vehicle: that the plan was made for.
-      road: on whose grid the plan stands.
-      speed: of the plan at its nodes, shape (n + 1,) [m/s].
-      fine: the same road with closer nodes, within the stations of `road`.
-      v_max: of the band [m/s].
+      task: road, truck, limits and prices.
+      guess: node speeds to begin with, shape (n + 1,) [m/s]; default: the fastest drive.
+      method: one of METHODS.
+      settings: of the method; every method has `time_limit` [s], interior_point also `tolerance`,
+        finite_elements `element` and `points`.
 
     Raises:
-      InputError: the fine profile leaves the road, or speeds are not those of its nodes.
+      InputError: the method is not known, or the tolerance is not allowed.
+      PlanningError: there is no such drive, with the reason, or no solution within the time limit.
     """
-    if speed.shape != road.station.shape or not np.isfinite(speed).all():
-        raise InputError(f"a plan over {road.name!r} wants {road.station.size} finite speeds")
-    first, last = road.station[[0, -1]]
-    if fine.station[0] < first - 1e-6 or fine.station[-1] > last + 1e-6:
-        raise InputError(
-            f"fine profile {fine.name!r} from {fine.station[0]:.0f} to {fine.station[-1]:.0f} m "
-            f"leaves the plan's {first:.0f} to {last:.0f} m"
+    require_method(method)
+    if guess is None:
+        guess = require_feasible(task)
+    task.check_nodes("guess", guess)
+    return METHODS[method](task, guess, **settings)
+
+
+@register("interior_point")
+def _by_interior_point(
+    task: SpeedTask, guess: FloatArray, *, time_limit: float = 20.0, tolerance: float = 1e-8
+) -> Solution:
+    """By our own method; IPOPT takes over where it does not converge and time is left.
+
+    The tolerance is in the program's units of about 1: the default makes the multipliers exact,
+    1e-6 gives speeds within 5 mm/s in three quarters of the time.
+    """
+    if not 1e-12 <= tolerance <= 1e-2:
+        raise InputError(f"tolerance = {tolerance!r} is not allowed: use 1e-12 to 1e-2")
+    began = time.perf_counter()
+    fastest = require_feasible(task)
+    problem, units = scaled(task)
+    settings = Settings(
+        tolerance=tolerance,
+        dual_tolerance=100.0 * tolerance,
+        polish=2 if tolerance <= 1e-8 else 0,
+        time_limit=time_limit,
+    )
+    b = guess**2 / units.b
+    if fastest[-1] ** 2 < task.b_low[-1] * (1.0 + _END_NEAR):
+        half = replace(settings, time_limit=0.5 * time_limit)
+        optimum = minimize(problem, b, replace(half, iterations=_END_ITERATIONS, fallback=False))
+        if not optimum.converged:
+            optimum = minimize(scaled(task, soft_end=True)[0], b, half)
+    else:
+        optimum = minimize(problem, b, settings)
+    if not optimum.converged and time_limit - (time.perf_counter() - began) > _PATIENCE:
+        optimum = _ipopt_optimum(task, guess, problem, units, time_limit)
+        return _solution(task, optimum, units, began, "ipopt")
+    return _solution(task, optimum, units, began, "interior_point")
+
+
+@register("ipopt")
+def _by_ipopt(task: SpeedTask, guess: FloatArray, *, time_limit: float = 20.0) -> Solution:
+    began = time.perf_counter()
+    require_feasible(task)
+    problem, units = scaled(task)
+    optimum = _ipopt_optimum(task, guess, problem, units, time_limit)
+    return _solution(task, optimum, units, began, "ipopt")
+
+
+def _solution(
+    task: SpeedTask, optimum: Optimum, units: Units, began: float, method: str
+) -> Solution:
+    """An optimum in SI units; PlanningError where it has not converged or misses the end speed."""
+    note, reached = optimum.note, optimum.b[-1] * units.b
+    short = math.sqrt(task.b_low[-1]) - math.sqrt(reached)
+    if optimum.converged and short > _END_SHORT:
+        note = f"the end speed is missed by {short:.2f} m/s"
+    if note:
+        raise PlanningError(
+            f"the speed optimization over {task.road.length:.0f} m has no result: {note}"
         )
-    line = np.interp(fine.station, road.station, speed**2)
-    above = fine.height - np.interp(fine.station, road.station, road.height)
-    b = line - 2.0 * GRAVITY * vehicle.mass / vehicle.inertial_mass * above
-    # A dip deeper than the kinetic energy is no road; half the planned energy is kept.
-    b = np.maximum(b, 0.5 * line)
-    cap = np.maximum(np.minimum(fine.v_limit, v_max), np.sqrt(line))
-    return np.asarray(np.minimum(np.sqrt(b), cap))
+    per_second = units.fuel / units.time
+    b = np.clip(optimum.b * units.b, task.b_low, task.b_high)
+    if reached < task.b_low[-1] * (1.0 - _END_EXACT):
+        b[-1] = reached
+    speed = np.sqrt(b)
+    return Solution(
+        speed=speed,
+        cost=task.cost(speed),
+        fuel=float(task.vehicle.fuel_of(speed, task.road).sum()),
+        method=method,
+        iterations=optimum.iterations,
+        solve_time=time.perf_counter() - began,
+        time_price=max(optimum.time_price, 0.0) * per_second,
+        costate=optimum.costate * (units.fuel / units.b),
+        interval_price=optimum.prices * per_second,
+    )
+
+
+# IPOPT. The program is written from the equations once more, with the engine's force F (per
+# kilogram) as variable in place of the brake's, P = F (v0 + v1) / (2 eta), and the times at the
+# nodes as variables behind a vehicle. Units of b [m2/s2], t [s], fuel [kg], whole cost [fuel]:
+_B, _T, _FUEL, _COST = 400.0, 100.0, 1e-3, 100.0
+
+
+def _ipopt_optimum(
+    task: SpeedTask, guess: FloatArray, problem: Problem, units: Units, time_limit: float
+) -> Optimum:
+    """The optimum by IPOPT, in the units of `problem`, which states the same task."""
+    vehicle, road, n = task.vehicle, task.road, task.road.intervals
+    nlp = _ipopt(vehicle, n, road.step, task.behind, min(time_limit, 1e6))
+    mass, eta = vehicle.inertial_mass, vehicle.efficiency
+    net = vehicle.net_force(guess, road) / mass
+    late = np.full(n + 1, np.inf)
+    late[0] = 0.0
+    brake = np.tile([0.0, -eta * vehicle.power_drag / mass], n)
+    power = np.tile([vehicle.brake_max / mass, eta * vehicle.power_max / mass], n)
+    low_rows = [brake, np.zeros(1)]
+    high_rows = [power, np.array([task.time_max / _T])]
+    if task.behind:
+        low_rows.append(np.zeros(n))
+        high_rows.append(np.zeros(n))
+    slope = vehicle.slope_force(road.grade) / mass
+    prices = [task.k_a / _FUEL, task.price_time / _FUEL, task.price_energy / _FUEL]
+    earliest = np.maximum(task.earliest, 0.0) / _T
+    earliest[0] = 0.0
+
+    def pack(b: FloatArray, force: FloatArray, clock: FloatArray) -> FloatArray:
+        columns = (b, np.append(force, 0.0), clock) if task.behind else (b, np.append(force, 0.0))
+        table = np.column_stack(columns)
+        return np.concatenate([table[:-1].ravel(), np.delete(table[-1], 1)])
+
+    result = nlp(
+        x0=pack(guess**2 / _B, np.maximum(net, 0.0) + 0.01, passing_times(guess, road) / _T),
+        lbx=pack(task.b_low / _B, np.full(n, -np.inf), earliest),
+        ubx=pack(task.b_high / _B, np.full(n, np.inf), late),
+        lbg=np.concatenate(low_rows),
+        ubg=np.concatenate(high_rows),
+        p=np.concatenate([slope, prices]),
+    )
+    statistics = nlp.stats()
+    converged = bool(statistics["success"])
+    width = 3 if task.behind else 2
+    x = np.asarray(result["x"]).ravel()
+    b = np.append(x[0 : width * n : width], x[width * n]) * _B / units.b
+    b = np.clip(b, problem.low, problem.high)
+    point = Point(problem, b, x[1 : width * n : width] / units.force - problem.net(b))
+    rows = np.asarray(result["lam_g"]).ravel() * _COST * _FUEL / units.fuel
+    price = np.full(n, rows[2 * n] * units.time / _T)
+    if task.behind:
+        price = price - rows[2 * n + 1 :] * units.time / _T
+    # The costate, from the multipliers of the brake rows and the prices of durations. What the
+    # Lagrangian's level along F leaves belongs to overrun (below) or full power (above).
+    by_force = -rows[0 : 2 * n : 2] * units.force
+    own, by_duration, by_change = point.cost_slope()
+    rest = own - by_force
+    by_duration = by_duration + price - problem.overrun * np.maximum(rest, 0.0)
+    by_duration += np.minimum(rest, 0.0)
+    start, end = point.to_nodes(by_force, by_duration, by_change)
+    return Optimum(
+        b,
+        point.y,
+        float(rows[2 * n]) * units.time / _T,
+        price,
+        np.append(-start, end[-1]),
+        int(statistics["iter_count"]),
+        converged,
+        "" if converged else f"IPOPT ended with {statistics['return_status']}",
+    )
+
+
+@lru_cache(maxsize=8)
+def _ipopt(vehicle: PointMass, n: int, ds: float, behind: bool, time_limit: float) -> Any:
+    """IPOPT for grids of n intervals of ds [m]; kept, as CasADi takes a second to load and build.
+
+    Variables and rows are interleaved by node, so that fill-in stays in a band.
+    """
+    import casadi as ca
+
+    mass, fuel = vehicle.inertial_mass, vehicle.fuel
+    b, force, t = ca.SX.sym("b", n + 1), ca.SX.sym("F", n), ca.SX.sym("t", n + 1)
+    slope, prices = ca.SX.sym("slope", n), ca.SX.sym("prices", 3)
+    b0, b1, v = b[:-1] * _B, b[1:] * _B, ca.sqrt(b * _B)
+    mean = 0.5 * (v[:-1] + v[1:])
+    dt = ds / mean
+    a = (b1 - b0) / (2.0 * ds)
+    net = a + slope + vehicle.drag / mass * 0.5 * (b0 + b1)
+    # dt P = F ds / eta and dt P^2 = F^2 v ds / eta^2: no division by speed.
+    work = force * mass * ds / vehicle.efficiency
+    square = (force * mass / vehicle.efficiency) ** 2 * mean * ds
+    burnt = (fuel.f0 * dt + fuel.f1 * work + fuel.f2 * square) / _FUEL
+    total = ca.sum1(dt)
+    cost = ca.sum1(burnt + prices[0] * a**2 * dt) + prices[1] * total - prices[2] * b1[-1]
+    rows = [ca.vec(ca.horzcat(force - net, force * mean).T), total / _T]
+    columns, last = [b[:-1], force], [b[n]]
+    if behind:
+        rows.append(t[1:] - t[:-1] - dt / _T)
+        columns.append(t[:-1])
+        last.append(t[n])
+    program = {
+        "x": ca.vertcat(ca.vec(ca.horzcat(*columns).T), *last),
+        "p": ca.vertcat(slope, prices),
+        "f": cost / _COST,
+        "g": ca.vertcat(*rows),
+    }
+    options: dict[str, Any] = {
+        "print_time": False,
+        "ipopt.print_level": 0,
+        "ipopt.sb": "yes",
+        "ipopt.max_iter": 300,
+        "ipopt.tol": 1e-9,
+        "ipopt.constr_viol_tol": 1e-9,
+        "ipopt.acceptable_tol": 1e-7,
+        "ipopt.acceptable_constr_viol_tol": 1e-7,
+        "ipopt.max_wall_time": time_limit,
+    }
+    return ca.nlpsol("pcc", "ipopt", program, options)

@@ -19,12 +19,12 @@ _CRAWL = 2.0  # [m/s]
 
 @dataclass(frozen=True)
 class PointMass:
-    """Longitudinal truck. SI units.
+    """Longitudinal model of the truck. SI units.
 
     Attributes:
-      mass: gross; inertial_mass: with what turns; rolling: resistance coefficient.
+      mass: gross; inertial_mass: with the rotating parts; rolling: resistance coefficient.
       drag: 0.5 rho Cd A [kg/m]; efficiency: engine to wheels.
-      power_max: of the engine, which some gear gives at every speed, see `FuelMap.full_power` [W].
+      power_max: of the engine in the best gear at every speed, see `FuelMap.full_power` [W].
       power_drag: of the overrunning engine, where the convex model's fuel is zero [W].
       brake_max: greatest braking force of a planned drive [N].
       fuel: the convex fuel model.
@@ -84,8 +84,8 @@ class PointMass:
         """Work of grade and tires for each metre of station [N].
 
         Stations are horizontal, as OpenDRIVE has them, and `grade` is dz/ds: the weight does
-        exactly m g dz, and the tires, with m g cos on ds / cos of road, exactly m g c ds. That
-        inertia and air act along the road, too, is left out: 0.1 % of them on a grade of 5 %.
+        exactly m g dz, and the tires, with m g cos on ds / cos of road, exactly m g c ds. The
+        cosine of inertia and air, which act along the road, is neglected: 0.1 % on a grade of 5 %.
         """
         return np.asarray(self.mass * GRAVITY * (grade + self.rolling))
 
@@ -96,7 +96,7 @@ class PointMass:
         return gain + self.slope_force(road.grade) + 0.5 * self.drag * (b[1:] + b[:-1])
 
     def power(self, speed: FloatArray, road: RoadProfile) -> FloatArray:
-        """Mean engine power of the intervals [W], shape (n,); at least that of overrun."""
+        """Mean engine power of the intervals [W], shape (n,); at least the overrun power."""
         power = self.net_force(speed, road) * 0.5 * (speed[1:] + speed[:-1]) / self.efficiency
         return np.maximum(power, -self.power_drag)
 
@@ -110,13 +110,18 @@ def durations(speed: FloatArray, road: RoadProfile) -> FloatArray:
     return 2.0 * road.step / (speed[1:] + speed[:-1])
 
 
+def passing_times(speed: FloatArray, road: RoadProfile) -> FloatArray:
+    """Time from the first node to each node [s], shape (n + 1,), for node speeds (n + 1,)."""
+    return np.concatenate([[0.0], np.cumsum(durations(speed, road))])
+
+
 def full_power_speed(
     vehicle: PointMass, road: RoadProfile, v_start: float, cap: FloatArray
 ) -> FloatArray:
     """Greatest node speeds under a cap, with full power and brakes at most at their limit.
 
     Raises:
-      PlanningError: full power does not carry the truck over a climb, or a cap can not be met.
+      PlanningError: full power does not carry the truck over a climb, or a cap cannot be met.
     """
     b_cap = brakeable(vehicle, road, np.minimum(cap, 1e3) ** 2, vehicle.brake_max)
     if b_cap.min() <= 0.0:
@@ -132,7 +137,7 @@ def full_power_speed(
         )
     b_cap[0] = v_start**2
     speed = fastest_below(vehicle, road, b_cap)
-    # Who is let through only at a crawl is not short of power.
+    # A limit of crawling speed is not a lack of power.
     slow = np.flatnonzero(speed[1:] < np.minimum(_CRAWL, 0.99 * np.sqrt(b_cap[1:])))
     if slow.size:
         k = int(slow[0])
@@ -144,12 +149,12 @@ def full_power_speed(
 
 
 def brakeable(vehicle: PointMass, road: RoadProfile, cap: FloatArray, force: float) -> FloatArray:
-    """Greatest v^2 (n + 1,) under a cap of v^2 from which the brakes still meet all that comes."""
+    """Greatest v^2 (n + 1,) under a cap of v^2 from which the brakes can meet all caps ahead."""
     twice = 2.0 * road.step / vehicle.inertial_mass
     half = 0.5 * vehicle.drag * twice
     fall = twice * (force + vehicle.slope_force(road.grade))
     b = np.array(cap, dtype=float)
-    # Only where a limit is not met from the one before it does it reach further back.
+    # Only a cap that cannot be met from the one before it reaches further back.
     for last in np.flatnonzero(b[:-1] * (1.0 - half) > b[1:] * (1.0 + half) + fall)[::-1]:
         for k in range(int(last), -1, -1):
             met = (b[k + 1] * (1.0 + half) + fall[k]) / (1.0 - half)
@@ -160,9 +165,9 @@ def brakeable(vehicle: PointMass, road: RoadProfile, cap: FloatArray, force: flo
 
 
 def fastest_below(vehicle: PointMass, road: RoadProfile, cap: FloatArray) -> FloatArray:
-    """Greatest node speeds (n + 1,) under a cap of v^2 that full power reaches; 0 once it stalls.
+    """Greatest node speeds (n + 1,) under a cap of v^2 that full power reaches; 0 after a stall.
 
-    The drive begins with the cap's first speed; the cap must be one that the brakes can meet.
+    The drive begins with the cap's first speed; the brakes must be able to meet the cap.
     """
     wanted = np.sqrt(np.maximum(cap, 0.0))
     short = np.flatnonzero(
@@ -194,9 +199,9 @@ def fastest_below(vehicle: PointMass, road: RoadProfile, cap: FloatArray) -> Flo
 def _end_speed(v: float, a: float, c: float, work: float) -> float:
     """Speed w at the end of an interval at full power from speed v, 0 if it stalls.
 
-    The power limit holds at the mean of both speeds: `a w^2 + c = work / (v + w)`, with a the
-    inertia and half the drag, c what v and the slope take. The left side less the right one rises
-    with w: Newton's steps find it.
+    The power limit holds at the mean of both speeds: `a w^2 + c = work / (v + w)`, with a from
+    inertia and half the drag, c from v and the slope. The left side less the right one rises with
+    w: Newton's method finds it.
     """
     if c * (v + 1e-3) >= work:
         return 0.0
@@ -205,7 +210,7 @@ def _end_speed(v: float, a: float, c: float, work: float) -> float:
         total = v + w
         share = work / total
         step = (a * w * w + c - share) / (2.0 * a * w + share / total)
-        # Far below, the steps may go beyond zero speed.
+        # Far from the solution a step may lead below zero speed.
         w = w - step if step < 0.9 * w else 0.1 * w
         if -1e-9 < step < 1e-9:
             break

@@ -1,9 +1,9 @@
-"""Longitudinal planning: how fast, behind whom.
+"""Car following, and bounds on the speed by limits ahead.
 
 Car following is the Intelligent Driver Model in its improved form (Treiber and Kesting, Traffic
 Flow Dynamics, 2013, ch. 11.3.7) with the constant-acceleration heuristic of their ACC model: the
 truck does not brake when the leader is faster, far, or has cut in without danger. Limits ahead
-(speed limits, curves, ends) become one profile by braking backward at a comfortable rate.
+(speed limits, curves, ends) become one profile, braked for backward at a comfortable rate.
 """
 
 from __future__ import annotations
@@ -13,45 +13,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controllers.planning.config import FollowingConfig
 from iits_mj.core.arrays import FloatArray
-
-
-@dataclass(frozen=True)
-class FollowingConfig:
-    """How the truck follows and keeps its speed.
-
-    Attributes:
-      time_gap: to the leader, bumper to bumper [s].
-      standstill_gap: to a standing leader [m].
-      acceleration_max: [m/s2], also limited by engine power.
-      deceleration: comfortable, positive [m/s2]; of the IDM.
-      deceleration_max: of the plan outside emergencies, positive [m/s2].
-      preview_deceleration: towards lower limits ahead, positive [m/s2].
-      jerk_max: [m/s3], when braking; building up drive takes half of it.
-      regain_deceleration: spent on winning back a time gap that is too short, positive [m/s2].
-      coolness: weight of the constant-acceleration heuristic, 0 to 1.
-      exponent: of the free road term.
-    """
-
-    time_gap: float = 1.5
-    standstill_gap: float = 4.0
-    acceleration_max: float = 1.0
-    deceleration: float = 1.3
-    deceleration_max: float = 3.5
-    preview_deceleration: float = 0.5
-    jerk_max: float = 2.0
-    regain_deceleration: float = 0.8
-    coolness: float = 0.95
-    exponent: float = 4.0
+from iits_mj.core.neighbors import Neighbor
 
 
 @dataclass(frozen=True, slots=True)
 class Lead:
-    """A vehicle to follow, predicted at constant acceleration until it stands.
+    """A vehicle to follow; its acceleration fades over 2 s, until it stops at the latest.
 
     Attributes:
       gap: bumper to bumper now [m]; speed: [m/s]; acceleration: [m/s2].
-      until: time from now when it no longer matters [s].
+      until: time from now after which it no longer matters [s].
     """
 
     gap: float
@@ -59,9 +32,13 @@ class Lead:
     acceleration: float = 0.0
     until: float = math.inf
 
+    @classmethod
+    def of(cls, neighbor: Neighbor, until: float = math.inf) -> Lead:
+        """The lead that a vehicle ahead makes."""
+        return cls(neighbor.gap, max(neighbor.speed, 0.0), neighbor.acceleration, until)
+
     def at(self, time: float) -> tuple[float, float]:
-        """Way gone since now [m] and speed [m/s], for an acceleration that fades over 2 s."""
-        # a(t) = a exp(-t / 2 s), stopped at standstill.
+        """Distance driven since now [m] and speed [m/s], by `a(t) = a exp(-t / 2 s)`."""
         fade = 2.0 * (1.0 - math.exp(-0.5 * time))
         speed = self.speed + self.acceleration * fade
         if speed <= 0.0 < -self.acceleration:
@@ -73,7 +50,7 @@ class Lead:
 def idm_acceleration(
     speed: float, desired: float, gap: float, lead_speed: float, config: FollowingConfig
 ) -> float:
-    """Improved IDM: acceleration [m/s2] at a bumper gap [m] behind a leader.
+    """Acceleration of the improved IDM [m/s2]: its free term falls to -b above the desired speed.
 
     Args:
       speed: own [m/s].
@@ -108,14 +85,14 @@ def follow_acceleration(
     lead_acceleration: float,
     config: FollowingConfig,
 ) -> float:
-    """IDM tempered by the constant-acceleration heuristic: the ACC model.
+    """Acceleration of the ACC model [m/s2]: IDM with the constant-acceleration heuristic.
 
     Source: Kesting, Treiber and Helbing, Phil. Trans. R. Soc. A 368 (2010), equations 2.6 to 2.8.
     """
     idm = idm_acceleration(speed, desired, gap, lead_speed, config)
     if not math.isfinite(gap):
         return idm
-    # The heuristic, too, shall stop at the standstill gap: source has the bare gap.
+    # The heuristic stops at the standstill gap, too: the source has the bare gap.
     gap = max(gap - config.standstill_gap, 0.1)
     lead = min(lead_acceleration, config.acceleration_max)
     closing = speed - lead_speed
@@ -131,7 +108,7 @@ def follow_acceleration(
 
 
 def braking_profile(station: FloatArray, limit: FloatArray, deceleration: float) -> FloatArray:
-    """Highest speed that meets every limit further on at a deceleration, shape as station.
+    """Highest speed from which every limit ahead is met at a deceleration, shape as station.
 
     `v(s)^2 = min over s' >= s of limit(s')^2 + 2 b (s' - s)`.
     """

@@ -1,9 +1,9 @@
-"""A lane that ends: which gap of the lane beside to aim for, and how fast to drive for it.
+"""Merging from a lane that ends: which gap of the next lane to aim for, and at which speed.
 
 Every gap between neighbors of the target lane is tried with constant accelerations over the coming
-seconds, all others going on at constant speed. A gap will do when both ends are long enough at
-that moment and the truck is across before its lane ends. The gentlest wins; the one that was aimed
-for last has a bonus. Speed is then only bounded: leaders and limits still rule.
+seconds, while the others keep their speed. A gap fits when both ends are long enough then and the
+truck is across before its lane ends. The cheapest wins; the gap of the last cycle has a bonus. The
+choice only bounds the speed: leaders and limits still apply.
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controllers.planning.config import MergeConfig, SafetyConfig
 from controllers.planning.road_preview import LanePath
-from controllers.planning.safety import SafetyConfig, front_gap_needed, rear_gap_needed
-from controllers.planning.surroundings import Neighbor, Surroundings
-from iits_mj.core.arrays import FloatArray
+from controllers.planning.safety import front_gap_needed, rear_gap_needed
+from iits_mj.core.arrays import BoolArray, FloatArray
+from iits_mj.core.messages import Scene
+from iits_mj.core.neighbors import Neighbors
 
 # Tried: braking as shares of the most allowed, and seconds until the truck is beside the gap.
 _BRAKING = (1.0, 0.7, 0.45, 0.25, 0.1, 0.05, 0.0)
@@ -27,35 +28,12 @@ _TIMES = (0.0, 1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 10.0, 13.0, 16.0, 20.0, 25.0)
 
 
 @dataclass(frozen=True)
-class MergeConfig:
-    """How gaps are sought.
-
-    Attributes:
-      deceleration: at most, to let a gap come, positive [m/s2].
-      speed_min: the truck does not go slower for a gap [m/s].
-      crossing_time: from the change's begin until the truck has left its lane [s].
-      room: kept before the end of the lane, in which a change from standstill is possible [m].
-      stop_deceleration: towards that place when no gap opens, positive [m/s2].
-      keep: bonus of the gap aimed for, in squares of acceleration.
-      patience: cost of a second, in squares of acceleration.
-    """
-
-    deceleration: float = 1.5
-    speed_min: float = 2.0
-    crossing_time: float = 3.5
-    room: float = 30.0
-    stop_deceleration: float = 1.2
-    keep: float = 0.2
-    patience: float = 0.04
-
-
-@dataclass(frozen=True)
 class GapChoice:
     """A gap and the way to it.
 
     Attributes:
       acceleration: until the gap is reached [m/s2]; speed: then [m/s]; time: until then [s].
-      ends: names of who is ahead of and behind the gap, "" for nobody.
+      ends: names of the vehicles ahead of and behind the gap, "" for none.
     """
 
     acceleration: float
@@ -64,7 +42,7 @@ class GapChoice:
     ends: tuple[str, str]
 
     def cap(self, path: LanePath, station: float, speed: float) -> FloatArray | None:
-        """Bound on the speed that leads to the gap, shape of path.station [m/s]; None for none.
+        """Bound on the speed to meet the gap, shape of path.station [m/s]; None for none.
 
         Args:
           path: of the lane being driven.
@@ -79,7 +57,7 @@ class GapChoice:
 
 
 def choose_gap(
-    surroundings: Surroundings,
+    scene: Scene,
     target: LanePath,
     end: float,
     acceleration_max: float,
@@ -91,7 +69,7 @@ def choose_gap(
     """The gap to aim for, or None where none can be reached in time.
 
     Args:
-      surroundings: the traffic.
+      scene: the truck and the traffic.
       target: lane to get into.
       end: station at which the truck's front must have left its lane [m].
       acceleration_max: that the truck has left now [m/s2].
@@ -100,53 +78,43 @@ def choose_gap(
       config: settings.
       last: the choice of the last cycle.
     """
-    tries = _tries(surroundings, end, acceleration_max, speed_max, config)
-    ordered = sorted(surroundings.in_lane(target, safety.entering), key=_station, reverse=True)
-    ends: list[Neighbor | None] = [None, *ordered, None]
+    neighbors = scene.neighbors
+    tries = _tries(scene, end, acceleration_max, speed_max, config)
+    inside = np.flatnonzero(neighbors.along_path(target, safety.entering))
+    ordered = inside[np.argsort(-neighbors.station[inside], kind="stable")].tolist()
     best, cost = None, math.inf
-    for leader, follower in itertools.pairwise(ends):
-        if _never(surroundings, leader, follower, safety):
+    for leader, follower in itertools.pairwise([None, *ordered, None]):
+        if _too_short(neighbors, leader, follower, safety):
             continue
-        fits = np.flatnonzero(_fits(surroundings, leader, follower, tries, safety))
+        fits = np.flatnonzero(_fits(neighbors, leader, follower, tries, safety))
         if not fits.size:
             continue
         row = int(fits[0])
-        names = (_name(leader), _name(follower))
+        ahead, behind = ("" if i is None else neighbors.ids[i] for i in (leader, follower))
         price = float(tries.price[row])
-        price -= config.keep if last is not None and last.ends == names else 0.0
+        price -= config.keep if last is not None and last.ends == (ahead, behind) else 0.0
         if price < cost:
             acceleration, speed = float(tries.acceleration[row]), float(tries.speed[row])
-            best, cost = GapChoice(acceleration, speed, float(tries.time[row]), names), price
+            best = GapChoice(acceleration, speed, float(tries.time[row]), (ahead, behind))
+            cost = price
     return best
 
 
-def _name(neighbor: Neighbor | None) -> str:
-    """Name of a vehicle, "" for nobody."""
-    return "" if neighbor is None else neighbor.vehicle.id
-
-
-def _station(neighbor: Neighbor) -> float:
-    return neighbor.vehicle.station
-
-
-def _never(
-    surroundings: Surroundings,
-    leader: Neighbor | None,
-    follower: Neighbor | None,
-    safety: SafetyConfig,
+def _too_short(
+    neighbors: Neighbors, leader: int | None, follower: int | None, safety: SafetyConfig
 ) -> bool:
-    """True for a gap that is too short for the truck now and at the last time tried."""
+    """Whether a gap is too short for the truck now and at the last time tried."""
     if leader is None or follower is None:
         return False
-    ahead, behind = leader.vehicle, follower.vehicle
-    free = ahead.station - behind.station - 0.5 * (ahead.length + behind.length)
-    later = free + (ahead.speed - behind.speed) * _TIMES[-1]
-    return max(free, later) < surroundings.front - surroundings.rear + 2.0 * safety.margin
+    station, speed, length = neighbors.station, neighbors.speed, neighbors.length
+    free = station[leader] - station[follower] - 0.5 * (length[leader] + length[follower])
+    later = free + (speed[leader] - speed[follower]) * _TIMES[-1]
+    return bool(max(free, later) < neighbors.front - neighbors.rear + 2.0 * safety.margin)
 
 
 @dataclass(frozen=True)
 class _Tries:
-    """Accelerations [m/s2] and times [s], way [m] and speed [m/s] then, cheapest first, (n,)."""
+    """Accelerations [m/s2] and times [s], distance [m] and speed [m/s] then, cheapest first."""
 
     price: FloatArray
     acceleration: FloatArray
@@ -156,14 +124,10 @@ class _Tries:
 
 
 def _tries(
-    surroundings: Surroundings,
-    end: float,
-    acceleration_max: float,
-    speed_max: float,
-    config: MergeConfig,
+    scene: Scene, end: float, acceleration_max: float, speed_max: float, config: MergeConfig
 ) -> _Tries:
-    """What can be done before the lane ends."""
-    now = surroundings.scene.ego.speed
+    """All combinations with which the truck is across before the lane ends."""
+    now = scene.ego.speed
     driving = max(acceleration_max, 0.0)
     a = np.array([-config.deceleration * x for x in _BRAKING] + [driving * x for x in _DRIVING])
     acceleration, time = (part.ravel() for part in np.meshgrid(a, np.array(_TIMES)))
@@ -175,28 +139,30 @@ def _tries(
     speed = now + acceleration * until
     way = 0.5 * (now + speed) * until + speed * (time - until)
     price = acceleration**2 + config.patience * time
-    able = surroundings.front + way + speed * config.crossing_time <= end
+    able = scene.neighbors.front + way + speed * config.crossing_time <= end
     order = np.flatnonzero(able)[np.argsort(price[able], kind="stable")]
     return _Tries(*(part[order] for part in (price, acceleration, time, way, speed)))
 
 
 def _fits(
-    surroundings: Surroundings,
-    leader: Neighbor | None,
-    follower: Neighbor | None,
+    neighbors: Neighbors,
+    leader: int | None,
+    follower: int | None,
     tries: _Tries,
     safety: SafetyConfig,
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """Whether the truck is then between the two with enough room at both ends, shape (n,)."""
     fits = np.ones(len(tries.time), dtype=bool)
-    if leader is not None:
-        other = leader.vehicle
-        place = other.station + other.speed * tries.time - 0.5 * other.length
-        gap = place - (surroundings.front + tries.way)
-        fits &= gap >= front_gap_needed(tries.speed, np.full_like(gap, other.speed), safety)
-    if follower is not None and fits.any():
-        other = follower.vehicle
-        place = other.station + other.speed * tries.time + 0.5 * other.length
-        gap = surroundings.rear + tries.way - place
-        fits &= gap >= rear_gap_needed(tries.speed, np.full_like(gap, other.speed), safety)
+    for index, side in ((leader, -1.0), (follower, 1.0)):
+        if index is None or not fits.any():
+            continue
+        speed = neighbors.speed[index]
+        place = neighbors.station[index] + speed * tries.time + side * 0.5 * neighbors.length[index]
+        others = np.full_like(place, speed)
+        if side < 0.0:
+            gap = place - (neighbors.front + tries.way)
+            fits &= gap >= front_gap_needed(tries.speed, others, safety)
+        else:
+            gap = neighbors.rear + tries.way - place
+            fits &= gap >= rear_gap_needed(tries.speed, others, safety)
     return fits

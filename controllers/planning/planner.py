@@ -1,8 +1,8 @@
-"""The trajectory planner: the paper's Algorithm 1, with real car following and safe lane changes.
+"""The trajectory planner: the paper's Algorithm 1, with car following and safe lane changes.
 
-Keep: the lane's middle with the speed profile, following whoever is ahead. Change: the target lane
-missing or unsafe -> keep, with the reason; else a quintic in road coordinates. `Maneuver` has the
-half across the road, this module the half along it: limits, leaders, lights, emergencies.
+Keep: the lane's middle with the speed profile, behind the vehicle ahead. Change: keep, with the
+reason, if the target lane is missing or unsafe; else a quintic in road coordinates. `Maneuver` is
+the lateral half, this module the longitudinal one: limits, leaders, lights, emergencies.
 """
 
 from __future__ import annotations
@@ -14,20 +14,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from controllers.planning.config import PlannerConfig
+from controllers.planning.config import PlannerConfig, Powers, SpeedConfig
 from controllers.planning.crossing import crossing_leads
 from controllers.planning.following import Lead
 from controllers.planning.lane_change import Step
 from controllers.planning.maneuver import Maneuver
 from controllers.planning.merging import GapChoice, choose_gap
-from controllers.planning.placement import lane_shift
-from controllers.planning.road_preview import LanePath, RoadPreview
+from controllers.planning.road_preview import LanePath, RoadPreview, lane_shift
 from controllers.planning.rollover_limits import RollMargins
 from controllers.planning.speed_caps import SpeedCaps, with_zones
-from controllers.planning.speed_plan import SpeedConfig, SpeedState, most_urgent, powers, roll_out
+from controllers.planning.speed_plan import SpeedState, most_urgent, roll_out
 from controllers.planning.stops import Stops
-from controllers.planning.surroundings import Neighbor, Surroundings
-from controllers.planning.trajectory import lead_of, lead_while_passing, on_road
+from controllers.planning.trajectory import Quintic, on_road
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import (
@@ -37,15 +35,20 @@ from iits_mj.core.messages import (
     SpeedProfile,
     Trajectory,
 )
+from iits_mj.core.neighbors import Neighbor
 from iits_mj.parameters import TruckParameters
 
 if TYPE_CHECKING:
     from iits_mj.road import Route
 
 
-# The last metres before a stop [m], driven slower than this [m/s]; how far the plan may there be
-# below the truck's speed [m/s].
+# The last meters before a stop [m], where the truck is slower than this [m/s] and the plan's speed
+# may be this much below the truck's [m/s].
 _LAST_WAY, _LAST_SPEED, _LAST_REACH = 30.0, 8.0, 0.1
+# Numbers of the truck's state that planning needs.
+_STATE = ("time", "station", "offset", "speed", "mass")
+# An estimate of the mass may be wrong by this factor.
+_MASS_FACTOR = 2.0
 
 __all__ = ["Planner", "PlannerConfig"]
 
@@ -59,8 +62,8 @@ class Planner:
       parameters: of the truck, with its payload's height; default: the shipped one.
 
     Attributes:
-      maneuver: the state across the road, with its counters.
-      emergencies: number of times the last layer acted.
+      maneuver: the lateral state, with its counters.
+      emergencies: number of emergency brakings.
     """
 
     def __init__(
@@ -71,10 +74,12 @@ class Planner:
     ) -> None:
         self.route = route
         parameters = parameters or TruckParameters.load()
-        self.config = _of_truck(config or PlannerConfig(), parameters)
+        self.config = config = config or PlannerConfig()
+        if config.speed.powers is None:
+            speed = replace(config.speed, powers=Powers.of(parameters))
+            self.config = replace(config, speed=speed)
         self.preview = RoadPreview(route)
         self._parameters = parameters
-        self._state = StateCheck(parameters, route.length)
         self._margins = RollMargins(parameters, 1.0 / self.config.change.duration_min)
         laden = parameters.gross_mass(parameters.payload.mass_max)
         self.preview.shift = lane_shift(
@@ -86,7 +91,7 @@ class Planner:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets plan, manoeuvre and counters."""
+        """Forgets plan, maneuver and counters."""
         self.maneuver.reset()
         self._stops.reset()
         self.emergencies = 0
@@ -117,7 +122,7 @@ class Planner:
 
     @property
     def aborted(self) -> int:
-        """Changes given up under way."""
+        """Changes aborted under way."""
         return self.maneuver.aborted
 
     def lane(self, scene: Scene) -> int:
@@ -125,7 +130,7 @@ class Planner:
         return self.maneuver.lane(scene.ego)
 
     def bearable_speed(self, station: float, mass: float) -> float:
-        """Speed at a station from which every bend ahead is met without tipping over [m/s]."""
+        """Speed at a station from which no bend ahead tips the truck over [m/s]."""
         return self._caps.bearable(station, self._margins.at(mass))
 
     def plan(
@@ -133,7 +138,6 @@ class Planner:
         scene: Scene,
         decision: Decision = Decision.KEEP,
         profile: SpeedProfile | None = None,
-        surroundings: Surroundings | None = None,
     ) -> Trajectory:
         """The trajectory of the coming seconds.
 
@@ -141,28 +145,25 @@ class Planner:
           scene: the truck, the traffic and the signs.
           decision: of the decision maker; ignored while a change is under way.
           profile: reference speed over station; default: the cruise speed.
-          surroundings: the scene's, with this planner's preview; default: made here.
 
         Raises:
-          InputError: a value of the scene that matters cannot be, or the decision is none.
+          InputError: a number of the scene is not finite or out of its range, or the decision is
+            not a `Decision`.
         """
-        self._state.check(scene)
+        self._check(scene)
         decision = named_decision(decision)
         ego = scene.ego
-        surroundings = surroundings or Surroundings(scene, preview=self.preview)
         margin = self._margins.at(ego.mass)
-        step = self.maneuver.step(
-            scene, surroundings, decision, self._caps.top(ego, profile), margin
-        )
+        step = self.maneuver.step(scene, decision, self._caps.top(ego, profile), margin)
         path = with_zones(step.path, scene.signals.zones)
-        leads, follows = self._leads(scene, surroundings, path)
+        leads, follows = self._leads(scene, path)
         cap = self._caps.cap(path, profile, margin, ego)
-        pulls_out_until = self.maneuver.pulls_out_until
-        if pulls_out_until > path.station[0]:
-            slow = path.station < pulls_out_until
-            cap = np.where(slow, np.minimum(cap, self.config.pull_out.speed), cap)
-        cap = self._stops.look(surroundings, path, cap, self.maneuver.change)
-        self._gap = self._seek(step, surroundings, cap, path)
+        passing_until = self.maneuver.passing_until
+        if passing_until > path.station[0]:
+            slow = path.station < passing_until
+            cap = np.where(slow, np.minimum(cap, self.config.passing.speed), cap)
+        cap = self._stops.look(scene, path, cap, self.maneuver.change)
+        self._gap = self._choose_gap(step, scene, cap, path)
         if self._gap is not None:
             bound = self._gap.cap(path, ego.station, ego.speed)
             cap = cap if bound is None else np.minimum(cap, bound)
@@ -177,6 +178,28 @@ class Planner:
         )
         return self._last
 
+    def _check(self, scene: Scene) -> None:
+        """Raises InputError for a state of the truck from which no plan is possible."""
+        ego, parameters = scene.ego, self._parameters
+        for name in _STATE:
+            value = getattr(ego, name)
+            if not math.isfinite(value):
+                raise InputError(f"state of the truck: {name} is {value}: not finite")
+        least = parameters.gross_mass(0.0) / _MASS_FACTOR
+        most = parameters.gross_mass(parameters.payload.mass_max) * _MASS_FACTOR
+        if not least <= ego.mass <= most:
+            raise InputError(
+                f"state of the truck: mass is {ego.mass:g} kg: allowed is {least:.0f} to "
+                f"{most:.0f} kg"
+            )
+        # A truck at an end of its road still has a part of itself on it.
+        spare, length = scene.footprint.length, self.route.length
+        if not -spare <= ego.station <= length + spare:
+            raise InputError(
+                f"state of the truck: station is {ego.station:g} m: the road has 0 to "
+                f"{length:.0f} m"
+            )
+
     def _reason(self, step: Step, follows: Neighbor | None) -> str:
         reason = step.reason or self._stops.light.reason or self._stops.bend_reason
         if step.wanted is not None and self._gap is not None:
@@ -186,19 +209,19 @@ class Planner:
         if not reason:
             reason = f"{self._crossing[0]} will be in the way" if self._crossing else ""
         if not reason:
-            reason = f"following {follows.vehicle.id}" if follows else "free road"
+            reason = f"following {follows.id}" if follows else "free road"
         return f"emergency braking: {reason}" if self._emergency else reason
 
-    def _seek(
-        self, step: Step, surroundings: Surroundings, cap: FloatArray, path: LanePath
+    def _choose_gap(
+        self, step: Step, scene: Scene, cap: FloatArray, path: LanePath
     ) -> GapChoice | None:
-        """The gap of the lane that must be reached, while it is not free."""
+        """The gap to aim for in the lane that must be reached, while it is not free."""
         if step.wanted is None or not step.unsafe:
             return None
-        ego, merge = surroundings.scene.ego, self.config.merge
+        ego, merge = scene.ego, self.config.merge
         here = float(np.interp(ego.station, path.station, cap))
         return choose_gap(
-            surroundings,
+            scene,
             step.wanted,
             path.end - merge.room,
             self._caps.power_left(ego),
@@ -208,31 +231,41 @@ class Planner:
             self._gap,
         )
 
-    # Longitudinal ------------------------------------------------------------------------------
-
-    def _leads(
-        self, scene: Scene, surroundings: Surroundings, path: LanePath
-    ) -> tuple[list[Lead], Neighbor | None]:
-        """Who is to be followed, and the nearest of them."""
-        follows = surroundings.leader(path)
-        leads = [] if follows is None else [lead_of(follows)]
+    def _leads(self, scene: Scene, path: LanePath) -> tuple[list[Lead], Neighbor | None]:
+        """The vehicles to follow, and the leader in the lane."""
+        follows = scene.neighbors.leader_along_path(path)
+        leads = [] if follows is None else [Lead.of(follows)]
         origin, residual = self.maneuver.origin(scene.ego), self.maneuver.residual
-        pulls_out = self.maneuver.pulls_out_until > scene.ego.station
-        if origin is not None and residual is not None and not pulls_out:
-            old = surroundings.leader(origin)
-            if old is not None and (follows is None or old.vehicle.id != follows.vehicle.id):
-                clearance = self.config.change.side_gap, self.config.safety.margin
-                lead = lead_while_passing(scene, path, residual, old, *clearance)
+        passing = self.maneuver.passing_until > scene.ego.station
+        if origin is not None and residual is not None and not passing:
+            old = scene.neighbors.leader_along_path(origin)
+            if old is not None and (follows is None or old.id != follows.id):
+                lead = self._old_leader(scene, path, residual, old)
                 leads += [] if lead is None else [lead]
-        crossing = crossing_leads(surroundings, self.preview, self._parameters, path, residual)
+        crossing = crossing_leads(scene, self.preview, self._parameters, path, residual)
         self._crossing = [name for _, name in crossing]
         return leads + [lead for lead, _ in crossing], follows
 
-    def _start(self, scene: Scene, stop: float) -> SpeedState:
-        """Begins at the last plan's speed, held near the truck's.
+    def _old_leader(
+        self, scene: Scene, path: LanePath, residual: Quintic, old: Neighbor
+    ) -> Lead | None:
+        """The lead of the lane being left, as long as the truck can still touch it; else None."""
+        ego, config = scene.ego, self.config
+        clear = 0.5 * (old.width + scene.footprint.width) + config.change.side_gap
+        stations = np.linspace(ego.station, max(residual.end, ego.station + 1.0), 40)
+        offsets = path.driven_at(stations) + residual.evaluate(stations)[0]
+        aside = np.abs(offsets - old.offset) > clear
+        free_at = float(stations[int(np.argmax(aside))]) if aside.any() else float(stations[-1])
+        until = (free_at - ego.station) / max(ego.speed, 1.0)
+        closing = ego.speed - old.speed
+        spare = old.gap - max(closing, 0.0) * until - config.safety.margin
+        return None if until <= 0.0 or spare > 0.0 else Lead.of(old, until)
 
-        In the last metres before a stop a truck that is faster than planned has to brake harder,
-        not to be told that it should have been slower.
+    def _start(self, scene: Scene, stop: float) -> SpeedState:
+        """Start of the speed plan: the last plan's speed, held near the truck's.
+
+        In the last meters before a stop a truck that is faster than planned has to brake harder, so
+        that there the plan does not follow the truck's speed.
         """
         ego, last, reach = scene.ego, self._last, self.config.resync_speed
         last_metres = ego.speed < _LAST_SPEED and ego.station > stop - _LAST_WAY
@@ -243,14 +276,14 @@ class Planner:
         acceleration = float(np.interp(scene.time, last.time, last.acceleration))
         speed = min(max(speed, ego.speed - below), ego.speed + reach)
         if not self._emergency:
-            # What an emergency left is let go at once.
+            # The hard braking of an emergency ends at once.
             acceleration = max(acceleration, -self.config.speed.following.deceleration_max)
         if speed <= 0.0:
             acceleration = max(acceleration, 0.0)
         return SpeedState(ego.station, max(speed, 0.0), acceleration)
 
     def _demand(self, urgency: float) -> float:
-        """Deceleration of the last layer now, positive [m/s2]; 0 while it rests."""
+        """Deceleration of emergency braking now, positive [m/s2]; 0 without an emergency."""
         speed = self.config.speed
         if not self._emergency:
             return 0.0
@@ -300,71 +333,19 @@ class Planner:
         )
 
 
-def _of_truck(config: PlannerConfig, parameters: TruckParameters) -> PlannerConfig:
-    """The settings with the truck's own powers where none were given."""
-    if config.speed.powers is not None:
-        return config
-    return replace(config, speed=replace(config.speed, powers=powers(parameters)))
-
-
 def _braking_at(speed: SpeedConfig, deceleration: float) -> SpeedConfig:
-    """The same limits with another deceleration towards the stop ahead [m/s2]."""
+    """The limits with another deceleration towards the stop ahead [m/s2]."""
     if deceleration == speed.following.preview_deceleration:
         return speed
     following = replace(speed.following, preview_deceleration=deceleration)
     return replace(speed, following=following)
 
 
-# --- What nobody can plan from is refused by name: states, places, masses, decisions ---
-
-_USED = ("time", "station", "offset", "speed", "mass")
-# An estimate of the mass may be wrong by this factor, no more.
-_MASS_FACTOR = 2.0
-
-
-class StateCheck:
-    """Bounds of the truck's state for one truck on one road.
-
-    Args:
-      parameters: of the truck.
-      length: of the road [m].
-    """
-
-    def __init__(self, parameters: TruckParameters, length: float) -> None:
-        self.length = length
-        self.mass_min = parameters.gross_mass(0.0) / _MASS_FACTOR
-        self.mass_max = parameters.gross_mass(parameters.payload.mass_max) * _MASS_FACTOR
-
-    def check(self, scene: Scene) -> None:
-        """Refuses a truck whose state cannot be planned from.
-
-        Raises:
-          InputError: a value is not finite, the mass is no truck's, the station is off the road.
-        """
-        ego = scene.ego
-        for name in _USED:
-            value = getattr(ego, name)
-            if not math.isfinite(value):
-                raise InputError(f"state of the truck: {name} is {value}: not finite")
-        if not self.mass_min <= ego.mass <= self.mass_max:
-            raise InputError(
-                f"state of the truck: mass is {ego.mass:g} kg: allowed is {self.mass_min:.0f} to "
-                f"{self.mass_max:.0f} kg"
-            )
-        # A truck at an end of its road still has a part of itself on it.
-        spare = scene.footprint.length
-        if not -spare <= ego.station <= self.length + spare:
-            raise InputError(
-                f"state of the truck: station is {ego.station:g} m: the road has 0 to "
-                f"{self.length:.0f} m"
-            )
-
-
 def named_decision(value: object) -> Decision:
-    """The decision that a value stands for: a `Decision` or its number.
+    """The decision of a value: a `Decision` or its number.
 
     Raises:
-      InputError: it is none.
+      InputError: it is neither.
     """
     numbers = [int(decision) for decision in Decision]
     if isinstance(value, Integral) and not isinstance(value, bool) and int(value) in numbers:

@@ -1,7 +1,13 @@
-"""The road as the planner wants it: tables over station, made once for a route.
+"""The road as tables over station, made once for a route, and the paths of its lanes.
 
 Lanes are followed physically: where a lane appears or ends on the right, the indices of all lanes
-shift, but the truck's lane goes on. `RoadPreview.follow` walks along the lane it is in.
+shift, but the truck's lane goes on. `RoadPreview.follow` walks along the lane.
+
+`lane_shift` says where in its lane the tractor drives so that the trailer stays inside it too. In a
+steady turn the trailer's axles run beside the path of the steer axle: at walking pace on the inside
+by `kappa k` with k half of the sum of the squared lengths; at higher speeds more and more to the
+outside, as its tires need slip. The steer axle is placed half of that to the other side, so that
+tractor and trailer have the same room. All speeds from standstill to the bend's own count.
 """
 
 from __future__ import annotations
@@ -12,83 +18,38 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from iits_mj.core.arrays import FloatArray
+from controllers.planning.following import curve_speed
+from controllers.tracking.lateral_model import LateralModel
+from iits_mj.core.angles import wrap_angles
+from iits_mj.core.arrays import FloatArray, IntArray
 from iits_mj.core.units import GRAVITY
-
-# --- The road's curvature without what no truck drives: spikes at the seams of real maps ---
-# Between two rows the curvature is the turn of the heading by the way, so that short bends keep
-# their radius. Where one or two rows stand out of their neighbors by a turn too small to be a bend,
-# the turn is spread over 25 m.
+from iits_mj.parameters import TruckParameters
 
 if TYPE_CHECKING:
     from iits_mj.road import Route
 
-# A seam turns the heading by less than this, about 1 degree a row [rad].
-SEAM_TURN = 0.02
-_ROWS = 5
-
-
-def road_curvature(route: Route, station: FloatArray) -> FloatArray:
-    """Curvature of the reference line about each station, shape as station [1/m].
-
-    Args:
-      route: the road.
-      station: uniform, shape (n,) [m].
-    """
-    step = float(station[1] - station[0])
-    ends = np.append(station - 0.5 * step, station[-1] + 0.5 * step)
-    heading = np.asarray(route.evaluate(ends, 0.0).heading, dtype=float)
-    turn = np.diff(heading)
-    turn = np.remainder(turn + np.pi, 2.0 * np.pi) - np.pi
-    half = _ROWS // 2
-    around = np.lib.stride_tricks.sliding_window_view(np.pad(turn, half, mode="edge"), _ROWS)
-    # The median of five keeps bends and their beginnings as they are.
-    excess = turn - np.median(around, axis=1)
-    spike = np.where(np.abs(excess) < SEAM_TURN, excess, 0.0)
-    spread = np.convolve(np.pad(spike, half), np.full(_ROWS, 1.0 / _ROWS), mode="valid")
-    return np.asarray((turn - spike + spread) / step)
-
-
-def sharpest(curvature: FloatArray, offset: FloatArray | float) -> FloatArray:
-    """Magnitude of the curvature at an offset, the greatest of a row and its neighbors [1/m].
-
-    For bounds on the speed, which has to be down where the bend begins.
-
-    Args:
-      curvature: of the reference line, shape (n,) [1/m].
-      offset: of the path from it, shape (n,) or one [m].
-    """
-    offset = np.asarray(offset, dtype=float)
-    if not np.isfinite(offset).all():
-        offset = np.nan_to_num(offset)
-    own = np.abs(curvature / np.maximum(1.0 - curvature * offset, 0.2))
-    beside = np.concatenate((own[:1], own, own[-1:]))
-    return np.maximum(np.maximum(beside[:-2], beside[1:-1]), beside[2:])
-
-
-def gradient(values: FloatArray, step: float) -> FloatArray:
-    """Slope of values `step` apart, shape (n,); `np.gradient` without what it decides anew."""
-    slope = np.empty(len(values))
-    slope[1:-1] = (values[2:] - values[:-2]) / (2.0 * step)
-    slope[0], slope[-1] = (values[1] - values[0]) / step, (values[-1] - values[-2]) / step
-    return slope
-
-
-# --- The road as the planner wants it: tables over station, made once for a route ---
-
-if TYPE_CHECKING:
-    from iits_mj.road import Route
-
+# Distance of the rows of the tables [m]; coarser on roads beyond 50 km.
 STEP = 5.0
+# A lane narrower than this is not used, unless there is no wider one [m].
 WIDTH_MIN = 2.75
-SAME_LANE = 0.6
+# Between two rows the middle of a lane moves aside by less than this [m].
+_SAME_LANE = 1.2
+# A seam of a map turns the heading by less than this, about 1 degree a row [rad].
+SEAM_TURN = 0.02
+_SEAM_ROWS = 5
+# Speeds at which off-tracking is computed [m/s], and lag of the steering there [s].
+_SPEEDS = np.array([0.5, 4.0, 8.0, 12.0, 16.0, 20.0, 25.0, 30.0])
+STEERING_LAG = 0.1
+# Kept between the truck's side and the lane's edge by the tractor [m].
+_LANE_MARGIN = 0.15
+# The lane shift begins and ends over about twice this distance, as the trailer follows [m].
+_SMOOTHING = 25.0
 
 
 @dataclass(frozen=True)
 class LanePath:
-    """The middle of one lane, followed forward and backward from where it was asked for.
+    """The middle of one lane, followed forward and backward from a station.
 
     Attributes:
       station: of shape (n,), uniform [m].
@@ -97,8 +58,9 @@ class LanePath:
       half_width: of the lane at the start [m].
       end: station at which the lane or the road ends, or infinity when not within sight.
       lane: index at the start.
-      rows: index of the lane at each station, shape (n,); none given: `lane` everywhere.
-      shift: from the middle to where the steer axle is to be, shape (n,) [m]; none given: zero.
+      rows: index of the lane at each station, shape (n,); None: `lane` everywhere.
+      shift: from the middle to where the steer axle drives, shape (n,) [m]; None: zero.
+      road: whose lane it is; None: vehicles of every level count as in the lane.
     """
 
     station: FloatArray
@@ -107,8 +69,9 @@ class LanePath:
     half_width: float
     end: float
     lane: int
-    rows: NDArray[np.int64] | None = None
+    rows: IntArray | None = None
     shift: FloatArray | None = None
+    road: RoadPreview | None = None
 
     def offset_at(self, station: FloatArray | float) -> FloatArray:
         """Offset of the lane's middle [m], same shape as station."""
@@ -116,16 +79,16 @@ class LanePath:
 
     @functools.cached_property
     def driven(self) -> FloatArray:
-        """Offset at which the steer axle is to be, shape (n,) [m]."""
+        """Offset at which the steer axle drives, shape (n,) [m]."""
         return self.offset if self.shift is None else self.offset + self.shift
 
     def driven_at(self, station: FloatArray | float) -> FloatArray:
-        """Offset at which the steer axle is to be [m], same shape as station."""
+        """Offset at which the steer axle drives [m], same shape as station."""
         return np.asarray(np.interp(station, self.station, self.driven))
 
 
 class _PathTables(NamedTuple):
-    """Over a path's stations: `RoadPreview.sharpest` and `RoadPreview.course`."""
+    """`RoadPreview.sharpest` and `RoadPreview.course` of one path."""
 
     path: LanePath
     sharpest: FloatArray
@@ -140,7 +103,7 @@ class RoadPreview:
       route: the truck's road.
 
     Attributes:
-      station: of the rows' columns, shape (n,), `step` apart [m].
+      station: of shape (n,), `step` apart [m].
       offset, half_width, speed_limit: of the lanes, shape (lanes, n); offset is NaN for no lane.
       curvature, grade, height, superelevation: of the reference line, shape (n,).
       shift: wanted offset of the steer axle from the lane's middle, shape (lanes, n) [m].
@@ -156,7 +119,7 @@ class RoadPreview:
         exists = np.arange(lanes)[:, None] < self.lane_counts[None, :]
         width = np.array([route.lane_width(lane, self.station) for lane in range(lanes)])
         width[~exists] = 0.0
-        # Too narrow for the truck is no lane, unless nothing wider is there.
+        # A lane that is too narrow for the truck is left out, unless there is no wider one.
         usable = exists & (width >= np.minimum(WIDTH_MIN, width.max(axis=0)))
         offset = np.array([route.lane_offset(lane, self.station) for lane in range(lanes)])
         self.offset = np.where(usable, offset, np.nan)
@@ -177,7 +140,7 @@ class RoadPreview:
         return min(max(round(station / self.step), 0), len(self.station) - 1)
 
     def nearest_lane(self, station: float, offset: float) -> int:
-        """Index of the lane whose middle is nearest to an offset; -1 where there is none."""
+        """Index of the lane whose middle is nearest to an offset; -1 where there is no lane."""
         column = np.abs(self.offset[:, self.index(station)] - offset)
         missing = np.isnan(column)
         return -1 if missing.all() else int(np.where(missing, np.inf, column).argmin())
@@ -188,13 +151,13 @@ class RoadPreview:
         return inside and bool(np.isfinite(self.offset[lane, self.index(station)]))
 
     def follow(self, lane: int, station: float, ahead: float, behind: float = 100.0) -> LanePath:
-        """The lane's path from `behind` metres back to `ahead` metres on."""
+        """The lane's path from `behind` meters back to `ahead` meters on."""
         here = self.index(station)
         first = max(0, here - round(behind / self.step))
         last = min(len(self.station) - 1, here + math.ceil(ahead / self.step))
         stretch = slice(first, last + 1)
         offsets = self.offset[max(lane, 0), stretch]
-        if (np.abs(np.diff(offsets)) < 2.0 * SAME_LANE).all():
+        if (np.abs(np.diff(offsets)) < _SAME_LANE).all():
             limits, end_forward = self.speed_limit[max(lane, 0), stretch], len(self.station)
             rows = np.full(len(offsets), max(lane, 0), dtype=np.int64)
         else:
@@ -217,10 +180,11 @@ class RoadPreview:
             lane=lane,
             rows=rows,
             shift=self.shift[rows, np.arange(first, last + 1)],
+            road=self,
         )
 
     def felt(self, station: FloatArray, speed: float) -> FloatArray:
-        """Lateral acceleration that the road alone gives at a speed [m/s2], shape as station.
+        """Lateral acceleration by bends and cross-slope at a speed [m/s2], shape as station.
 
         `v^2 kappa + g tan(superelevation)`: positive where the truck is pressed to the right.
         """
@@ -238,19 +202,13 @@ class RoadPreview:
         return tables.slope, tables.bend
 
     def _tables_of(self, path: LanePath) -> _PathTables:
-        """What is known of a path; a planner's stays the same one over some cycles."""
+        """Tables of a path, kept because a planner keeps a path for some cycles."""
         if self._tables is None or self._tables.path is not path:
             curvature = np.interp(path.station, self.station, self.curvature)
             slope = gradient(path.driven, self.step)
             bend = gradient(slope, self.step)
             self._tables = _PathTables(path, sharpest(curvature, path.offset), slope, bend)
         return self._tables
-
-    def height_at(self, station: FloatArray, offset: FloatArray) -> FloatArray:
-        """Height of the surface [m] within some centimetres, shape as station and offset."""
-        bank = np.interp(station, self.station, self.superelevation)
-        level = np.interp(station, self.station, self.height)
-        return np.asarray(level + offset * np.tan(bank))
 
     def _walk(
         self,
@@ -260,7 +218,7 @@ class RoadPreview:
         first: int,
         offsets: FloatArray,
         limits: FloatArray,
-        rows: NDArray[np.int64],
+        rows: IntArray,
     ) -> int:
         """Fills offsets, limits and rows; returns the first column without the lane."""
         row, value = lane, float(self.offset[lane, here])
@@ -269,10 +227,10 @@ class RoadPreview:
         for column in columns:
             if ended == len(self.station):
                 candidate = float(self.offset[row, column])
-                if not abs(candidate - value) < SAME_LANE * 2.0:
+                if not abs(candidate - value) < _SAME_LANE:
                     distance = np.abs(self.offset[:, column] - value)
                     near = int(np.nanargmin(distance)) if not np.all(np.isnan(distance)) else -1
-                    if near >= 0 and distance[near] < SAME_LANE * 2.0:
+                    if near >= 0 and distance[near] < _SAME_LANE:
                         row, candidate = near, float(self.offset[near, column])
                     else:
                         ended = column
@@ -282,3 +240,103 @@ class RoadPreview:
             limits[column - first] = limit
             rows[column - first] = max(row, 0)
         return ended
+
+
+def road_curvature(route: Route, station: FloatArray) -> FloatArray:
+    """Curvature of the reference line about each station, shape as station [1/m].
+
+    It is the turn of the heading between two rows over their distance, so that short bends keep
+    their radius. Seams of real maps make spikes that no truck drives: where one or two rows stand
+    out from their neighbors by a turn too small to be a bend, the turn is spread over 25 m.
+
+    Args:
+      route: the road.
+      station: uniform, shape (n,) [m].
+    """
+    step = float(station[1] - station[0])
+    ends = np.append(station - 0.5 * step, station[-1] + 0.5 * step)
+    heading = np.asarray(route.evaluate(ends, 0.0).heading, dtype=float)
+    turn = wrap_angles(np.diff(heading))
+    half = _SEAM_ROWS // 2
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(turn, half, mode="edge"), _SEAM_ROWS)
+    # The median of five keeps bends and their beginnings as they are.
+    excess = turn - np.median(around, axis=1)
+    spike = np.where(np.abs(excess) < SEAM_TURN, excess, 0.0)
+    spread = np.convolve(np.pad(spike, half), np.full(_SEAM_ROWS, 1.0 / _SEAM_ROWS), mode="valid")
+    return np.asarray((turn - spike + spread) / step)
+
+
+def sharpest(curvature: FloatArray, offset: FloatArray | float) -> FloatArray:
+    """Magnitude of the curvature at an offset, the greatest of a row and its neighbors [1/m].
+
+    For bounds on the speed, which has to be reached where the bend begins.
+
+    Args:
+      curvature: of the reference line, shape (n,) [1/m].
+      offset: of the path from it, shape (n,) or one [m].
+    """
+    offset = np.asarray(offset, dtype=float)
+    if not np.isfinite(offset).all():
+        offset = np.nan_to_num(offset)
+    own = np.abs(curvature / np.maximum(1.0 - curvature * offset, 0.2))
+    beside = np.concatenate((own[:1], own, own[-1:]))
+    return np.maximum(np.maximum(beside[:-2], beside[1:-1]), beside[2:])
+
+
+def gradient(values: FloatArray, step: float) -> FloatArray:
+    """Slope of values `step` apart, shape (n,); `np.gradient` without its checks."""
+    slope = np.empty(len(values))
+    slope[1:-1] = (values[2:] - values[:-2]) / (2.0 * step)
+    slope[0], slope[-1] = (values[1] - values[0]) / step, (values[-1] - values[-2]) / step
+    return slope
+
+
+def off_tracking(model: LateralModel, speed: float) -> float:
+    """Distance of the trailer's axle group from the steer axle's path, over its curvature [m2].
+
+    In a steady turn of the linear model; positive to the inside. The distance [m] is this times the
+    curvature [1/m], for radii well above the truck's length.
+
+    Args:
+      model: of the loaded truck.
+      speed: [m/s], positive.
+    """
+    a, _, _ = model.matrices(speed)
+    # Unit curvature: both yaw rates are v, and lateral speed, articulation and steer angle follow.
+    w, articulation, _ = np.linalg.solve(a[:3][:, [0, 3, 6]], -(a[:3, 1] + a[:3, 2]) * speed)
+    trailer = float(np.mean([position for position, _ in model.trailer_axles]))
+    heading = -w / speed
+    beside = -(model.kingpin * heading + trailer * (heading - articulation))
+    return float(beside - 0.5 * (model.kingpin + trailer) ** 2)
+
+
+def lane_shift(
+    preview: RoadPreview,
+    parameters: TruckParameters,
+    mass: float,
+    curve_acceleration: float,
+) -> FloatArray:
+    """Wanted offset of the steer axle from the lanes' middles, shape (lanes, n) [m].
+
+    Args:
+      preview: of the road.
+      parameters: of the truck.
+      mass: gross combination mass [kg].
+      curve_acceleration: lateral acceleration that bounds the speed in curves [m/s2].
+    """
+    model = LateralModel.of(parameters, mass, STEERING_LAG)
+    gains = np.array([off_tracking(model, float(speed)) for speed in _SPEEDS])
+    curvature = preview.curvature
+    fastest = np.minimum(
+        curve_speed(curvature, curve_acceleration), preview.speed_limit.max(axis=0)
+    )
+    slow, fast = curvature * gains[0], curvature * np.interp(fastest, _SPEEDS, gains)
+    both = np.array([np.zeros_like(slow), slow, fast])
+    shift = -0.5 * (both.min(axis=0) + both.max(axis=0))
+    count = 2 * round(0.5 * _SMOOTHING / preview.step) + 1
+    window = np.full(count, 1.0 / count)
+    for _ in range(2):
+        shift = np.convolve(np.pad(shift, count // 2, mode="edge"), window, mode="valid")
+    free = preview.half_width - 0.5 * parameters.semitrailer.width - _LANE_MARGIN
+    free = np.maximum(free, 0.0)
+    return np.asarray(np.clip(shift[None, :], -free, free))

@@ -1,8 +1,19 @@
-"""How much lateral acceleration the truck may be given: from its roll-over margin.
+"""Rollover margin of the truck: static threshold and rearward amplification.
 
 The threshold comes from the truck's parameters, its mass and the payload's height; the trailer
-swings by the rearward amplification more than the tractor; the road takes its part by curvature
-and cross-slope. What is left is the lane change's.
+swings by the rearward amplification more than the tractor; the road takes its part by curvature and
+cross-slope. The rest is available to lane changes.
+
+Statics in the roll plane: one body rolls by `phi` on the springs of all axles, each of which rolls
+by `phi_u` on its tires until its inner wheels lift (Winkler, Rollover of heavy commercial vehicles,
+UMTRI 1999). With the side force `a` as share of g, sprung load n, roll center h_rc, unsprung weight
+m_u at h_u, load W, track T and the carcass that bends aside by `y = W a sigma / C`,
+
+    axle:    min(K_t phi_u, W T / 2) = K_s (phi - phi_u) + (n h_rc + m_u h_u) (a + phi_u) + W y
+    body:    sum K_s (phi - phi_u) = sum n (h - h_rc) (a + phi).
+
+The threshold is the greatest `a` with an equilibrium in which not all axles behind the steer axle
+have lifted. The fifth wheel counts as rigid in roll: where its plate opens the real one is lower.
 """
 
 from __future__ import annotations
@@ -12,6 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controllers.planning.road_preview import STEERING_LAG
 from controllers.tracking.lateral_model import LateralModel
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.units import GRAVITY
@@ -19,27 +31,17 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import laden_trailer, static_axle_loads
 from iits_mj.parameters.tire_law import cornering_stiffness
 
-# --- How near the truck is to tipping over: static threshold and rearward amplification ---
-# Statics in the roll plane: one body rolls by `phi` on the springs of all axles, each of which
-# rolls by `phi_u` on its tires until its inner wheels lift (Winkler, Rollover of heavy commercial
-# vehicles, UMTRI 1999). With the side force `a` as share of g, sprung load n, roll centre h_rc,
-# unsprung weight m_u at h_u, load W, track T and the carcass that bends aside by `y = W a sigma /
-# C`,
-#
-#     axle:    min(K_t phi_u, W T / 2) = K_s (phi - phi_u) + (n h_rc + m_u h_u) (a + phi_u) + W y
-#     body:    sum K_s (phi - phi_u) = sum n (h - h_rc) (a + phi).
-#
-# The threshold is the greatest `a` with an equilibrium in which not all axles behind the steer axle
-# have lifted. The fifth wheel counts as rigid in roll: where its plate opens the truth is lower.
-
 _ROLLS = np.linspace(0.002, 0.30, 150)
+_SPEEDS = np.array([3.0, 8.0, 12.0, 16.0, 20.0, 25.0, 30.0])
+# Margins are computed for multiples of this mass [kg]: an estimate may waver.
+_MASS_STEP = 500.0
 
 
 def roll_threshold(parameters: TruckParameters, payload: float) -> float:
-    """Steady lateral acceleration at which the truck tips over on a level road [m/s2].
+    """Steady lateral acceleration at which the truck rolls over on a level road [m/s2].
 
     Args:
-      parameters: of the truck; the payload's height is theirs.
+      parameters: of the truck, with the payload's height.
       payload: [kg].
 
     Raises:
@@ -106,12 +108,12 @@ def _greatest(
 
 
 def rearward_amplification(model: LateralModel, speed: float, frequency: float) -> float:
-    """Lateral acceleration of the trailer's CG over that of the steer axle, in a sine.
+    """Ratio of the trailer's lateral acceleration at its CG to the steer axle's, in a sine.
 
     Args:
       model: of the loaded truck.
       speed: [m/s], positive.
-      frequency: of the manoeuvre [Hz]; a lane change of duration T is one sine of 1 / T.
+      frequency: of the maneuver [Hz]; a lane change of duration T is one sine of 1 / T.
     """
     a, _, _ = model.matrices(speed)
     s = 2j * math.pi * frequency
@@ -121,20 +123,12 @@ def rearward_amplification(model: LateralModel, speed: float, frequency: float) 
     return float(abs(trailer / own))
 
 
-# --- How much lateral acceleration the truck may be given: from its roll-over margin ---
-
-_SPEEDS = np.array([3.0, 8.0, 12.0, 16.0, 20.0, 25.0, 30.0])
-_LAG = 0.1
-# Masses are told apart by so much [kg]: an estimate may waver.
-_MASS_STEP = 500.0
-
-
 @dataclass(frozen=True)
 class RollMargin:
-    """What a truck of one mass can bear.
+    """Rollover margin of a truck of one mass.
 
     Attributes:
-      threshold: steady lateral acceleration at which it tips over [m/s2].
+      threshold: steady lateral acceleration at which it rolls over [m/s2].
       amplification: of the trailer over the steer axle at `_SPEEDS`, shape (7,), 1 at least.
     """
 
@@ -143,10 +137,10 @@ class RollMargin:
 
     @classmethod
     def of(cls, parameters: TruckParameters, mass: float, frequency: float) -> RollMargin:
-        """The margin at a gross mass [kg], for manoeuvres of a frequency [Hz]."""
+        """The margin at a gross mass [kg], for maneuvers of a frequency [Hz]."""
         empty = parameters.gross_mass(0.0)
         payload = min(max(mass - empty, 0.0), parameters.payload.mass_max)
-        model = LateralModel.of(parameters, empty + payload, _LAG)
+        model = LateralModel.of(parameters, empty + payload, STEERING_LAG)
         amplification = [rearward_amplification(model, float(v), frequency) for v in _SPEEDS]
         return cls(roll_threshold(parameters, payload), np.maximum(amplification, 1.0))
 
@@ -156,7 +150,7 @@ class RollMargin:
 
 
 class RollMargins:
-    """Margins by mass, computed when first asked for.
+    """Rollover margins by mass, computed on first use.
 
     Args:
       parameters: of the truck, with the payload's height.
@@ -179,7 +173,7 @@ class RollMargins:
 def curve_speed_by_roll(
     curvature: FloatArray, superelevation: FloatArray, acceleration: float
 ) -> FloatArray:
-    """Greatest speed at which a bend with its cross-slope gives so much, shape as curvature [m/s].
+    """Greatest speed at a lateral acceleration by bend and cross-slope, shape as curvature [m/s].
 
     `|v^2 kappa + g tan(superelevation)| <= a` on the side to which the bend presses.
     """

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from controllers.planning.config import PlannerConfig
 from controllers.planning.following import braking_profile
 from controllers.planning.road_preview import LanePath, RoadPreview, sharpest
 from controllers.planning.rollover_limits import RollMargin, curve_speed_by_roll
@@ -17,17 +17,20 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, SpeedProfile, SpeedZone
 
-# --- Limits of changing signs, laid over a lane's own ---
+# Below this speed the truck launches as it can, up to the speed that the reference has ahead [m/s].
+# The rise exceeds any truck's, so that its power and comfort decide, as without a reference [m/s2].
+LAUNCH_SPEED, LAUNCH_ACCELERATION = 8.0, 1.5
+_LAUNCH_AHEAD = 200.0
 
 
 def with_zones(path: LanePath, zones: Sequence[SpeedZone]) -> LanePath:
-    """The path with the limits of the zones; where two overlap the later one holds.
+    """The path with the limits of speed zones; where two overlap the later one holds.
 
     Between the path's stations limits are interpolated: a lower one reaches to the next station on
-    both sides, so that the truck is down to it at the sign and keeps it to the end.
+    both sides, so that the truck keeps it from the sign to the end.
 
     Raises:
-      InputError: a zone's limit is no positive number, or its ends are none.
+      InputError: a zone's limit is not a positive number, or an end is not a number.
     """
     if not zones:
         return path
@@ -48,24 +51,11 @@ def with_zones(path: LanePath, zones: Sequence[SpeedZone]) -> LanePath:
     return replace(path, speed_limit=limit)
 
 
-# --- How fast the truck may go along a path, and how fast it can be by the end of a lane change ---
-
-if TYPE_CHECKING:
-    from controllers.planning.config import PlannerConfig
-
-
-# Below this speed the truck launches as it can, up to what the reference has ahead [m/s]. The rise
-# is more than any truck's, so that its power and comfort decide as they do without a reference.
-LAUNCH_SPEED = 8.0
-LAUNCH_ACCELERATION = 1.5
-_LAUNCH_AHEAD = 200.0
-
-
 def _reference(station: FloatArray, profile: SpeedProfile, ego: EgoState) -> SpeedProfile:
     """The reference at evenly spaced stations, between its nodes at constant acceleration.
 
-    A profile that begins at the truck's own low speed would let it start only as fast as it says:
-    a speed over station has no standing start. There the launch is the planner's.
+    A profile over station that begins at the truck's own low speed has no standing start: at low
+    speed the planner's own launch raises it.
     """
     square = np.interp(station, profile.station, profile.speed**2)
     if ego.speed < LAUNCH_SPEED:
@@ -78,7 +68,7 @@ def _reference(station: FloatArray, profile: SpeedProfile, ego: EgoState) -> Spe
 
 
 class SpeedCaps:
-    """Limits, reference, comfort and roll-over margin as one bound over station.
+    """Limits, reference, comfort and rollover margin as one bound on the speed over station.
 
     Args:
       preview: of the road.
@@ -114,10 +104,10 @@ class SpeedCaps:
         return np.minimum(cap, self._by_roll(margin)[first : first + len(cap)])
 
     def top(self, ego: EgoState, profile: SpeedProfile | None) -> float:
-        """Greatest speed that may be reached during a change [m/s].
+        """Greatest speed that may be reached during a lane change [m/s].
 
-        A faster truck goes farther in a change, where reference and grade may let it be faster
-        still: the least speed that its own way allows, found from below.
+        A faster truck goes farther during a change, to where reference and grade may let it be
+        faster still: the result is the least consistent speed, found from below.
 
         Args:
           ego: the truck.
@@ -151,7 +141,7 @@ class SpeedCaps:
         return power_acceleration(ego.speed, ego.mass, grade, self.config.speed)
 
     def bearable(self, station: float, margin: RollMargin) -> float:
-        """Greatest speed from which every bend ahead is met without tipping over [m/s]."""
+        """Greatest speed from which no bend ahead tips the truck over [m/s]."""
         return float(np.interp(station, self.preview.station, self._by_roll(margin)))
 
     def _by_roll(self, margin: RollMargin) -> FloatArray:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
+from controllers.planning.config import FollowingConfig, Powers, SpeedConfig
 from controllers.planning.following import (
-    FollowingConfig,
     Lead,
     braking_profile,
     curve_speed,
@@ -20,89 +19,23 @@ from controllers.planning.following import (
 )
 from controllers.planning.road_preview import LanePath, RoadPreview
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.checks import require_positive
 from iits_mj.core.messages import SpeedProfile
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 
-# The cap is met by looking this far ahead [s]: far for a smooth onset, near for an exact end.
+# The plan looks at the cap this far ahead [s]: far for a smooth onset, near for an exact end.
 _LOOK_AHEAD = (1.0, 0.4)
-# Looking ahead, a stop would be crept up to for ever: slower than this it is made by the way that
-# is left [m/s].
+# Below this speed a stop is planned by the distance that is left: by looking ahead the truck would
+# creep up to it for ever [m/s].
 _LAST_SPEED = 2.0
-# Who has come to rest this near to a stop stays there [m], braking by this much [m/s2].
+# A truck that has come to rest this near to a stop stays there [m], and brakes by this [m/s2].
 HOLD_REACH = 1.0
 _HOLD_DECELERATION = 1.2
 
 
-class Powers(NamedTuple):
-    """Of a truck: power at the wheels [W], rolling resistance [1], 0.5 rho CdA [kg/m]."""
-
-    power: float
-    rolling_resistance: float
-    drag: float
-
-
-def powers(parameters: TruckParameters) -> Powers:
-    """Greatest power at the wheels in the best gear, and the resistances."""
-    engine, gearbox, air = parameters.engine, parameters.gearbox, parameters.aerodynamics
-    greatest = float((engine.full_load_torque * engine.full_load_speed).max())
-    return Powers(
-        greatest * gearbox.efficiency * gearbox.driveline_efficiency,
-        parameters.tire_common.rolling_resistance,
-        0.5 * air.density * air.drag_area,
-    )
-
-
 @functools.cache
 def _shipped() -> Powers:
-    return powers(TruckParameters.load())
-
-
-@dataclass(frozen=True)
-class SpeedConfig:
-    """Longitudinal limits of the plan.
-
-    Attributes:
-      cruise_speed: wanted where no profile is given [m/s]; the paper's 60 km/h.
-      curve_acceleration: lateral acceleration that bounds the speed in curves [m/s2].
-      preview: how far ahead limits are looked up [m].
-      stop_gap: left before the end of the lane or of the road, from the front bumper [m].
-      powers: of the truck, for the acceleration that can be planned: with less power than it has
-        the plan would hold it back after a climb. None: of the planner's truck, or the shipped one.
-      emergency_onset: required deceleration that calls the last layer, and the least that is
-        demanded then [m/s2].
-      emergency_release: required deceleration that the ordinary plan can be left with [m/s2].
-      emergency_share: of the required deceleration that is demanded, above 1.
-      emergency_deceleration: demanded at most [m/s2].
-      emergency_margin: gap wanted after an emergency stop [m].
-      reaction_time: of the brakes, for the required deceleration [s].
-      following: see `FollowingConfig`.
-
-    Raises:
-      InputError: a setting cannot be; the message names it.
-    """
-
-    cruise_speed: float = 16.67
-    curve_acceleration: float = 1.3
-    preview: float = 400.0
-    stop_gap: float = 3.0
-    powers: Powers | None = None
-    emergency_onset: float = 2.8
-    emergency_release: float = 2.0
-    emergency_share: float = 1.3
-    emergency_deceleration: float = 6.5
-    emergency_margin: float = 2.0
-    reaction_time: float = 0.5
-    following: FollowingConfig = field(default_factory=FollowingConfig)
-
-    def __post_init__(self) -> None:
-        names = "cruise_speed", "curve_acceleration", "preview", "emergency_onset"
-        require_positive(self, *names, "emergency_release", "emergency_deceleration")
-        require_positive(self, "emergency_share")
-        if self.powers is not None:
-            require_positive(self.powers, *Powers._fields)
-        require_positive(self, "stop_gap", "emergency_margin", "reaction_time", zero=True)
+    return Powers.of(TruckParameters.load())
 
 
 def speed_cap(
@@ -130,8 +63,8 @@ def speed_cap(
 def most_urgent(leads: list[Lead], speed: float, config: SpeedConfig) -> float:
     """Greatest deceleration that any leader requires of the truck now, positive [m/s2].
 
-    A braking leader counts with the speed that it will have after the brakes' reaction time, and
-    must not be reached even if it stops.
+    A braking leader counts with its speed after the brakes' reaction time, and must not be reached
+    even if it stops.
     """
     worst = 0.0
     for lead in leads:
@@ -139,7 +72,7 @@ def most_urgent(leads: list[Lead], speed: float, config: SpeedConfig) -> float:
         gap = lead.gap + way - speed * config.reaction_time
         needed = required_deceleration(gap, speed, lead_speed, config.emergency_margin)
         if lead.acceleration < -1.0:
-            # Both stop: the leader's own stopping way is room, too.
+            # Both stop: the leader's own stopping distance is room, too.
             room = gap - config.emergency_margin + lead_speed**2 / (-2.0 * lead.acceleration)
             needed = max(needed, speed**2 / (2.0 * max(room, 0.1)))
         worst = max(worst, needed)
@@ -156,7 +89,7 @@ class SpeedState:
 
 
 def power_acceleration(speed: float, mass: float, grade: float, config: SpeedConfig) -> float:
-    """Acceleration that the engine's power leaves at a speed, 0.05 m/s2 at least [m/s2].
+    """Acceleration for which the engine has power left at a speed, 0.05 m/s2 at least [m/s2].
 
     The floor keeps the plan asking for full power where the truck cannot hold its speed.
     """
@@ -202,7 +135,7 @@ def roll_out(
       steps: number of steps.
       step: [s].
       config: limits.
-      stop: station at which to stand at the latest [m], for the end of lane or road.
+      stop: station at which to stop at the latest [m].
       emergency: brake this hard instead of following, positive [m/s2]; 0: follow.
       hold: come to rest here and stay.
     """
@@ -217,7 +150,7 @@ def roll_out(
 
     wanted_braking = following.preview_deceleration
     braking = 2.0 * wanted_braking
-    # Where the stop is not in force yet: the square root is not needed.
+    # Before this station the stop does not bound the speed.
     near_stop = stop - max(caps) ** 2 / braking
 
     def cap_at(place: float, creeping: bool = False) -> float:
@@ -241,7 +174,7 @@ def roll_out(
         if k:
             moved, v_next = v * step + 0.5 * a * step * step, v + a * step
             moved = moved if moved > 0.0 else 0.0
-            # Standing still within the step: the way to the stop, not beyond.
+            # At rest within the step: the distance to the stop, not beyond.
             s += moved if v_next > 0.0 or a >= 0.0 else min(moved, v * v / max(-2.0 * a, 1e-6))
             v = v_next if v_next > 0.0 else 0.0
         wanted = -emergency
@@ -265,7 +198,7 @@ def roll_out(
             slowest, fastest = a - down, a + up
             wanted = slowest if wanted < slowest else fastest if wanted > fastest else wanted
         a = wanted
-        # At a stop the brakes stay on until the truck is at rest, too: it may lag behind the plan.
+        # At a stop the brakes stay on: the truck may come to rest later than the plan.
         if v <= 0.0 and a < 0.0 and not (hold and start.speed > 0.0):
             a = 0.0
         rows.append((s, v, a))
@@ -274,9 +207,9 @@ def roll_out(
 
 
 def _to_stop(v: float, left: float, braking: float, following: FollowingConfig) -> float:
-    """Acceleration [m/s2] of the last metres before a stop, which ends at rest in finite time.
+    """Acceleration over the last meters before a stop [m/s2]; comes to rest in finite time.
 
-    The constant deceleration that is needed, `v^2 / (2 left)`, once it is 0.8 of what is meant;
+    The constant deceleration that is needed, `v^2 / (2 left)`, once it is 0.8 of the wanted one;
     drive where it is less than half of that.
     """
     if left < 0.05:
@@ -299,7 +232,7 @@ def _behind(
 ) -> float:
     """Acceleration that every leader allows [m/s2].
 
-    On the free road the cap is followed as it stands, rising parts as well: the free term of car
+    On the free road the cap is followed exactly, also where it rises: the free term of car
     following would lag a rising reference by `v / (4 a)`, some 5 s. Behind a leader that term gets
     a desired speed high enough not to lag either.
     """

@@ -1,7 +1,7 @@
-"""Who says how fast the truck would like to go: a constant, a profile from a file, or PCC.
+"""Reference speed of the truck: a constant, a profile from a file, or PCC.
 
-The stack asks once a planning cycle. What it gets is a wish: the trajectory planner keeps limits,
-curves and distances by itself, whatever is asked for.
+The stack asks for it once a planning cycle. It is a wish: the trajectory planner keeps limits,
+curves and distances whatever the reference is.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ from typing import Protocol
 
 import numpy as np
 
-from controllers.planning.surroundings import Neighbor
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Scene, SpeedProfile
+from iits_mj.core.neighbors import Neighbor
 from iits_mj.core.tables import read_columns
 
-_SPEED_MIN, _SPEED_MAX = 0.5, 60.0  # [m/s] of a profile: at 0 the truck would stand forever
+_SPEED_MIN, _SPEED_MAX = 0.5, 60.0  # [m/s] of a profile: at 0 the truck would never move again
 _COLUMNS = (("station_m", "s_m", "s", "station"), ("speed_mps", "v_mps", "v", "speed"))
 
 
 class SpeedReference(Protocol):
-    """What the stack asks for its reference speed."""
+    """Protocol of a reference speed over station, updated every planning cycle."""
 
     def reset(self) -> None:
         """Ready for a new drive."""
@@ -43,7 +43,7 @@ class SpeedReference(Protocol):
         """Speed asked for at a station now [m/s]."""
 
     def free(self, station: float) -> float:
-        """Speed that would be asked for if there were no traffic [m/s]: what a change can gain."""
+        """Speed without traffic [m/s]: what a lane change can gain."""
 
 
 class CruiseReference:
@@ -51,7 +51,7 @@ class CruiseReference:
 
     Args:
       speed: [m/s].
-      reason: why nothing better is planned, in words, where that was wanted.
+      reason: why no better reference is used, in words, where one was wanted.
     """
 
     def __init__(self, speed: float, reason: str = "") -> None:
@@ -75,10 +75,10 @@ class CruiseReference:
 
 
 class ProfileReference:
-    """A profile that was planned before.
+    """A profile that was planned before the drive.
 
     Raises:
-      InputError: it is not one: see `check_profile`.
+      InputError: see `check_profile`.
     """
 
     def __init__(self, profile: SpeedProfile) -> None:
@@ -101,7 +101,7 @@ class ProfileReference:
 
 
 def check_profile(profile: SpeedProfile, name: str) -> None:
-    """Raises InputError where stations do not rise or a speed is not one to drive at."""
+    """Raises InputError unless stations rise and all speeds are 0.5 to 60 m/s."""
     station, speed = profile.station, profile.speed
     if station.ndim != 1 or station.shape != speed.shape or station.size < 2:
         raise InputError(f"{name}: two rows or more with a station and a speed are wanted")
@@ -123,8 +123,8 @@ def read_profile(path: Path) -> SpeedProfile:
     """A profile from a CSV file with the columns station_m and speed_mps, as `iits-mj pcc` writes.
 
     Raises:
-      InputError: the file cannot be read, lacks a column, holds what is no number (the message
-        names the row), or `check_profile` refuses it.
+      InputError: the file cannot be read, lacks a column, has a cell that is not a number (the
+        message names the row), or see `check_profile`.
     """
     station, speed = read_columns(path, "speed profile", _COLUMNS)
     profile = SpeedProfile(station, speed)
@@ -133,7 +133,7 @@ def read_profile(path: Path) -> SpeedProfile:
 
 
 def check_covers(profile: SpeedProfile, station: float, length: float, name: str) -> None:
-    """Raises InputError where a profile says nothing about a drive from a station on a road [m]."""
+    """Raises InputError if no part of a profile is ahead of a station on a road [m]."""
     first, last = float(profile.station[0]), float(profile.station[-1])
     if not math.isfinite(station) or last <= station or first >= length:
         raise InputError(

@@ -1,34 +1,207 @@
-"""Where the truck has to stand: lights, bends, lane ends, behind who is passed later.
+"""Where the truck has to stand: lights, bends, lane ends, behind a vehicle that it passes later.
 
 Each of them gives a place and how hard to brake for it. The nearest is what the speed plan stops
 at; the others bound the speed on the way.
+
+Lights are judged again in every cycle; only the choice to stop lasts, until the light is green. At
+yellow the truck stops when 2 m/s2 are enough and passes otherwise (the dilemma of Gazis, Herman and
+Maradudin 1960). A green that ends before the truck arrives is a stop as well. A red whose end is
+known is approached slowly instead of stopped at. A green arrow requires a stop, then lets the truck
+go when the crossing is free.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
+from controllers.planning.config import LightConfig, PlannerConfig
 from controllers.planning.crossing import is_free
+from controllers.planning.lane_change import Change
 from controllers.planning.road_preview import LanePath, RoadPreview
 from controllers.planning.speed_plan import HOLD_REACH
-from controllers.planning.stop_line import LightDemand, LightStop
-from controllers.planning.stopped_vehicle import blocker, stop_behind
-from controllers.planning.surroundings import Surroundings
-from controllers.planning.tight_bend_yield import DECELERATION, RESTS, BendWait
+from controllers.planning.stopped_vehicle import stop_behind, stopped_leader
+from controllers.planning.tight_bend_yield import DECELERATION, RESTS, TightBends
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.messages import EgoState, Scene
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoState, LightState, Scene, TrafficLight
 from iits_mj.parameters import TruckParameters
 
-if TYPE_CHECKING:
-    from controllers.planning.config import PlannerConfig
-    from controllers.planning.lane_change import Change
+# Stop lines nearer together than this are one [m].
+_SAME = 3.0
+# The least distance to a line at which a stop counts as before it [m].
+_LEAST = 0.3
+# Slower than this a stop needs hardly any braking; slower than that the truck is at rest [m/s].
+_CRAWLS, _STANDS = 0.3, 0.1
+
+
+@dataclass(frozen=True)
+class LightDemand:
+    """What a light demands.
+
+    Attributes:
+      stop: station at which the front bumper has to stop at the latest, inf for none [m].
+      deceleration: towards it, positive [m/s2].
+      speed: to arrive with, inf for any [m/s]; slowed down to at `arrival_deceleration`.
+      reason: in words, "" for none.
+    """
+
+    stop: float = math.inf
+    deceleration: float = 0.8
+    speed: float = math.inf
+    reason: str = ""
+
+
+class LightStop:
+    """Decides for each line whether to stop; a choice to stop lasts until the light is green."""
+
+    def __init__(self, config: LightConfig) -> None:
+        self.config = config
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets all choices."""
+        self._line = -math.inf
+        self._stops = self._arrives = self._released = False
+        self._deceleration = self.config.deceleration
+        self._stood: float | None = None
+
+    def demand(
+        self,
+        light: TrafficLight | None,
+        front: float,
+        speed: float,
+        time: float = 0.0,
+        free: Callable[[float], bool] = math.isfinite,
+    ) -> LightDemand:
+        """What the next light demands.
+
+        Args:
+          light: the next one, or the one that the front is just over; None where there is none.
+          front: station of the front bumper [m].
+          speed: [m/s].
+          time: now [s].
+          free: whether nothing crosses behind the line at a station; default: nothing does.
+
+        Raises:
+          InputError: the light's station or time is not finite, or its state is not a `LightState`.
+        """
+        config = self.config
+        if light is not None:
+            _check(light)
+        if light is None or not -config.overshoot <= light.station - front < config.sight:
+            self.reset()
+            return LightDemand()
+        if abs(light.station - self._line) > _SAME:
+            self.reset()
+        self._line = light.station
+        if light.state is LightState.STOP:
+            self._wait(light, front, speed, time, free)
+        if self._goes(light, front, speed):
+            self._stops = self._arrives = False
+            self._deceleration = config.deceleration
+            return LightDemand()
+        self._choose(light, front, speed)
+        return self._stop(light, front, speed) if self._stops else LightDemand()
+
+    def _goes(self, light: TrafficLight, front: float, speed: float) -> bool:
+        """Whether the light is green for long enough, or an arrow after the stop."""
+        if light.state is LightState.STOP:
+            return self._released
+        self._released = False
+        return light.state is LightState.GREEN and not self._over_on_arrival(light, front, speed)
+
+    def _over_on_arrival(self, light: TrafficLight, front: float, speed: float) -> bool:
+        """Whether a green ends before the truck arrives."""
+        if light.next_switch is None or light.next_state in (LightState.GREEN, LightState.STOP):
+            return False
+        room = light.station - self.config.stop_before - front
+        return room > light.next_switch * max(speed, self.config.slow_speed)
+
+    def _wait(
+        self,
+        light: TrafficLight,
+        front: float,
+        speed: float,
+        time: float,
+        free: Callable[[float], bool],
+    ) -> None:
+        """Releases a truck that has waited at a line for long enough, when nothing crosses."""
+        config = self.config
+        if speed > _STANDS or light.station - front > config.stop_before + _SAME:
+            self._stood = None
+            return
+        self._stood = time if self._stood is None else self._stood
+        if time - self._stood >= config.stand_time - 1e-6 and free(light.station):
+            self._released = True
+
+    def _choose(self, light: TrafficLight, front: float, speed: float) -> None:
+        """Chooses to stop where it is possible; the choice to stop lasts."""
+        config = self.config
+        red = light.state in (LightState.RED, LightState.STOP)
+        room = light.station - front
+        most = config.red_deceleration if red else config.yellow_deceleration
+        easy = room > 0.0 and (speed < _CRAWLS or (red and speed < config.creep_speed))
+        if not self._stops:
+            needed = _needed(room - _LEAST - config.reaction_time * speed, speed)
+            self._stops = easy or needed <= most
+            wanted = _needed(room - config.stop_before - config.reaction_time * speed, speed)
+        else:
+            wanted = _needed(room - config.stop_before, speed)
+        if self._stops and speed > config.creep_speed:
+            wanted = min(wanted, config.red_deceleration)
+            self._deceleration = max(self._deceleration, wanted)
+
+    def _stop(self, light: TrafficLight, front: float, speed: float) -> LightDemand:
+        config = self.config
+        stop = light.station - config.stop_before
+        room = stop - front
+        reason = f"{light.state.value} light in {max(room, 0.0):.0f} m"
+        if light.state is LightState.RED and light.next_state is LightState.GREEN:
+            arriving = self._arriving(light, room, speed)
+            self._arrives = self._arrives or arriving > config.slow_speed
+            if self._arrives:
+                late = max(self._deceleration, config.yellow_deceleration)
+                return LightDemand(stop, late, max(arriving, config.slow_speed), reason)
+        return LightDemand(stop, self._deceleration, math.inf, reason)
+
+    def _arriving(self, light: TrafficLight, room: float, speed: float) -> float:
+        """Speed with which the truck arrives some time after the change; 0 where there is none.
+
+        Braked at `b` to the speed `v - u`, then kept: `room = (v - u) T + u^2 / (2 b)`.
+        """
+        config = self.config
+        if light.next_switch is None or room <= 0.0:
+            return 0.0
+        left, b = light.next_switch + config.arrival_reserve, config.arrival_deceleration
+        if speed * left <= room:
+            return room / left
+        root = (b * left) ** 2 - 2.0 * b * (speed * left - room)
+        return 0.0 if root < 0.0 else speed - b * left + math.sqrt(root)
+
+
+def _needed(room: float, speed: float) -> float:
+    """Constant deceleration that stops within a distance, positive [m/s2]."""
+    return speed**2 / (2.0 * room) if room > 0.0 else math.inf
+
+
+def _check(light: TrafficLight) -> None:
+    """Raises InputError for a light that cannot be obeyed."""
+    times = 0.0 if light.next_switch is None else light.next_switch
+    if not (math.isfinite(light.station) and math.isfinite(times)):
+        raise InputError(
+            f"traffic light at station {light.station} that switches in {light.next_switch} s: "
+            "both must be finite"
+        )
+    if not isinstance(light.state, LightState):
+        raise InputError(f"traffic light: state {light.state!r} is none of {list(LightState)}")
 
 
 class Stops:
-    """Looks for the places to stand at, anew in every cycle.
+    """Finds the places to stand at, in every cycle.
 
     Args:
       preview: of the road.
@@ -36,7 +209,7 @@ class Stops:
       parameters: of the truck.
 
     Attributes:
-      light: what the next light asks for; bend_reason: why the truck waits before a bend.
+      light: what the next light demands; bend_reason: why the truck waits before a bend.
     """
 
     def __init__(
@@ -45,7 +218,7 @@ class Stops:
         self._preview = preview
         self._config = config
         self._line = LightStop(config.light)
-        self.bends = BendWait(preview, parameters)
+        self.bends = TightBends(preview, parameters)
         self.reset()
 
     def reset(self) -> None:
@@ -58,38 +231,37 @@ class Stops:
         self._held: float | None = None
 
     def look(
-        self, surroundings: Surroundings, path: LanePath, cap: FloatArray, change: Change | None
+        self, scene: Scene, path: LanePath, cap: FloatArray, change: Change | None
     ) -> FloatArray:
-        """Finds all places but the lane's end; the bound on the speed with that of bends.
+        """Finds all places but the lane's end; returns the bound on the speed with that of bends.
 
         Args:
-          surroundings: the traffic.
+          scene: the truck, the traffic and the signs.
           path: of the lane kept or changed to.
           cap: bound on the speed so far, shape of path.station [m/s].
           change: under way, or None.
         """
-        scene = surroundings.scene
         self.light = self._line.demand(
             scene.signals.light,
-            surroundings.front,
+            scene.neighbors.front,
             scene.ego.speed,
             scene.time,
             lambda line: is_free(scene, self._preview, line),
         )
-        self._room = self._keeps_room(surroundings, path, change)
-        cap, self._bend, self.bend_reason = self.bends.demand(surroundings, path, cap)
+        self._room = self._keeps_room(scene, path, change)
+        cap, self._bend, self.bend_reason = self.bends.demand(scene, path, cap)
         return cap
 
     def nearest(
         self, scene: Scene, path: LanePath, cap: FloatArray, *, waits: bool
     ) -> tuple[float, float, FloatArray]:
-        """Where the steer axle stands next [m], how hard to brake [m/s2], bound up to there.
+        """Where the steer axle stops next [m], how hard to brake [m/s2], bound on the speed.
 
         Args:
           scene: the truck.
           path: of the lane.
           cap: bound on the speed so far, shape of path.station [m/s].
-          waits: the lane ends and the next one is not free.
+          waits: the lane ends and the next one is not free yet.
         """
         (stop, deceleration), *further = self._places(scene, path, waits=waits)
         for place, braking in further:
@@ -105,7 +277,7 @@ class Stops:
         return stop, deceleration, cap
 
     def holds(self, stop: float, ego: EgoState) -> bool:
-        """Whether the truck has come to rest at a stop, which it then does not creep on from."""
+        """Whether the truck has come to rest at a stop; it then does not creep on."""
         if self._held is not None and stop > self._held + HOLD_REACH:
             self._held = None
         left = stop - ego.station
@@ -123,18 +295,16 @@ class Stops:
             end = (path.end - merge.room - overhang, merge.stop_deceleration)
         stops = [end, (self.light.stop - overhang, self.light.deceleration)]
         stops.append((self._bend, DECELERATION))
-        stops.append((self._room - overhang, 0.8 * self._config.pull_out.deceleration))
+        stops.append((self._room - overhang, 0.8 * self._config.passing.deceleration))
         return sorted(stop for stop in stops if math.isfinite(stop[0])) or [(math.inf, end[1])]
 
-    def _keeps_room(
-        self, surroundings: Surroundings, path: LanePath, change: Change | None
-    ) -> float:
-        """Where the front bumper stops behind who stands, to pull out later [m]."""
-        ego, config = surroundings.scene.ego, self._config.pull_out
+    def _keeps_room(self, scene: Scene, path: LanePath, change: Change | None) -> float:
+        """Where the front bumper stops behind a stopped vehicle, to pass it later [m]."""
+        ego, config = scene.ego, self._config.passing
         beside = (path.lane - 1, path.lane + 1)
         usable = [lane for lane in beside if lane in self._config.lanes]
-        under_way = change is not None and not (change.pull_out and change.aborted)
+        under_way = change is not None and not (change.passed_id and change.aborted)
         if under_way or not any(self._preview.lane_exists(i, ego.station) for i in usable):
             return math.inf
-        leader = blocker(surroundings, path, config, self._config.speed.preview)
-        return stop_behind(leader, ego.speed, surroundings.front, config)
+        leader = stopped_leader(scene, path, config, self._config.speed.preview)
+        return stop_behind(leader, ego.speed, scene.neighbors.front, config)

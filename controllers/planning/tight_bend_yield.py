@@ -1,11 +1,11 @@
-"""Tight bends in which the trailer leaves its lane: slowly, and only when nobody is in the way.
+"""Tight bends in which the trailer leaves its lane: slowly, and only when the ground is free.
 
-Before such a bend the ground that the truck will sweep is held against everybody who is there or
-will be there by the time the trailer is through. While it is not free the truck stands before the
-bend, as its driver would. Who stands counts with the ground under it only. Of those who come the
-truck asks nothing at first; the longer it has waited the harder, up to a comfortable deceleration,
-it expects them to brake for it, so that turns are taken. In the bend it stops before it touches
-whoever is in its way after all.
+Before such a bend the ground that the truck will sweep is compared with every vehicle that is or
+will be there by the time the trailer is through. While it is not free the truck waits before the
+bend, as its driver would. A stopped vehicle counts with the ground under it only. At first the
+truck expects no vehicle to brake for it; the longer it has waited, the harder it expects them to,
+up to a comfortable deceleration, so that turns are taken. In the bend it stops before it touches a
+vehicle that is in its way after all.
 """
 
 from __future__ import annotations
@@ -14,67 +14,65 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from controllers.planning.crossing import ALONG, bodies_along
+from controllers.planning.crossing import ALONG
 from controllers.planning.following import braking_profile
-from controllers.planning.predicted_boxes import Boxes, Poses, poses, touching
+from controllers.planning.predicted_boxes import Poses, bodies_along
 from controllers.planning.road_preview import LanePath, RoadPreview
-from controllers.planning.surroundings import Surroundings
-from iits_mj.core.arrays import FloatArray
-from iits_mj.core.messages import EgoState, LightState
+from iits_mj.core.arrays import BoolArray, FloatArray
+from iits_mj.core.boxes import Boxes
+from iits_mj.core.messages import EgoState, LightState, Scene
 from iits_mj.parameters import TruckParameters
 
 # Bends below this radius are looked at [m].
 _RADIUS = 35.0
-# Beyond its lane by this, a body is in somebody's way [m].
+# A body that is beyond its lane by this is in the way of others [m].
 _BEYOND = 0.2
-# Speed at which the truck goes through, where steering is exact and slip is small [m/s].
+# Speed in the bend, at which steering is exact and slip is small [m/s].
 BEND_SPEED = 3.0
+# Distance of the places at which the truck is predicted [m].
 _STEP = 1.0
-# The truck's length and some more: the trailer is back in its lane after that [m].
-_AFTER = 45.0
-_BEFORE = 15.0
+# The stretch before and behind the bend that is swept: behind it the trailer is back in its lane
+# after the truck's length and some more [m].
+_BEFORE, _AFTER = 15.0, 45.0
+# A bend is looked at from this distance [m].
 _SIGHT = 80.0
-_ROOM = 0.5
-# Beside who stands [m].
-_ROOM_STANDING = 0.35
+# Room to a moving vehicle and to a stopped one [m].
+_ROOM, _ROOM_STANDING = 0.5, 0.35
 # In the bend [m]: at rest, and more by this with each m/s, up to a bend's speed; it stops so short.
 _ROOM_INSIDE, _ROOM_GAIN, _SHORT = 0.1, 0.03, 0.5
-# Slower than this a vehicle stands [m/s].
+# A vehicle slower than this is stopped [m/s].
 _STANDS = 0.5
-# What those who come are expected to brake with rises by this with each second waited [m/s3], up to
-# a gentle one [m/s2]; of a truck that has set out it is more, or it would stop half-way [m/s2].
-# They begin so long after they saw it [s].
+# Deceleration that others are expected to brake with: it rises by this with each second waited
+# [m/s3], up to a gentle one [m/s2]; for a truck that has set out it is more, or it would stop
+# half-way [m/s2]. They react after this time [s].
 _ASKS, _ASKS_MOST, _ASKS_UNDER_WAY, _REACTION = 0.3, 0.75, 2.5, 0.75
 # Acceleration of the truck that sets out [m/s2].
 _SETS_OUT = 0.5
-# From so far before the place to wait at it has set out when nobody is in its way [m].
+# This near to the waiting place a truck with a free way has set out [m].
 _NEAR = 2.0
-# In the bend who comes is looked at so far ahead [s].
+# Times at which others are predicted in the bend, and before it [s].
 _SOON = np.array([0.0, 0.5, 1.0])
 _TIMES = np.linspace(0.0, 15.0, 31)
-# A stop line so near before the bend is waited at, so far from it [m].
-_LINE_NEAR = 12.0
-_TO_LINE = 0.5
-# Slower than this the truck has come to rest before a stop [m/s].
+# A stop line this near before the bend is the waiting place, at this distance from the line [m].
+_LINE_NEAR, _TO_LINE = 12.0, 0.5
+# A truck slower than this has come to rest before a stop [m/s].
 RESTS = 0.3
-# Who has gone this long before the truck comes is not waited for [s].
+# A vehicle that has left this long before the truck comes is not waited for [s].
 _EARLY = 1.0
-# Braking towards the place to wait at, and towards the bend's speed, positive [m/s2].
-DECELERATION = 0.8
-# At most for somebody who comes late, positive [m/s2].
-HARD = 2.0
+# Braking towards the waiting place and the bend's speed, and at most for a vehicle that comes late,
+# positive [m/s2].
+DECELERATION, HARD = 0.8, 2.0
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """A bend in one lane where bodies leave the lane.
+    """The part of a bend in which the truck's bodies leave the lane.
 
     Attributes:
       begin: station of the steer axle at which to wait [m].
-      first, last: of the steer axle between which a body is beyond the lane [m].
-      units: boxes of tractor and trailer from `first` on, a metre apart.
+      first, last: stations of the steer axle between which a body is beyond the lane [m].
+      units: boxes of tractor and trailer from `first` on, a meter apart.
     """
 
     begin: float
@@ -83,8 +81,8 @@ class Sweep:
     units: tuple[Boxes, Boxes]
 
 
-class BendWait:
-    """Remembers the bends it has looked at.
+class TightBends:
+    """The tight bends of a road, and how long the truck has waited before one.
 
     Args:
       preview: of the road.
@@ -124,44 +122,44 @@ class BendWait:
         return None
 
     def demand(
-        self, surroundings: Surroundings, path: LanePath, cap: FloatArray
+        self, scene: Scene, path: LanePath, cap: FloatArray
     ) -> tuple[FloatArray, float, str]:
-        """Bound on the speed, where the steer axle has to stand (or infinity) [m], and why.
+        """Bound on the speed, where the steer axle has to stop (or infinity) [m], and why.
 
         Args:
-          surroundings: the traffic.
+          scene: the truck, the traffic and the signs.
           path: of the lane.
           cap: bound on the speed so far, shape of path.station [m/s].
         """
-        ego = surroundings.scene.ego
+        ego = scene.ego
         sweep = self.ahead(path, ego)
         if sweep is None:
             self.reset()
             return cap, math.inf, ""
         cap = np.minimum(cap, self.cap(sweep, path))
         if ego.station > sweep.first - ego.speed**2 / (2.0 * HARD):
-            return cap, *self._inside(sweep, surroundings, path)
-        who = self.waits_for(sweep, surroundings, path)
-        light = surroundings.scene.signals.light
+            return cap, *self._inside(sweep, scene, path)
+        other = self.waits_for(sweep, scene, path)
+        light = scene.signals.light
         closed = light is not None and light.state is not LightState.GREEN
-        self._count(surroundings.scene.time, waits=bool(who) and not closed and ego.speed < RESTS)
+        self._count(scene.time, waits=bool(other) and not closed and ego.speed < RESTS)
         if light is not None and closed and abs(sweep.begin - light.station) < _LINE_NEAR:
-            # The light's own stop rules: a second one beside it would not end as exactly.
-            if surroundings.front <= light.station:
+            # The light's own stop is the exact one: a second stop beside it would only disturb.
+            if scene.neighbors.front <= light.station:
                 return cap, math.inf, ""
             if ego.station < sweep.first and ego.speed < RESTS:
                 return cap, ego.station, "standing over the line of a light that is not green"
-        self._set_out = not who and ego.station > sweep.begin - _NEAR
-        if not who:
+        self._set_out = not other and ego.station > sweep.begin - _NEAR
+        if not other:
             return cap, math.inf, ""
         nearest = ego.station + ego.speed**2 / (2.0 * HARD)
         begin = sweep.begin
         if light is not None:
-            # With a stop line shortly before, that is the place to wait at.
-            line = light.station - surroundings.scene.footprint.front_overhang - _TO_LINE
+            # A stop line shortly before the bend is the place to wait at.
+            line = light.station - scene.footprint.front_overhang - _TO_LINE
             begin = line if begin - _LINE_NEAR < line < begin else begin
         stop = max(begin, min(nearest, sweep.first))
-        return cap, stop, f"waiting for {who}: the trailer needs its ground in the bend"
+        return cap, stop, f"waiting for {other}: the trailer needs its ground in the bend"
 
     def cap(self, sweep: Sweep, path: LanePath) -> FloatArray:
         """Bound on the speed for a bend, shape of path.station [m/s]."""
@@ -169,10 +167,10 @@ class BendWait:
         bound = np.where(inside, BEND_SPEED, 100.0)
         return braking_profile(path.station, bound, DECELERATION)
 
-    def waits_for(self, sweep: Sweep, surroundings: Surroundings, path: LanePath) -> str:
-        """Who is in the way of a bend that the truck has not entered yet, "" for nobody."""
-        ego = surroundings.scene.ego
-        names, found = self._others(sweep, surroundings, path)
+    def waits_for(self, sweep: Sweep, scene: Scene, path: LanePath) -> str:
+        """The vehicle in the way of a bend that the truck has not entered yet, "" for none."""
+        ego = scene.ego
+        names, found = self._others(sweep, scene, path)
         if not names:
             return ""
         late = 0.5 * max(BEND_SPEED - ego.speed, 0.0) ** 2 / (_SETS_OUT * BEND_SPEED)
@@ -181,78 +179,74 @@ class BendWait:
         times = _TIMES[: 1 + int(np.searchsorted(_TIMES, max(leaves + _EARLY, 1.0)))]
         matters = times >= min(max(enters - _EARLY, 0.0), times[-1])
         for index, name in enumerate(names):
-            one = found.only(np.arange(len(names)) == index)
+            one = found.one(index)
             if one.speed[0] < _STANDS:
                 there = one.ahead(np.zeros(1))
-                if any(touching(u, there, _ROOM_STANDING).any() for u in sweep.units):
+                if any(unit.touch(there, _ROOM_STANDING).any() for unit in sweep.units):
                     return f"{name}, which stands in the way"
                 continue
             for guess in self._guesses(one, times):
                 touched = np.zeros(len(times), dtype=bool)
                 for unit in sweep.units:
-                    touched |= touching(unit, guess, _ROOM)[:, :, 0].any(axis=0)
+                    touched |= unit.touch(guess, _ROOM)[:, :, 0].any(axis=0)
                 if (touched & matters).any() and not self._yields(one, times, touched):
                     return f"{name}, which comes"
         return ""
 
-    def _yields(self, one: Poses, times: FloatArray, touched: NDArray[np.bool_]) -> bool:
-        """Whether somebody can stop before the swept ground as gently as may be asked now."""
+    def _yields(self, one: Poses, times: FloatArray, touched: BoolArray) -> bool:
+        """Whether a vehicle can stop before the swept ground at the deceleration expected now."""
         first = int(touched.argmax())
         speed = float(one.speed[0])
         asks = _ASKS_UNDER_WAY if self._set_out else min(_ASKS * self._waited, _ASKS_MOST)
-        left = float(one.ways(times[first : first + 1])[0, 0]) - _REACTION * speed
+        left = float(one.distance(times[first : first + 1])[0, 0]) - _REACTION * speed
         return first > 0 and speed**2 < 2.0 * asks * left
 
     def _count(self, time: float, *, waits: bool) -> None:
-        """Adds up how long the truck has stood for others, over lights that change meanwhile."""
+        """Adds up how long the truck has waited for others, also while lights change."""
         if waits and self._seen is not None:
             self._waited += max(time - self._seen, 0.0)
         self._seen = time
 
-    def _inside(
-        self, sweep: Sweep, surroundings: Surroundings, path: LanePath
-    ) -> tuple[float, str]:
-        """Where the steer axle has to stand in the bend (or infinity) [m], and why."""
-        ego = surroundings.scene.ego
-        names, found = self._others(sweep, surroundings, path)
+    def _inside(self, sweep: Sweep, scene: Scene, path: LanePath) -> tuple[float, str]:
+        """Where the steer axle has to stop in the bend (or infinity) [m], and why."""
+        ego = scene.ego
+        names, found = self._others(sweep, scene, path)
         if not names:
             return math.inf, ""
         ahead = np.arange(len(sweep.units[0].x)) * _STEP + sweep.first - ego.station
-        # The slower it creeps past somebody, the less room it needs.
+        # The slower it creeps past a vehicle, the less room it needs.
         room = _ROOM_INSIDE + _ROOM_GAIN * min(ego.speed, BEND_SPEED)
         here = int(np.abs(ahead).argmin())
         soon = (ahead > 0.0) & (ahead < ego.speed**2 / (2.0 * DECELERATION) + 4.0)
         for index, name in enumerate(names):
-            one = found.only(np.arange(len(names)) == index)
-            for guess in self._guesses(one, _SOON):
+            for guess in self._guesses(found.one(index), _SOON):
                 touched = np.zeros(len(ahead), dtype=bool)
                 for unit in sweep.units:
-                    touched |= touching(unit, guess, room)[:, :, 0].any(axis=1)
+                    touched |= unit.touch(guess, room)[:, :, 0].any(axis=1)
                 rows = np.flatnonzero(touched & soon)
-                # Who is at the truck's very place is not let pass by stopping.
+                # Stopping does not help against a vehicle that is at the truck's very place.
                 if rows.size and not touched[here]:
                     stop = ego.station + max(float(ahead[rows[0]]) - _SHORT, 0.0)
                     return stop, f"{name} is where the trailer has to go in the bend"
         return math.inf, ""
 
     def _guesses(self, one: Poses, times: FloatArray) -> list[Boxes]:
-        """Where somebody will be: as it turns now, and who comes along the road, along it."""
+        """Predicted boxes of a vehicle: as it turns now; an oncoming one also along the road."""
         guesses = [one.ahead(times)]
         if abs(float(one.to_road[0])) > np.pi - ALONG:
             guesses.append(one.along_road(times, self.preview))
         return guesses
 
-    def _others(
-        self, sweep: Sweep, surroundings: Surroundings, path: LanePath
-    ) -> tuple[list[str], Poses]:
-        """Who is near a bend and not in the truck's own lane, with their names."""
-        near = surroundings.here & (np.abs(surroundings.station - sweep.first) < 150.0)
-        chosen = [surroundings.scene.vehicles[int(i)] for i in np.flatnonzero(near)]
-        found = poses(surroundings.table[near], self.preview)
+    def _others(self, sweep: Sweep, scene: Scene, path: LanePath) -> tuple[list[str], Poses]:
+        """Names and poses of the vehicles near a bend that are not in the truck's own lane."""
+        neighbors = scene.neighbors
+        near = neighbors.on_level(self.preview)
+        near = near & (np.abs(neighbors.station - sweep.first) < 150.0)
+        found = Poses.of(neighbors, near, self.preview)
         own = (np.abs(found.to_road) < ALONG) & (
             np.abs(found.offset - path.offset_at(found.station)) < path.half_width
         )
-        names = [v.id for v, is_own in zip(chosen, own.tolist(), strict=True) if not is_own]
+        names = [neighbors.ids[i] for i in np.flatnonzero(near)[~own]]
         return names, found.only(~own)
 
     def _sweep(self, path: LanePath, begin: float, over: float) -> Sweep | None:
@@ -281,9 +275,5 @@ class BendWait:
             begin=min(begin, start) - 1.5,
             first=start,
             last=float(stations[rows[-1]]),
-            units=(_part(units[0], kept), _part(units[1], kept)),
+            units=(units[0].part(kept), units[1].part(kept)),
         )
-
-
-def _part(boxes: Boxes, rows: slice) -> Boxes:
-    return Boxes(boxes.x[rows], boxes.y[rows], boxes.yaw[rows], boxes.length, boxes.width)

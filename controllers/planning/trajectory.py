@@ -1,4 +1,4 @@
-"""From the planner's pieces to a trajectory, and from neighbors to leads."""
+"""Quintic polynomials across the road, and the trajectory made from a path and a speed plan."""
 
 from __future__ import annotations
 
@@ -7,24 +7,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controllers.planning.following import Lead
 from controllers.planning.road_preview import LanePath, RoadPreview
-from controllers.planning.surroundings import Neighbor
+from iits_mj.core.angles import wrap_angles
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import Scene, Trajectory
-
-# --- Quintic polynomials across the road: lane changes, aborts and recoveries ---
-# The polynomial is a function of station, so that the path on the road does not depend on how the
-# speed goes on (Piazzi, Lo Bianco, Bertozzi, Fascioli and Broggi 2002). It starts from any offset,
-# slope and second derivative and ends flat on the target lane's middle.
+from iits_mj.core.messages import Trajectory
 
 _SAMPLES = np.linspace(0.0, 1.0, 41)
+# Shorter pieces of the plan have no direction of their own [m].
+_MOVES = 0.02
 
 
 @dataclass(frozen=True)
 class Quintic:
     """`q(s)` on [start, start + length]; before it the start's value, after it zero.
+
+    It is a function of station, so that the path on the road does not depend on how the speed goes
+    on (Piazzi, Lo Bianco, Bertozzi, Fascioli and Broggi 2002).
 
     Attributes:
       start: station [m]; length: [m].
@@ -100,21 +99,21 @@ def shortest_to_zero(
     duration_max: float,
     length_min: float,
 ) -> Quintic | None:
-    """The shortest quintic to zero within lateral limits, or None when none is short enough.
+    """The shortest quintic to zero within lateral limits; None when even the longest exceeds them.
 
     Args:
       start: station [m].
-      value: initial value [m], see `Quintic.to_zero`.
-      slope: initial slope [1].
-      bend: initial second derivative [1/m].
-      speed: greatest speed during the manoeuvre [m/s].
+      value: at the start [m], see `Quintic.to_zero`.
+      slope: at the start [1].
+      bend: second derivative at the start [1/m].
+      speed: greatest speed during the maneuver [m/s].
       acceleration_max: lateral [m/s2].
       jerk_max: lateral [m/s3].
       duration_min: [s].
       duration_max: [s].
       length_min: [m], for slow driving.
     """
-    # A bend that exists already cannot be avoided: it counts only from 5 % above it.
+    # A bend that exists already cannot be avoided: the limit is at least 5 % above it.
     acceleration_max = max(acceleration_max, 1.05 * abs(bend) * speed**2)
     duration = duration_min
     while duration <= duration_max + 1e-9:
@@ -124,12 +123,6 @@ def shortest_to_zero(
             return quintic
         duration += 0.1
     return None
-
-
-# --- From the planner's pieces to a trajectory, and from neighbors to leads ---
-
-# Shorter pieces of the plan have no direction of their own [m].
-_MOVES = 0.02
 
 
 def on_road(
@@ -143,7 +136,7 @@ def on_road(
     step: float,
     urgency: float,
 ) -> Trajectory:
-    """Lane path plus quintic over station, with speed over time, in the map frame.
+    """Trajectory in the map frame: lane path plus quintic over station, with speed over time.
 
     Args:
       preview: tables of the road.
@@ -168,8 +161,8 @@ def on_road(
     point = preview.route.evaluate(station, offset)
     x, y = np.asarray(point.x), np.asarray(point.y)
     yaw = np.asarray(point.heading) + np.arctan2(slope, stretch)
-    # Of an offset curve, for small angles to the road; where the truck moves, of its points.
-    bent = _turn_by_way(x, y, yaw, curvature / stretch + bend / stretch**2)
+    # Where the truck moves, the curvature of its points; else of the offset curve, small angles.
+    bent = _curvature(x, y, yaw, curvature / stretch + bend / stretch**2)
     return Trajectory(
         time=np.asarray(time + step * np.arange(len(station)), dtype=np.float64),
         station=station,
@@ -185,54 +178,14 @@ def on_road(
     )
 
 
-def _turn_by_way(x: FloatArray, y: FloatArray, yaw: FloatArray, still: FloatArray) -> FloatArray:
-    """Curvature of a path of points with headings [1/m]; `still` where it does not move on."""
+def _curvature(x: FloatArray, y: FloatArray, yaw: FloatArray, still: FloatArray) -> FloatArray:
+    """Curvature of a path of points with headings [1/m]; `still` where the points coincide."""
     ways = np.hypot(x[1:] - x[:-1], y[1:] - y[:-1])
-    turns = yaw[1:] - yaw[:-1]
-    turns = np.remainder(turns + np.pi, 2.0 * np.pi) - np.pi
+    turns = wrap_angles(yaw[1:] - yaw[:-1])
     moves = ways > _MOVES
     each = np.where(moves, turns / np.maximum(ways, _MOVES), 0.0)
-    # At a point: of the pieces before and behind that have a length.
+    # At a point: mean of the pieces before and behind it that have a length.
     pieces = np.zeros((2, len(yaw) + 1))
     pieces[0, 1:-1], pieces[1, 1:-1] = each, moves
     total, count = pieces[:, 1:] + pieces[:, :-1]
     return np.asarray(np.where(count > 0.0, total / np.maximum(count, 1.0), still))
-
-
-def lead_of(neighbor: Neighbor) -> Lead:
-    """The neighbor as somebody to follow."""
-    vehicle = neighbor.vehicle
-    return Lead(neighbor.gap, max(vehicle.speed, 0.0), vehicle.acceleration)
-
-
-def lead_while_passing(
-    scene: Scene,
-    path: LanePath,
-    residual: Quintic,
-    old: Neighbor,
-    side_gap: float,
-    margin: float,
-) -> Lead | None:
-    """The leader of the lane being left, as long as it can still be touched; else None.
-
-    Args:
-      scene: the truck.
-      path: of the target lane.
-      residual: of the change under way.
-      old: the leader of the old lane.
-      side_gap: wanted beside it [m].
-      margin: wanted behind it until the truck is beside [m].
-    """
-    ego = scene.ego
-    clear = 0.5 * (old.vehicle.width + scene.footprint.width) + side_gap
-    stations = np.linspace(ego.station, max(residual.end, ego.station + 1.0), 40)
-    offsets = path.driven_at(stations) + residual.evaluate(stations)[0]
-    aside = np.abs(offsets - old.vehicle.offset) > clear
-    free_at = float(stations[int(np.argmax(aside))]) if aside.any() else float(stations[-1])
-    until = (free_at - ego.station) / max(ego.speed, 1.0)
-    closing = ego.speed - old.vehicle.speed
-    spare = old.gap - max(closing, 0.0) * until - margin
-    if until <= 0.0 or spare > 0.0:
-        return None
-    lead = lead_of(old)
-    return Lead(lead.gap, lead.speed, lead.acceleration, until)

@@ -1,1 +1,1 @@
-"""The safe stop: what drives the truck when its commands stay away."""
+"""Safe stop of the truck when no commands arrive."""

@@ -1,7 +1,7 @@
-"""Who drives: the commands that arrive, or, while they stay away, the stop in lane.
+"""Passes received commands to the truck, or the safe stop's while none arrive.
 
-A stop never keeps anybody from braking harder: an XBR demand that is in force (of an emergency
-brake assistant, say, which has not fallen silent) and the driver's brake pedal count beside it.
+A stop never weakens other braking: an active XBR demand (of an emergency brake assistant, say,
+which still sends) and the driver's brake pedal count beside it.
 """
 
 from __future__ import annotations
@@ -12,15 +12,14 @@ import math
 from dataclasses import dataclass
 
 from controllers.safe_stop.stop import SafeStop, StopPhase
-from iits_mj.core.errors import InputError
+from iits_mj.core.checks import require_positive
 from iits_mj.core.messages import EgoState, VehicleCommand, XbrMode
 
-# Instants are compared with this much slack [s].
-_SLACK = 1e-6
+_SLACK = 1e-6  # [s] in comparisons of times
 
 
-class Driver(enum.Enum):
-    """Who drives now."""
+class CommandSource(enum.Enum):
+    """What controls the truck now: commands, the stop, or commands fading in."""
 
     COMMANDS = "commands"
     STOP = "stop"
@@ -29,13 +28,13 @@ class Driver(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class FallbackConfig:
-    """How the truck is handed back.
+    """Settings of the return to commands.
 
     Attributes:
-      return_time: that commands must have been back without a gap before they are obeyed [s].
-      blend_time: over which they take over [s].
-      acknowledge: a truck that stands is handed back only after the accelerator was let go in a
-        command received since, so that it never starts under a pedal left down.
+      return_time: for which commands must arrive without a gap before they count [s].
+      blend_time: over which they fade in [s].
+      acknowledge: at standstill, commands count only after one with the accelerator released, so
+        that the truck never starts under a pressed pedal.
     """
 
     return_time: float = 0.5
@@ -43,21 +42,18 @@ class FallbackConfig:
     acknowledge: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("return_time", "blend_time"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise InputError(f"{name} = {value!r} s: a finite number, zero or more, is wanted")
+        require_positive(self, "return_time", "blend_time", zero=True)
 
 
 class Fallback:
-    """Passes commands on; begins a stop when they are lost, and hands back when they return.
+    """Passes commands on, begins a stop when they are lost, and returns when they are back.
 
     Args:
-      stop: what to do meanwhile.
-      config: how to hand back.
+      stop: the safe stop.
+      config: settings of the return.
 
     Attributes:
-      driver: who drives now; stops: how many stops were begun.
+      source: what controls the truck now; stops: number of stops begun.
     """
 
     def __init__(self, stop: SafeStop, config: FallbackConfig | None = None) -> None:
@@ -66,9 +62,9 @@ class Fallback:
         self.reset()
 
     def reset(self) -> None:
-        """Commands drive; no stop is under way."""
+        """Returns to commands without a stop."""
         self.stop.reset()
-        self.driver = Driver.COMMANDS
+        self.source = CommandSource.COMMANDS
         self.stops = 0
         self._obeyed = VehicleCommand()
         self._back_since = math.inf
@@ -82,37 +78,37 @@ class Fallback:
 
         Args:
           ego: the truck.
-          received: what the bus commands, with the safe values of what is silent.
+          received: from the bus, with safe values for missing messages.
           lost: whether the driving commands are missing.
 
         Raises:
-          InputError: a stop is under way and the truck's state is not finite.
+          InputError: a stop is active and the truck's state is not finite.
         """
         if lost:
             self._begin()
-        if self.driver is Driver.STOP:
+        if self.source is CommandSource.STOP:
             stopping = self.stop.command(ego, self._obeyed)
             parked = self.stop.phase is StopPhase.PARKED
             self._obeyed = stopping if parked else _no_weaker(stopping, received)
             if self._may_return(ego, received, lost):
-                self.driver = Driver.RETURNING
+                self.source = CommandSource.RETURNING
                 self._returned_at, self._left = ego.time, self._obeyed
                 self._gap = self._obeyed.steering_wheel_angle - received.steering_wheel_angle
             return self._obeyed
-        if self.driver is Driver.RETURNING:
+        if self.source is CommandSource.RETURNING:
             share = self._share(ego.time)
             self._obeyed = self._blend(received, share)
             if share >= 1.0:
-                self.driver = Driver.COMMANDS
+                self.source = CommandSource.COMMANDS
         else:
             self._obeyed = received
         return self._obeyed
 
     def _begin(self) -> None:
-        if self.driver is Driver.STOP:
+        if self.source is CommandSource.STOP:
             return
         self.stop.reset()
-        self.driver = Driver.STOP
+        self.source = CommandSource.STOP
         self.stops += 1
         self._back_since, self._acknowledged = math.inf, False
 
@@ -129,12 +125,12 @@ class Fallback:
         return ego.time - self._back_since >= config.return_time - _SLACK
 
     def _share(self, time: float) -> float:
-        """How far the commands have taken over, 0 to 1."""
+        """Share of the commands in the blend, 0 to 1."""
         blend = self.config.blend_time
         return min((time - self._returned_at) / blend, 1.0) if blend > 0.0 else 1.0
 
     def _blend(self, received: VehicleCommand, share: float) -> VehicleCommand:
-        """The commands, with what is left of the stop's braking and of the step in the wheel."""
+        """The commands with the fading rest of the stop's braking and of the steering step."""
         left = 1.0 - share
         braking = -self._left.xbr_demand if self._left.xbr_mode is not XbrMode.OFF else 0.0
         fading = -braking * left
@@ -155,7 +151,7 @@ class Fallback:
 
 
 def _no_weaker(stopping: VehicleCommand, received: VehicleCommand) -> VehicleCommand:
-    """The stop's command with what others brake more."""
+    """The stop's command, with stronger braking of the received one."""
     pedal = max(stopping.brake_pedal, received.brake_pedal)
     if pedal > stopping.brake_pedal:
         stopping = dataclasses.replace(stopping, brake_pedal=pedal)

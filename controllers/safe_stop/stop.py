@@ -1,8 +1,9 @@
-"""A smooth stop in lane: what the truck does by itself when its commands stay away.
+"""Safe stop: a smooth stop in the lane that the truck makes by itself without commands.
 
-From its state and its road alone: it keeps the lane with the tracking controller's path law, brakes
-all axles by XBR at a moderate, jerk-limited deceleration, eases it at standstill and then sets the
-parking brake. It sees no traffic, and asks for more only where the lane or the road ends sooner.
+It uses the truck's state and the road alone: it keeps the lane with the tracking controller's
+steering, brakes all axles by XBR at a moderate, jerk-limited deceleration, reduces it before
+standstill and then sets the parking brake. It does not know the traffic, and brakes harder only
+where the lane or the road ends sooner.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ import numpy as np
 from controllers.planning.lane_change import LaneChangeConfig, quintic_back
 from controllers.planning.road_preview import LanePath, RoadPreview
 from controllers.planning.trajectory import Quintic, on_road
-from controllers.safe_stop.profile import StopLimits, StopStart, roll_to_stop, stop_distance
 from controllers.tracking.lateral import USED, LateralConfig, LateralController, check_finite
+from iits_mj.core.arrays import FloatArray
+from iits_mj.core.checks import require_positive
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import (
     EgoState,
@@ -32,11 +34,55 @@ from iits_mj.core.messages import (
 )
 from iits_mj.parameters import TruckParameters
 
-# --- Settings of the stop in lane, and its phases ---
+if TYPE_CHECKING:
+    from iits_mj.road import Route
+
+_SLACK = 1e-6  # [s] in comparisons of times
+_USED = (*USED, "acceleration", "offset")
+
+
+@dataclass(frozen=True, slots=True)
+class StopLimits:
+    """Deceleration and jerk of a stop; all positive.
+
+    Attributes:
+      deceleration: in the middle of the stop [m/s2].
+      jerk: greatest rate at which the deceleration builds up [m/s3].
+      jerk_end: the same before standstill, at most `jerk` [m/s3].
+      deceleration_end: when the truck comes to rest [m/s2].
+    """
+
+    deceleration: float = 1.5
+    jerk: float = 1.0
+    jerk_end: float = 0.8
+    deceleration_end: float = 0.25
+
+    def __post_init__(self) -> None:
+        for name in ("deceleration", "jerk", "jerk_end", "deceleration_end"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and 0.0 < value <= 10.0):
+                raise InputError(f"stop limit {name} = {value!r}: allowed is above 0 to 10")
+        if self.jerk_end > self.jerk:
+            raise InputError(
+                f"stop limit jerk_end = {self.jerk_end!r}: at most jerk = {self.jerk!r}"
+            )
+        if self.deceleration_end > self.deceleration:
+            raise InputError(
+                f"stop limit deceleration_end = {self.deceleration_end!r}: at most "
+                f"deceleration = {self.deceleration!r}"
+            )
+
+    def wanted(self, speed: float) -> float:
+        """Wanted acceleration at a speed [m/s2], zero or negative.
+
+        The end is at constant jerk: `a^2 = a_end^2 + 2 jerk_end v`.
+        """
+        eased = math.sqrt(self.deceleration_end**2 + 2.0 * self.jerk_end * max(speed, 0.0))
+        return -min(self.deceleration, eased)
 
 
 class StopPhase(enum.Enum):
-    """Where a stop stands."""
+    """Phase of a stop."""
 
     BRAKING = "braking"
     STANDING = "standing"
@@ -49,23 +95,24 @@ class SafeStopConfig:
 
     Attributes:
       limits: deceleration and jerk, see `StopLimits`.
-      deceleration_max: where lane or road end too soon for that [m/s2].
-      look_ahead: how long a sideways motion is followed to choose the lane [s].
-      off_center: distance from the lane's middle that a curve of its own leads back from [m].
+      deceleration_max: greatest, where lane or road end too soon for the limits [m/s2].
+      look_ahead: time for which the sideways motion is extrapolated to choose the lane [s].
+      off_center: distance from the lane's middle beyond which a transition curve leads back [m].
       stop_gap: left before the end of lane or road, from the front bumper [m].
-      resync_speed: the plan's speed stays within this of the truck's [m/s].
+      resync_speed: greatest difference of the plan's speed from the truck's [m/s].
       speed_gain: deceleration added for a speed above the plan's [1/s].
-      lead_time: the planned deceleration is asked for this much earlier, for the brakes' lag [s].
+      lead_time: by which the planned deceleration is demanded earlier, for the brakes' lag [s].
       hold_demand: XBR demand at standstill [m/s2].
-      neutral_speed: below it the driveline is opened, so that no gear change jolts the stop [m/s].
-      standing_speed: below it the truck stands [m/s].
-      standing_time: standing before the parking brake is set [s].
-      parking_time: service brakes held beside the parking brake while its springs act [s].
+      neutral_speed: speed below which the driveline is open, so that no gear change disturbs the
+        stop [m/s].
+      standing_speed: speed below which the truck counts as stopped [m/s].
+      standing_time: at standstill before the parking brake is set [s].
+      parking_time: for which the service brakes hold while the parking brake acts [s].
       horizon: of the plan [s]; step: of its points [s]; plan_period: between plans [s].
       control_period: between commands [s], the step of `lateral`.
-      preview: how far ahead lane and road are looked at [m].
-      change: lateral limits of finding the lane's middle.
-      lateral: settings of the path law.
+      preview: range ahead of lane and road [m].
+      change: lateral limits of the way back to the lane's middle.
+      lateral: settings of the steering.
     """
 
     limits: StopLimits = field(default_factory=StopLimits)
@@ -95,24 +142,12 @@ class SafeStopConfig:
                 f"deceleration_max = {self.deceleration_max!r} m/s2: allowed is the deceleration "
                 f"{self.limits.deceleration:g} to 10"
             )
-        for name in ("standing_time", "parking_time", "stop_gap", "off_center", "look_ahead"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise InputError(f"{name} = {value!r}: a finite number, zero or more, is wanted")
-
-
-# --- A smooth stop in lane: what the truck does by itself when its commands stay away ---
-
-if TYPE_CHECKING:
-    from iits_mj.road import Route
-
-# Instants are compared with this much slack [s].
-_SLACK = 1e-6
-_USED = (*USED, "acceleration", "offset")
+        require_positive(self, "standing_time", "parking_time", "stop_gap", zero=True)
+        require_positive(self, "off_center", "look_ahead", zero=True)
 
 
 class SafeStop:
-    """Brings the truck to a stop in its lane and parks it; begins at the first `command`.
+    """Stops the truck in its lane and parks it; the first `command` begins the stop.
 
     Args:
       route: the truck's road.
@@ -120,8 +155,8 @@ class SafeStop:
       config: settings.
 
     Attributes:
-      phase: where the stop stands; lane: index of the lane that is kept, -1 before it begins;
-      trajectory: what is tracked, None before it begins.
+      phase: of the stop; lane: index of the kept lane, -1 before the stop begins.
+      trajectory: the tracked one, None before the stop begins.
     """
 
     def __init__(
@@ -138,7 +173,7 @@ class SafeStop:
         self.reset()
 
     def reset(self) -> None:
-        """Ready for the next stop."""
+        """Prepares for the next stop."""
         self.lateral.reset()
         self.phase = StopPhase.BRAKING
         self.lane = -1
@@ -167,9 +202,9 @@ class SafeStop:
 
         Args:
           ego: the truck.
-          last: what was obeyed before the stop, looked at when it begins: its selector, driver's
-            brake pedal and parking brake stay, and the stop is not weaker than its XBR demand, up
-            to `deceleration_max`.
+          last: command before the stop, used when it begins: its selector, driver's brake pedal and
+            parking brake stay, and the stop is not weaker than its XBR demand, up to
+            `deceleration_max`.
 
         Raises:
           InputError: a value of the state that the stop uses is not finite.
@@ -189,7 +224,7 @@ class SafeStop:
         return self._command
 
     def _begin(self, ego: EgoState, last: VehicleCommand | None) -> None:
-        """Chooses the lane and how hard to brake."""
+        """Chooses the lane and the deceleration."""
         self._last = last or VehicleCommand()
         if self._last.xbr_mode is not XbrMode.OFF:
             self._limits = self._at_least(-self._last.xbr_demand)
@@ -227,7 +262,7 @@ class SafeStop:
     def _follow(self, ego: EgoState, lane: int) -> LanePath:
         path = self.preview.follow(max(lane, 0), ego.station, self.config.preview, 150.0)
         if not np.isfinite(path.offset).all():
-            # A road without a lane: straight on beside its reference line.
+            # A road without a lane: parallel to its reference line.
             path = dataclasses.replace(path, offset=np.full_like(path.offset, self._kept))
         self._middle = float(path.offset_at(ego.station))
         return path
@@ -235,7 +270,7 @@ class SafeStop:
     def _plan(self, ego: EgoState) -> None:
         """A trajectory along the lane, from the last plan's speed or the truck's."""
         config = self.config
-        # Lanes that come and go on the right shift the indices: the middle tells the lane.
+        # Lanes that begin or end on the right shift the indices: the middle identifies the lane.
         self.lane = self.preview.nearest_lane(ego.station, self._middle)
         path = self._follow(ego, self.lane)
         start = self._start(ego)
@@ -260,7 +295,7 @@ class SafeStop:
         self._planned_at = ego.time
 
     def _start(self, ego: EgoState) -> StopStart:
-        """The last plan goes on, held near the truck."""
+        """State of the last plan now, limited to near the truck's."""
         last, reach = self.trajectory, self.config.resync_speed
         if last is None or not last.time[0] <= ego.time <= last.time[-1]:
             begin = min(max(ego.acceleration, -self._limits.deceleration), 0.5)
@@ -271,10 +306,10 @@ class SafeStop:
         return StopStart(ego.station, max(speed, 0.0), acceleration)
 
     def _sooner(self, start: StopStart, room: float) -> StopLimits:
-        """Limits that stop the truck within the room there is, as far as allowed."""
+        """Limits that stop the truck within a distance [m], as far as allowed."""
         if stop_distance(start.speed, start.acceleration, self._limits) <= room:
             return self._limits
-        # A truck that ramps up its brakes first needs more than v^2 / 2 s.
+        # The build-up of the brakes takes more than v^2 / 2 s.
         return self._at_least(1.15 * start.speed**2 / (2.0 * max(room, 0.1)))
 
     def _at_least(self, deceleration: float) -> StopLimits:
@@ -284,7 +319,7 @@ class SafeStop:
         return dataclasses.replace(self._limits, deceleration=wanted, jerk=min(jerk, 10.0))
 
     def _stand(self, ego: EgoState) -> None:
-        """Moves on from braking to standing to parked; a truck that slides brakes again."""
+        """Advances the phase from braking to standing to parked; a sliding truck brakes again."""
         config = self.config
         if abs(ego.speed) >= config.standing_speed:
             self._still_since = math.inf
@@ -299,14 +334,14 @@ class SafeStop:
             self.phase = StopPhase.PARKED
 
     def _brake(self, ego: EgoState, trajectory: Trajectory) -> None:
-        """The deceleration to demand: the plan's, early, and what the truck is too fast."""
+        """Sets the demanded deceleration: the plan's, earlier, plus the correction of speed."""
         config = self.config
         if self.phase is StopPhase.BRAKING:
             soon = ego.time + config.lead_time
             planned = float(np.interp(soon, trajectory.time, trajectory.acceleration))
             speed = float(np.interp(ego.time, trajectory.time, trajectory.speed))
             wanted = -planned + config.speed_gain * (abs(ego.speed) - speed)
-            # Near standstill something must be left for brake control to hold.
+            # Near standstill brake control needs a demand to hold.
             if ego.speed < 1.0:
                 wanted = max(wanted, self._limits.deceleration_end)
         else:
@@ -326,7 +361,7 @@ class SafeStop:
             parking_brake=last.parking_brake,
             transmission_mode=TransmissionMode.NEUTRAL if slow else last.transmission_mode,
             brake_pedal=last.brake_pedal,
-            # All axles share: engine brake and retarder would take the drive axles' grip in a bend.
+            # All axles brake: endurance brakes would use up the drive axles' grip in a bend.
             xbr_ebi_mode=XbrEbiMode.FRICTION_ONLY,
         )
         if self.phase is not StopPhase.PARKED:
@@ -335,3 +370,52 @@ class SafeStop:
         if ego.time - self._still_since < config.standing_time + config.parking_time:
             return parked
         return dataclasses.replace(parked, xbr_demand=0.0, xbr_mode=XbrMode.OFF)
+
+
+@dataclass(frozen=True, slots=True)
+class StopStart:
+    """Initial state of a stop's plan: station [m], speed [m/s], acceleration [m/s2]."""
+
+    station: float
+    speed: float
+    acceleration: float
+
+
+def roll_to_stop(
+    start: StopStart, limits: StopLimits, steps: int, step: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Station, speed and acceleration of a stop at steps + 1 times from now on.
+
+    Args:
+      start: initial state; a speed below zero counts as standstill.
+      limits: of the stop.
+      steps: number of steps.
+      step: [s].
+    """
+    station, speed, acceleration = (np.zeros(steps + 1) for _ in range(3))
+    s, v, a = start.station, max(start.speed, 0.0), start.acceleration
+    reach = limits.jerk * step
+    for k in range(steps + 1):
+        if k:
+            # A stop within the step: only the distance up to it.
+            stays = v + a * step > 0.0
+            s += v * step + 0.5 * a * step**2 if stays else 0.5 * v * step
+            v = max(v + a * step, 0.0)
+            a = min(max(limits.wanted(v), a - reach), a + reach)
+        if v <= 0.0:
+            a = 0.0
+        station[k], speed[k], acceleration[k] = s, v, a
+    return station, speed, acceleration
+
+
+def stop_distance(speed: float, acceleration: float, limits: StopLimits) -> float:
+    """Distance to standstill [m] from a speed [m/s] and acceleration [m/s2]."""
+    step = 0.05
+    way, v, a = 0.0, max(speed, 0.0), acceleration
+    reach = limits.jerk * step
+    while v > 0.0:
+        v_next = max(v + a * step, 0.0)
+        way += 0.5 * (v + v_next) * step
+        v = v_next
+        a = min(max(limits.wanted(v), a - reach), a + reach)
+    return way

@@ -1,4 +1,4 @@
-"""The tracking controller: a trajectory and the truck's state make a J1939 command."""
+"""The tracking controller: J1939 command from a trajectory and the truck's state."""
 
 from __future__ import annotations
 
@@ -16,11 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TrackingConfig:
-    """Settings of both controllers.
-
-    Attributes:
-      lateral: see `LateralConfig`; longitudinal: see `LongitudinalConfig`.
-    """
+    """Settings of both controllers, see `LateralConfig` and `LongitudinalConfig`."""
 
     lateral: LateralConfig = field(default_factory=LateralConfig)
     longitudinal: LongitudinalConfig = field(default_factory=LongitudinalConfig)
@@ -30,7 +26,7 @@ class Tracker:
     """Follows trajectories at 50 Hz.
 
     Args:
-      route: gives the grade under the combination.
+      route: the road, for the grade under the combination.
       parameters: of the truck; default: the shipped one.
       config: gains.
     """

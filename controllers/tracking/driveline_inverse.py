@@ -1,4 +1,4 @@
-"""From wanted force at the wheels to accelerator, engine brake and retarder: inverse powertrain."""
+"""Inverse powertrain: from force at the wheels to accelerator, engine brake, retarder and XBR."""
 
 from __future__ import annotations
 
@@ -12,18 +12,14 @@ import numpy as np
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 
-# --- One number out of a table: the fast form of `np.interp` for a single place ---
-
 
 def interpolate(x: float, places: Sequence[float], values: Sequence[float]) -> float:
-    """The value at x between those of the places, beyond them those of the ends.
-
-    The same bits as `np.interp`, in a fraction of its time where the table is a list of floats.
+    """Linear interpolation of one value; the same bits as `np.interp`, faster on lists.
 
     Args:
       x: a number; NaN gives NaN.
-      places: rising, one at least.
-      values: finite, as many.
+      places: rising, at least one.
+      values: finite, one for each place; the first and last hold beyond the ends.
     """
     if math.isnan(x):
         return x
@@ -37,15 +33,12 @@ def interpolate(x: float, places: Sequence[float], values: Sequence[float]) -> f
     return (values[row + 1] - value) / (places[row + 1] - low) * (x - low) + value
 
 
-# --- Who slows the truck: engine drag, then engine brake, then retarder, and friction for the rest
-
-
 class EnduranceForces(NamedTuple):
-    """What can brake without friction now, as forces at the wheels, zero or positive [N].
+    """Greatest braking forces at the wheels without friction, zero or positive [N].
 
     Attributes:
-      drag: of the engine, there whenever the accelerator is up; 0 in a gear change.
-      engine_brake, retarder: at most.
+      drag: of the engine while the accelerator is released; 0 in a gear change.
+      engine_brake, retarder: at full request.
     """
 
     drag: float
@@ -54,11 +47,11 @@ class EnduranceForces(NamedTuple):
 
 
 class Retardation(NamedTuple):
-    """A braking force, shared out.
+    """A braking force divided between the brakes.
 
     Attributes:
-      engine_brake, retarder: share of what each can give, 0 to 1.
-      short: what is left for friction [N].
+      engine_brake, retarder: share of the greatest force of each, 0 to 1.
+      short: remainder for friction [N].
     """
 
     engine_brake: float
@@ -67,11 +60,11 @@ class Retardation(NamedTuple):
 
 
 def share_out(force: float, endurance: EnduranceForces) -> Retardation:
-    """Engine brake first, retarder for what it lacks.
+    """Divides a braking force: engine drag, engine brake, retarder, friction in this order.
 
     Args:
       force: wanted at the wheels, positive when it brakes [N].
-      endurance: what there is.
+      endurance: available forces.
     """
     rest = max(force - endurance.drag, 0.0)
     engine_brake, rest = _take(rest, endurance.engine_brake)
@@ -80,7 +73,7 @@ def share_out(force: float, endurance: EnduranceForces) -> Retardation:
 
 
 def _take(force: float, available: float) -> tuple[float, float]:
-    """Share of a brake for a force, and what it leaves over."""
+    """Share of a brake used for a force, and the remainder of the force."""
     if available <= 0.0:
         return 0.0, force
     share = min(force / available, 1.0)
@@ -90,25 +83,22 @@ def _take(force: float, available: float) -> tuple[float, float]:
 def xbr_deceleration(
     deceleration: float, level: float, correction_max: float, correction_share: float
 ) -> float:
-    """Deceleration to demand by XBR so that the brakes reach a braking level [m/s2].
+    """XBR demand with which the brakes reach a braking level [m/s2].
 
-    The demand is what the truck shall decelerate by, as SPN 2920 has it. Brake control feeds it
-    forward as on the level road and corrects it by what it measures, by at most
+    The demand is the deceleration of the truck, as SPN 2920 defines it. Brake control applies it
+    as on a level road and corrects it by the measured deceleration, by at most
     `correction_max + correction_share * demand` and at most by the demand itself. On a descent,
-    where braking keeps the speed, that is not enough for a demand near zero: it is then the least
-    one whose correction reaches the level.
+    where braking keeps the speed, that is not enough for a demand near zero: the demand is then the
+    least one whose correction reaches the level.
 
     Args:
       deceleration: of the truck along the road, positive when it slows.
       level: deceleration that the whole braking force would give on the level.
       correction_max: bound of brake control's correction [m/s2].
-      correction_share: what the demand adds to that bound [1].
+      correction_share: increase of that bound by the demand [1].
     """
     least = max(0.5 * level, (level - correction_max) / (1.0 + correction_share))
     return max(deceleration, least, 0.0)
-
-
-# --- From wanted force at the wheels to accelerator, engine brake and retarder: inverse powertrain
 
 
 class DrivelineInverse:
@@ -132,7 +122,7 @@ class DrivelineInverse:
         gearbox, engine = parameters.gearbox, parameters.engine
         self.efficiency = gearbox.efficiency * gearbox.driveline_efficiency
         self._ratios = [float(ratio) * gearbox.final_drive for ratio in gearbox.ratios]
-        # Mass of wheels, engine and gearbox by gear [kg], beside the truck's own.
+        # Equivalent mass of engine and gearbox by gear [kg].
         self._spins = [
             (engine.inertia + float(inertia)) * ratio**2 / self.radius**2
             for inertia, ratio in zip(gearbox.inertias, self._ratios, strict=True)
@@ -171,7 +161,7 @@ class DrivelineInverse:
         return interpolate(engine_speed, engine.drag_speed, engine.drag_torque)
 
     def engine_brake_torque(self, engine_speed: float) -> float:
-        """Greatest torque of the engine brake [N m], beyond the drag: a power law, none at idle."""
+        """Greatest torque of the engine brake beyond the drag [N m]: a power law, 0 at idle."""
         engine = self.parameters.engine
         above = engine_speed - engine.engine_brake_speed_min
         if above <= 0.0:
@@ -182,7 +172,7 @@ class DrivelineInverse:
         return min(above / engine.engine_brake_fade, 1.0) * torque
 
     def retarder_torque(self, shaft_speed: float) -> float:
-        """Greatest torque of the cold retarder at the propeller shaft [N m]; hot it gives less."""
+        """Greatest torque of the cold retarder at the propeller shaft [N m]."""
         retarder = self.parameters.retarder
         if shaft_speed <= 0.0:
             return 0.0
@@ -192,13 +182,13 @@ class DrivelineInverse:
     def endurance(
         self, speed: float, engine_speed: float, gear: int, engaged: bool
     ) -> EnduranceForces:
-        """What drag, engine brake and retarder can do at the wheels; losses help to brake.
+        """Forces of drag, engine brake and retarder at the wheels; losses add to them.
 
         Args:
           speed: of the truck [m/s].
           engine_speed: [rad/s].
-          gear: that is in.
-          engaged: whether the engine is coupled; in a gear change it is not.
+          gear: engaged gear.
+          engaged: whether the engine is coupled; False in a gear change.
         """
         gearbox = self.parameters.gearbox
         shaft = gearbox.final_drive / self.radius
@@ -219,13 +209,13 @@ class DrivelineInverse:
         low, high = speeds[row], speeds[row + 1]
         share = min(max((engine_speed - low) / (high - low), 0.0), 1.0)
         rest, drag = 1.0 - share, self.drag_torque(engine_speed)
-        # Over the first travel of the pedal the overrun turns into traction.
+        # Over the first travel of the pedal overrun turns into traction.
         most, rising = -math.inf, []
         columns = self._map_torques[row], self._map_torques[row + 1], self._fade, self._rise
         for below, above, fade, rise in zip(*columns, strict=True):
             most = max(most, fade * (rest * below + share * above + drag) - drag)
             rising.append(most + rise)
-            # Beyond the torque nothing matters.
+            # Larger torques do not matter.
             if rising[-1] > torque:
                 break
         return interpolate(torque, rising, self._pedals)

@@ -1,12 +1,12 @@
 """Path tracking: steering wheel angle from the planned path.
 
-State feedback with preview of curvature and with the disturbance that was seen, see
-`lateral_gains`; the gains are made once per mass. A slow integral takes out what is left; the
-gear's play is crossed last, see `steering_play`.
+State feedback with preview of curvature and with the observed disturbance, see `lateral_gains`; the
+gains are computed once per mass. A slow integral removes the remaining error; `SteeringPlay` then
+inverts the play of the steering gear.
 
-The model is that of small angles. Tight turns are put into its terms by what is exact in a steady
-turn without tire slip: `sin(delta) = L r / V`, course `psi + asin(w / V)`, with V the speed of the
-steer axle.
+The model is one of small angles. Tight turns are expressed in its terms by what is exact in a
+steady turn without tire slip: `sin(delta) = L r / V`, course `psi + asin(w / V)`, with V the speed
+of the steer axle.
 """
 
 from __future__ import annotations
@@ -19,118 +19,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from controllers.tracking.lateral_gains import Gains, LateralConfig, LateralGains, SteeringPlay
+from controllers.tracking.lateral_gains import Gains, LateralConfig, LateralGains, PlayConfig
 from controllers.tracking.lateral_model import LateralModel
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Trajectory
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import Steering, TruckParameters
 
-# --- What steering sees of a trajectory: offset, heading error and the path's curvature ahead ---
-
-
-class PathView:
-    """A trajectory made ready for many looks at it.
-
-    Args:
-      trajectory: planned; its stations never fall.
-    """
-
-    def __init__(self, trajectory: Trajectory) -> None:
-        self.trajectory = trajectory
-        self.station = trajectory.station
-        yaw = trajectory.yaw
-        continuous = bool((np.abs(yaw[1:] - yaw[:-1]) < np.pi).all())
-        self.yaw = yaw if continuous else np.unwrap(yaw)
-        self._last = self.station.item(-1), trajectory.curvature.item(-1)
-        # The same as numbers, for one place.
-        self._places, self._yaws = self.station.tolist(), self.yaw.tolist()
-        self._x, self._y = trajectory.x.tolist(), trajectory.y.tolist()
-
-    def error(self, ego: EgoState) -> tuple[float, float]:
-        """Offset to the left of the path [m] and heading error [rad] at the truck's station."""
-        places, yaws, xs, ys = self._places, self._yaws, self._x, self._y
-        row = min(max(bisect_right(places, ego.station) - 1, 0), len(places) - 2)
-        start, end = places[row], places[row + 1]
-        # Off its ends the path goes on straight.
-        way = ego.station - start
-        share = way / (end - start) if end > start else 0.0
-        held = min(max(share, 0.0), 1.0)
-        turn = yaws[row + 1] - yaws[row]
-        yaw = yaws[row] + held * turn
-        x = xs[row] + share * (xs[row + 1] - xs[row])
-        y = ys[row] + share * (ys[row + 1] - ys[row])
-        # The points are ends of chords: the path bulges out between them by the sagitta.
-        bulge = 0.5 * turn * (end - start) * held * (1.0 - held)
-        error = -math.sin(yaw) * (ego.x - x) + math.cos(yaw) * (ego.y - y) + bulge
-        turned = ego.yaw - yaw
-        return error, math.atan2(math.sin(turned), math.cos(turned))
-
-    def curvature(self, stations: FloatArray) -> FloatArray:
-        """Mean curvature [1/m] between stations of shape (n + 1,), rising; shape (n,).
-
-        It is the turn of the heading by the way; beyond the path's end the last curvature lasts.
-        """
-        yaw = np.interp(stations, self.station, self.yaw)
-        end, curvature = self._last
-        if stations[-1] > end:
-            yaw += curvature * np.maximum(stations - end, 0.0)
-        return np.asarray((yaw[1:] - yaw[:-1]) / (stations[1:] - stations[:-1]))
-
-
-def path_error(ego: EgoState, trajectory: Trajectory) -> tuple[float, float]:
-    """Offset to the left of the path [m] and heading error [rad] at the truck's station."""
-    return PathView(trajectory).error(ego)
-
-
-# --- Estimates what pushes the truck sideways besides its tires: wind, cross-slope, model error ---
-# The truck's lateral motion is compared with what the linear model said a step ago; what is left,
-# as three accelerations of (lateral speed, yaw rate, trailer yaw rate), is believed over a short
-# time (disturbance observer with first-order filter, Ohnishi 1987). It sees a gust in the yaw rates
-# long before the truck is off its path.
-
-
-class DisturbanceObserver:
-    """One call every control step.
-
-    Attributes:
-      value: the estimate, (3,) [m/s2, rad/s2, rad/s2].
-    """
-
-    def __init__(self, time: float, step: float) -> None:
-        """Believes a disturbance over `time` [s], called every `step` [s]."""
-        self._share = 1.0 - float(np.exp(-step / time))
-        self.reset()
-
-    def reset(self) -> None:
-        """No disturbance, nothing remembered."""
-        self.value = np.zeros(3)
-        self._expected: FloatArray | None = None
-
-    def update(self, state: FloatArray, gains: Gains) -> FloatArray:
-        """The estimate after a step.
-
-        Args:
-          state: (w, r, r_t, articulation, road wheel angle) now, (5,).
-          gains: of the present speed.
-        """
-        if self._expected is not None:
-            seen = gains.blame @ (state[:3] - self._expected)
-            self.value = self.value + self._share * (seen - self.value)
-        self._expected = gains.motion @ state
-        return self.value
-
-    def rest(self) -> None:
-        """Forgets the expectation: the next step is judged from anew; the estimate fades."""
-        self._expected = None
-        self.value = (1.0 - self._share) * self.value
-
-
-# --- Path tracking: steering wheel angle from the planned path ---
-
-# The mass may be off by this before gains are made anew [kg].
+# Change of mass at which the gains are computed again [kg].
 _MASS_STEP = 200.0
-# What steering uses of the truck's state.
+# Values of the truck's state that steering uses.
 USED = (
     "time",
     "x",
@@ -146,6 +44,169 @@ USED = (
     "mass",
     "station",
 )
+
+
+class PathView:
+    """A trajectory prepared for lookups of offset, heading error and curvature by station.
+
+    Args:
+      trajectory: planned; its stations never fall.
+    """
+
+    def __init__(self, trajectory: Trajectory) -> None:
+        self.trajectory = trajectory
+        self.station = trajectory.station
+        yaw = trajectory.yaw
+        continuous = bool((np.abs(yaw[1:] - yaw[:-1]) < np.pi).all())
+        self.yaw = yaw if continuous else np.unwrap(yaw)
+        self._last = self.station.item(-1), trajectory.curvature.item(-1)
+        # The same as lists, for lookups of one station.
+        self._places, self._yaws = self.station.tolist(), self.yaw.tolist()
+        self._x, self._y = trajectory.x.tolist(), trajectory.y.tolist()
+
+    def error(self, ego: EgoState) -> tuple[float, float]:
+        """Offset to the left of the path [m] and heading error [rad] at the truck's station."""
+        places, yaws, xs, ys = self._places, self._yaws, self._x, self._y
+        row = min(max(bisect_right(places, ego.station) - 1, 0), len(places) - 2)
+        start, end = places[row], places[row + 1]
+        # Beyond its ends the path continues straight.
+        way = ego.station - start
+        share = way / (end - start) if end > start else 0.0
+        held = min(max(share, 0.0), 1.0)
+        turn = yaws[row + 1] - yaws[row]
+        yaw = yaws[row] + held * turn
+        x = xs[row] + share * (xs[row + 1] - xs[row])
+        y = ys[row] + share * (ys[row + 1] - ys[row])
+        # The points are ends of chords: the path deviates from them by the sagitta.
+        bulge = 0.5 * turn * (end - start) * held * (1.0 - held)
+        error = -math.sin(yaw) * (ego.x - x) + math.cos(yaw) * (ego.y - y) + bulge
+        turned = ego.yaw - yaw
+        return error, math.atan2(math.sin(turned), math.cos(turned))
+
+    def curvature(self, stations: FloatArray) -> FloatArray:
+        """Mean curvature [1/m] between rising stations of shape (n + 1,); shape (n,).
+
+        It is the change of heading over distance; the last curvature holds beyond the path's end.
+        """
+        yaw = np.interp(stations, self.station, self.yaw)
+        end, curvature = self._last
+        if stations[-1] > end:
+            yaw += curvature * np.maximum(stations - end, 0.0)
+        return np.asarray((yaw[1:] - yaw[:-1]) / (stations[1:] - stations[:-1]))
+
+
+class DisturbanceObserver:
+    """Estimates the lateral disturbance: wind, cross slope, model error; called every step.
+
+    The truck's lateral motion is compared with the prediction of the linear model one step ago. The
+    difference, as three accelerations of (lateral speed, yaw rate, trailer yaw rate), passes a
+    first-order filter (disturbance observer, Ohnishi 1987). A gust shows in the yaw rates long
+    before the truck leaves its path.
+
+    Attributes:
+      value: the estimate, (3,) [m/s2, rad/s2, rad/s2].
+    """
+
+    def __init__(self, time: float, step: float) -> None:
+        """Filters with a time constant `time` [s], called every `step` [s]."""
+        self._share = 1.0 - float(np.exp(-step / time))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets the estimate and the prediction."""
+        self.value = np.zeros(3)
+        self._expected: FloatArray | None = None
+
+    def update(self, state: FloatArray, gains: Gains) -> FloatArray:
+        """The estimate after a step.
+
+        Args:
+          state: (w, r, r_t, articulation, road wheel angle) now, (5,).
+          gains: at the present speed.
+        """
+        if self._expected is not None:
+            seen = gains.blame @ (state[:3] - self._expected)
+            self.value = self.value + self._share * (seen - self.value)
+        self._expected = gains.motion @ state
+        return self.value
+
+    def rest(self) -> None:
+        """Forgets the prediction and lets the estimate decay, for steps without steering."""
+        self._expected = None
+        self.value = (1.0 - self._share) * self.value
+
+
+class SteeringPlay:
+    """Inverse of the steering gear's play; one call every control step.
+
+    The gear's output follows the steering wheel only while one of the two flanks of its play is in
+    contact; on a reversal the wheel must cross the play first while the road wheels rest. Crossing
+    at every small reversal would make the wheel jump to and fro in a long bend. So the wheel stays
+    on its flank until the angle missing on the other side is large enough, and then crosses at a
+    steady rate. The inverse of play is that of Tao and Kokotovic (1996), with hysteresis and a
+    bounded rate.
+
+    Args:
+      steering: ratio and width of the play.
+      config: see `PlayConfig`.
+    """
+
+    def __init__(self, steering: Steering, config: PlayConfig) -> None:
+        self.steering = steering
+        self.config = config
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets the state of the gear."""
+        self._output: float | None = None
+        self._flank = 1.0
+        self._wheel = 0.0
+
+    def follow(self, wheel: float, road_wheel: float) -> float:
+        """Follows the gear's output, on the steering wheel's side [rad].
+
+        The measured wheel drags it along within the play. The first call reads it from the road
+        wheels, whose compliance would disturb it later.
+
+        Args:
+          wheel: angle of the steering wheel as measured [rad].
+          road_wheel: mean angle of the road wheels as measured [rad].
+        """
+        half = 0.5 * self.steering.dead_band
+        if self._output is None:
+            self._output = road_wheel * self.steering.ratio
+            self._flank = math.copysign(1.0, wheel - self._output)
+            self._wheel = wheel
+        self._output = min(max(self._output, wheel - half), wheel + half)
+        return self._output
+
+    def turn(self, demand: float, gain: float, step: float) -> float:
+        """Steering wheel angle [rad] that brings the gear's output to the demand.
+
+        Args:
+          demand: of the road wheels' angle [rad].
+          gain: lateral acceleration by road wheel angle, steady [m/s2 per rad].
+          step: since the last call [s].
+        """
+        config, ratio = self.config, self.steering.ratio
+        half = 0.5 * self.steering.dead_band
+        output = demand * ratio if self._output is None else self._output
+        missing = demand * ratio - output
+        bearable = min(config.missing_angle, config.missing_acceleration / max(gain, 1e-6))
+        if missing * self._flank < -bearable * ratio:
+            self._flank = -self._flank
+        # The wheel never moves off its flank toward the play.
+        target = output + self._flank * (max(missing * self._flank, 0.0) + half)
+        contact = output + self._flank * half
+        reach = config.crossing_rate * step
+        crossed = (contact - self._wheel) * self._flank
+        if crossed > reach:
+            self._wheel += self._flank * reach
+        else:
+            self._wheel = target
+        most = self.steering.angle_max
+        self._wheel = min(max(self._wheel, -most), most)
+        return self._wheel
 
 
 class LateralController:
@@ -171,7 +232,7 @@ class LateralController:
         self.reset()
 
     def reset(self) -> None:
-        """Wheel straight, no memory; gains are kept."""
+        """Forgets everything but the gains."""
         self.error = 0.0
         self._demand: float | None = None
         self._integral = 0.0
@@ -218,11 +279,11 @@ class LateralController:
         return self._wheel
 
     def _quieted(self, steady: float, gains: Gains) -> float:
-        """The demand less what of it is too little to be worth crossing the play.
+        """The demand without corrections that are too small to cross the play for.
 
         Args:
-          steady: angle that the path and the disturbance need in themselves [rad].
-          gains: of the present speed.
+          steady: angle for the path and the disturbance alone [rad].
+          gains: at the present speed.
         """
         beyond = (self._demand or 0.0) - steady
         idle = min(self.config.idle_angle, self.config.idle_acceleration / gains.response)
@@ -230,7 +291,7 @@ class LateralController:
         return min(max(wanted, -self._most), self._most)
 
     def _move(self, rate: float, error: float, speed: float) -> None:
-        """Moves the demanded angle, within what the gear can, and the integral."""
+        """Advances the demanded angle, within the limits of the gear, and the integral."""
         config, steering = self.config, self.parameters.steering
         limit = steering.rate_max / steering.ratio
         demand = (self._demand or 0.0) + min(max(rate, -limit), limit) * config.step
@@ -240,7 +301,7 @@ class LateralController:
             self._integral = min(max(grown, -config.integral_max), config.integral_max)
 
     def _trust(self, speed: float) -> float:
-        """How much of the disturbance counts: at walking pace it is mostly model error."""
+        """Share of the disturbance that counts: at walking pace it is mostly model error."""
         low, high = self.config.disturbance_speed
         return min(max((speed - low) / (high - low), 0.0), 1.0)
 
@@ -253,10 +314,10 @@ class LateralController:
 
 
 def check_finite(ego: EgoState, names: tuple[str, ...] = USED) -> None:
-    """Holds the numbers that are used of a state to be finite.
+    """Checks values of a state.
 
     Raises:
-      InputError: one of them is not.
+      InputError: one of them is not finite.
     """
     if all(map(math.isfinite, _reader(names)(ego))):
         return

@@ -1,8 +1,8 @@
-"""Linear-quadratic preview gains of the steering, over speed, and their settings.
+"""Linear-quadratic preview gains of the steering over speed, and the settings of path tracking.
 
-Linear-quadratic preview control (Tomizuka 1976; Sharp and Valtetsidou 2001): full state feedback,
-articulation in it, plus what is known to come: the path's curvature over the coming seconds, and
-the disturbance that was seen, taken to last. All three come out of one Riccati equation a speed.
+Linear-quadratic preview control (Tomizuka 1976; Sharp and Valtetsidou 2001): feedback of the full
+state with the articulation, plus feed-forward of the path's curvature over the coming seconds and
+of the observed disturbance, assumed to last. One Riccati equation per speed gives all three.
 """
 
 from __future__ import annotations
@@ -18,20 +18,11 @@ from scipy.linalg import solve_discrete_are
 from controllers.tracking.lateral_model import STATES, LateralModel
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
-from iits_mj.parameters import Steering
-
-# --- The play of the steering gear: how the wheel is turned so that the road wheels do as demanded
-# The gear's output follows the steering wheel only while one of the two flanks of its play touches;
-# when the direction turns, the wheel has to cross the play first and the road wheels rest
-# meanwhile. Crossing at every small reversal makes the wheel jump to and fro in a long bend. So the
-# wheel stays on its flank until what is missing on the other side is worth it, and then crosses at
-# a steady rate. The inverse of play is that of Tao and Kokotovic (1996), with hysteresis and a
-# bounded rate.
 
 
 @dataclass(frozen=True)
 class PlayConfig:
-    """When and how the play is crossed.
+    """Settings of crossing the steering gear's play.
 
     Attributes:
       missing_acceleration: lateral acceleration that may be missing before a crossing [m/s2].
@@ -44,75 +35,6 @@ class PlayConfig:
     crossing_rate: float = 0.35
 
 
-class SteeringPlay:
-    """Knows on which flank the gear stands; one call every control step.
-
-    Args:
-      steering: ratio and width of the play.
-      config: see `PlayConfig`.
-    """
-
-    def __init__(self, steering: Steering, config: PlayConfig) -> None:
-        self.steering = steering
-        self.config = config
-        self.reset()
-
-    def reset(self) -> None:
-        """Knows nothing of the gear."""
-        self._output: float | None = None
-        self._flank = 1.0
-        self._wheel = 0.0
-
-    def follow(self, wheel: float, road_wheel: float) -> float:
-        """The gear's output, seen from the wheel's side [rad].
-
-        Dragged along by the measured wheel within the play; at the first call it is read from the
-        road wheels, later their compliance would disturb it.
-
-        Args:
-          wheel: angle of the steering wheel as measured [rad].
-          road_wheel: mean angle of the road wheels as measured [rad].
-        """
-        half = 0.5 * self.steering.dead_band
-        if self._output is None:
-            self._output = road_wheel * self.steering.ratio
-            self._flank = math.copysign(1.0, wheel - self._output)
-            self._wheel = wheel
-        self._output = min(max(self._output, wheel - half), wheel + half)
-        return self._output
-
-    def turn(self, demand: float, gain: float, step: float) -> float:
-        """Wheel angle [rad] that brings the gear's output to the demand.
-
-        Args:
-          demand: of the road wheels' angle [rad].
-          gain: lateral acceleration by road wheel angle, steady [m/s2 per rad].
-          step: since the last call [s].
-        """
-        config, ratio = self.config, self.steering.ratio
-        half = 0.5 * self.steering.dead_band
-        output = demand * ratio if self._output is None else self._output
-        missing = demand * ratio - output
-        bearable = min(config.missing_angle, config.missing_acceleration / max(gain, 1e-6))
-        if missing * self._flank < -bearable * ratio:
-            self._flank = -self._flank
-        # Off its flank the wheel would only lose what it has.
-        target = output + self._flank * (max(missing * self._flank, 0.0) + half)
-        contact = output + self._flank * half
-        reach = config.crossing_rate * step
-        crossed = (contact - self._wheel) * self._flank
-        if crossed > reach:
-            self._wheel += self._flank * reach
-        else:
-            self._wheel = target
-        most = self.steering.angle_max
-        self._wheel = min(max(self._wheel, -most), most)
-        return self._wheel
-
-
-# --- Linear-quadratic preview gains of the steering, over speed, and their settings ---
-
-
 @dataclass(frozen=True)
 class LateralConfig:
     """Weights and limits of the steering controller.
@@ -123,20 +45,20 @@ class LateralConfig:
       articulation_weight: on the articulation rate [s2/rad2].
       integral_weight: on the integral of the offset [1/(m2 s2)].
       rate_weight: on the rate of the road wheel angle [s2/rad2].
-      rate_speed: below it that weight falls with the fourth power of speed, as the path answers
-        with the square [m/s]; rate_weight_min: not below this [s2/rad2].
+      rate_speed: below it that weight falls with the fourth power of speed, as the path responds
+        with the square [m/s]; rate_weight_min: its least value [s2/rad2].
       preview_time: of curvature [s]; step: of the controller [s].
       lag: steering and tire relaxation [s].
       speed_grid: [m/s], rising.
-      disturbance_time: over which a disturbance is believed [s].
-      steady_time: over which a disturbance is taken to be lasting [s].
-      disturbance_speed: from the first of these speeds on it counts, fully from the second [m/s].
-      idle_acceleration: lateral acceleration of a correction that is not worth while [m/s2].
+      disturbance_time: time constant of the disturbance's estimate [s].
+      steady_time: time constant of the lasting disturbance [s].
+      disturbance_speed: it counts from the first of these speeds on, fully from the second [m/s].
+      idle_acceleration: lateral acceleration of a correction that is left out [m/s2].
       idle_angle: the same as road wheel angle, at low speed [rad].
-      error_max: offset that the feedback sees at most [m].
-      integral_error_max: beyond this offset the integral rests [m].
+      error_max: greatest offset in the feedback [m].
+      integral_error_max: offset beyond which the integral rests [m].
       integral_max: [m s].
-      speed_min: below it the wheel is held [m/s].
+      speed_min: speed below which the wheel is held [m/s].
       play: see `PlayConfig`.
 
     Raises:
@@ -173,21 +95,20 @@ class LateralConfig:
         grid = np.array(self.speed_grid)
         if not (len(grid) > 1 and grid[0] > 0.0 and np.all(np.diff(grid) > 0.0)):
             raise InputError(
-                f"steering: speed_grid = {self.speed_grid}: must hold two speeds or more, positive "
-                "and rising"
+                f"steering: speed_grid = {self.speed_grid}: at least two positive, rising speeds "
+                "are needed"
             )
 
 
 class Gains(NamedTuple):
-    """What holds at one speed.
+    """Gains and model at one speed.
 
     Attributes:
       feedback: of the state, (9,).
       preview: of the curvatures ahead, (n,).
       disturbance: of the three disturbing accelerations, (3,).
-      motion: row by row what (w, r, r_t) are a step later, of (w, r, r_t, articulation, delta),
-        (3, 5).
-      blame: disturbing accelerations by what (w, r, r_t) are off after a step, (3, 3).
+      motion: (w, r, r_t) a step later as a product with (w, r, r_t, articulation, delta), (3, 5).
+      blame: disturbing accelerations by the prediction error of (w, r, r_t), (3, 3).
       balance: road wheel angle that holds a disturbance on a straight path, (3,).
       response: steady lateral acceleration by road wheel angle [m/s2 per rad].
     """
@@ -203,7 +124,7 @@ class Gains(NamedTuple):
 
 @dataclass(frozen=True)
 class LateralGains:
-    """Gains over the speed grid, one row a speed; `at` takes them apart."""
+    """Gains over the speed grid; one row of `rows` packs those of a speed."""
 
     speed: tuple[float, ...]
     rows: FloatArray
@@ -215,7 +136,7 @@ class LateralGains:
         return cls(config.speed_grid, np.array(rows))
 
     def at(self, speed: float) -> Gains:
-        """The gains at a speed [m/s], interpolated; beyond the grid those of its ends."""
+        """The gains interpolated at a speed [m/s], clamped to the grid."""
         grid = self.speed
         row = min(max(bisect(grid, speed) - 1, 0), len(grid) - 2)
         share = min(max((speed - grid[row]) / (grid[row + 1] - grid[row]), 0.0), 1.0)
@@ -230,12 +151,12 @@ def _design(model: LateralModel, speed: float, config: LateralConfig) -> Gains:
     inverse = np.linalg.inv(rate + b.T @ riccati @ b)
     gain = inverse @ b.T @ riccati @ a
     closed = (a - b @ gain).T
-    # Known ahead: u = -K x - sum_k inv B' (Acl')^k P E kappa_k.
+    # Preview: u = -K x - sum_k inv B' (Acl')^k P E kappa_k.
     row, term = [], riccati @ e
     for _ in range(round(config.preview_time / config.step)):
         row.append((inverse @ b.T @ term).item())
         term = closed @ term
-    # Beyond the preview the last curvature is taken to last, and the disturbance from now on.
+    # The last curvature is assumed to last beyond the preview, the disturbance from now on.
     forever = np.eye(len(STATES)) - closed
     row[-1] += (inverse @ b.T @ np.linalg.solve(forever, term)).item()
     lasting = inverse @ b.T @ np.linalg.solve(forever, riccati @ disturb)
@@ -243,7 +164,7 @@ def _design(model: LateralModel, speed: float, config: LateralConfig) -> Gains:
         feedback=gain[0],
         preview=np.array(row),
         disturbance=lasting[0],
-        # Over a step the measured angle stands: as if it were demanded, too.
+        # The measured angle stays over a step, as if it were demanded, too.
         motion=np.column_stack([a[:3, :4], a[:3, 6] + a[:3, 7]]),
         blame=np.asarray(np.linalg.inv(disturb[:3]), dtype=float),
         balance=model.balance(speed),

@@ -1,4 +1,4 @@
-"""Linear lateral model of the tractor-semitrailer, as the steering controller sees it.
+"""Linear lateral model of the tractor-semitrailer for the steering controller.
 
 Small angles, constant speed, linear tires; the reference point is the steer axle centre. With
 lateral speed w there, yaw rates r and r_t and articulation g, virtual work in the coordinates
@@ -114,7 +114,7 @@ class LateralModel:
     def discrete(
         self, speed: float, step: float
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """The same over one step [s] with inputs held: exact.
+        """Exact discrete form over one step [s] with inputs held.
 
         Returns:
           A (9, 9), B (9, 1), E (9, 1) and D (9, 3), the last for disturbing accelerations of
@@ -137,7 +137,7 @@ class LateralModel:
     def balance(self, speed: float) -> FloatArray:
         """Road wheel angle by each disturbing acceleration of (w, r, r_t) on a straight path, (3,).
 
-        The truck moves crabwise then: both yaw rates vanish, so do all three accelerations.
+        The truck then moves crabwise: both yaw rates and all three accelerations vanish.
         """
         a, _, _ = self.matrices(speed)
         held = a[:3][:, [0, 3, 6]]

@@ -1,13 +1,12 @@
 """Speed tracking: accelerator pedal, engine brake, retarder and XBR from the planned speed.
 
-Feed-forward of acceleration, grade, rolling and air through the inverse powertrain, a slow
-integral beside. Accelerator, coasting, endurance brakes and friction take over from each other with
-hysteresis and dwell times, so that they never chatter. Where the plan asks for about the engine's
-drag the truck coasts in gear, and small errors of speed are let be: correcting them by accelerator
-and engine brake in turn costs fuel and gear changes. For the same reason the pedal is floored too
-slowly for a kick-down, unless much speed is to be gained. A descent is held by engine brake, then
-retarder, each asked by its own TSC1; what they lack is an XBR demand that may use both. At
-standstill the brakes hold.
+Feed-forward of acceleration, grade, rolling and air through the inverse powertrain, plus a slow
+integral. Accelerator, coasting, endurance brakes and friction alternate with hysteresis and dwell
+times, so that they never chatter. Where the plan asks for about the engine's drag the truck coasts
+in gear and ignores small errors of speed: correcting them by accelerator and engine brake in turn
+costs fuel and gear changes. For the same reason the pedal moves too slowly for a kick-down, unless
+much speed is to be gained. Engine brake, then retarder, hold the speed on a descent, each by its
+own TSC1; an XBR demand that may use both adds what they lack. At standstill the brakes hold.
 """
 
 from __future__ import annotations
@@ -26,73 +25,11 @@ from iits_mj.core.messages import EgoState, Trajectory, XbrEbiMode, XbrMode
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 
-# --- What the speed controller sees of a trajectory: planned speed and acceleration over time ---
-
-
-class SpeedView:
-    """A trajectory made ready for many looks at it.
-
-    Attributes:
-      trajectory: planned.
-      greatest: speed in it [m/s].
-    """
-
-    def __init__(self, trajectory: Trajectory) -> None:
-        self.trajectory = trajectory
-        self.greatest = float(trajectory.speed.max())
-        self._time = trajectory.time.tolist()
-        self._speed = trajectory.speed.tolist()
-        self._acceleration = trajectory.acceleration.tolist()
-
-    def speed(self, time: float) -> float:
-        """Planned speed at a time [m/s]."""
-        return interpolate(time, self._time, self._speed)
-
-    def acceleration(self, time: float) -> float:
-        """Planned acceleration at a time [m/s2]."""
-        return interpolate(time, self._time, self._acceleration)
-
-
-# --- What the gearbox takes for a kick-down: the pedal near the floor, much above where it was ---
-
-# Of the gearbox's thresholds: what stays surely below them [1].
-_SURELY = 0.99
-
-
-class KickDown:
-    """Follows the accelerator as the gearbox does, call by call.
-
-    Args:
-      parameters: of the truck.
-      step: between two calls [s].
-    """
-
-    def __init__(self, parameters: TruckParameters, step: float) -> None:
-        shifting = parameters.gearbox.shifting
-        self._near_floor = _SURELY * shifting.kick_down_pedal
-        self._rise = _SURELY * shifting.kick_down_rise
-        self._share = min(step / shifting.pedal_lag, 1.0)
-        self.reset()
-
-    def reset(self) -> None:
-        """The pedal was up for long."""
-        self._slow_pedal = 0.0
-
-    def follow(self, pedal: float) -> None:
-        """Hears the pedal of this call, 0 to 1."""
-        self._slow_pedal += self._share * (pedal - self._slow_pedal)
-
-    @property
-    def greatest_pedal(self) -> float:
-        """Position, 0 to 1, to which the pedal may be pressed now without a kick-down."""
-        return min(max(self._near_floor, self._slow_pedal + self._rise), 1.0)
-
-
-# --- Speed tracking: accelerator pedal, engine brake, retarder and XBR from the planned speed ---
+_SURELY = 0.99  # share of the gearbox's thresholds that is surely below them
 
 
 class Phase(enum.Enum):
-    """Who acts on the speed: engine; its drag; engine brake, retarder; friction, too; standing."""
+    """What controls the speed: engine, its drag, endurance brakes, friction too, or standstill."""
 
     DRIVE = "drive"
     COAST = "coast"
@@ -108,31 +45,30 @@ class LongitudinalConfig:
 
     Attributes:
       speed_gain: [1/s]; integral_gain: [1/s2]; integral_max: [m/s2].
-      lead_time: the planned acceleration is taken this far ahead, for lags [s].
+      lead_time: by which the planned acceleration is applied earlier, for lags [s].
       step: of the controller [s].
       overrun_enter: torque below the engine's drag that ends driving [N m].
       overrun_leave: torque above the engine's drag that begins driving again [N m].
       retard_enter: deceleration beyond the engine's drag that ends coasting [m/s2]. A request to
         the engine brake, however small, makes the gearbox shift down.
-      coast_error: error of speed that coasting lets be [m/s]; less below `coast_speed`.
+      coast_error: error of speed that coasting ignores [m/s]; less below `coast_speed`.
       coast_speed: [m/s].
-      brake_enter: deceleration beyond engine brake and retarder that calls friction [m/s2].
-      brake_leave: the same, below which it is released [m/s2].
-      build_up: of friction, from the demand to its force [s].
+      brake_enter: deceleration beyond engine brake and retarder that applies friction [m/s2].
+      brake_leave: the same, below which friction is released [m/s2].
+      build_up: time from the demand for friction to its force [s].
       dwell: least time in a phase [s].
-      urgent: demanded deceleration that ends dwelling and brakes at once; brake control then
-        has engine brake and retarder to itself, and leaves them while ABS works [m/s2].
-      calm: the same, below which brake control may be let go again [m/s2].
+      urgent: demanded deceleration that ends the dwell time and brakes at once; brake control then
+        commands engine brake and retarder alone, and releases them while ABS works [m/s2].
+      calm: the same, below which the brakes may be released again [m/s2].
       pedal_rise, pedal_fall: rates of the pedal [1/s].
-      kick_down_gain: speed to be gained within the plan for which a lower gear is worth its change
-        [m/s].
+      kick_down_gain: speed to be gained within the plan that justifies a kick-down [m/s].
       endurance_rate: of the requests to engine brake and retarder [1/s].
       demand_rate: of the XBR demand when it grows, outside emergencies [m/s3].
       demand_max: [m/s2].
-      stop_speed: below it a plan to stop holds the brakes [m/s].
+      stop_speed: speed below which a plan to stop applies the hold [m/s].
       go_speed: planned speed that ends holding [m/s].
-      level: grade below which a start needs no holding before.
-      roll_back: speed backwards that ends a start; the truck is held again [m/s].
+      level: grade below which a start needs no hold before.
+      roll_back: backward speed that ends a start; the truck is held again [m/s].
       hold_demand: XBR demand at standstill [m/s2].
     """
 
@@ -164,6 +100,11 @@ class LongitudinalConfig:
     roll_back: float = 0.1
     hold_demand: float = 1.0
 
+    def coasting_error(self, error: float, speed: float) -> float:
+        """The error of speed [m/s] to correct while coasting at a speed [m/s]."""
+        band = self.coast_error * min(max(speed, 0.0) / self.coast_speed, 1.0)
+        return error - min(max(error, -band), band)
+
 
 @dataclass(frozen=True, slots=True)
 class SpeedCommand:
@@ -177,8 +118,61 @@ class SpeedCommand:
     retarder: float
 
 
+class SpeedView:
+    """A trajectory prepared for lookups of speed and acceleration by time.
+
+    Attributes:
+      trajectory: planned.
+      greatest: greatest speed in it [m/s].
+    """
+
+    def __init__(self, trajectory: Trajectory) -> None:
+        self.trajectory = trajectory
+        self.greatest = float(trajectory.speed.max())
+        self._time = trajectory.time.tolist()
+        self._speed = trajectory.speed.tolist()
+        self._acceleration = trajectory.acceleration.tolist()
+
+    def speed(self, time: float) -> float:
+        """Planned speed at a time [m/s]."""
+        return interpolate(time, self._time, self._speed)
+
+    def acceleration(self, time: float) -> float:
+        """Planned acceleration at a time [m/s2]."""
+        return interpolate(time, self._time, self._acceleration)
+
+
+class KickDown:
+    """Condition of the gearbox for a kick-down: pedal near the floor, far above its recent level.
+
+    Args:
+      parameters: of the truck.
+      step: between two calls [s].
+    """
+
+    def __init__(self, parameters: TruckParameters, step: float) -> None:
+        shifting = parameters.gearbox.shifting
+        self._near_floor = _SURELY * shifting.kick_down_pedal
+        self._rise = _SURELY * shifting.kick_down_rise
+        self._share = min(step / shifting.pedal_lag, 1.0)
+        self.reset()
+
+    def reset(self) -> None:
+        """Assumes that the pedal was up for long."""
+        self._slow_pedal = 0.0
+
+    def follow(self, pedal: float) -> None:
+        """Takes the pedal of this step, 0 to 1."""
+        self._slow_pedal += self._share * (pedal - self._slow_pedal)
+
+    @property
+    def greatest_pedal(self) -> float:
+        """Greatest pedal position, 0 to 1, without a kick-down now."""
+        return min(max(self._near_floor, self._slow_pedal + self._rise), 1.0)
+
+
 class LongitudinalController:
-    """Keeps the planned speed; one call every 20 ms."""
+    """Tracks the planned speed; one call every 20 ms."""
 
     def __init__(
         self, parameters: TruckParameters, config: LongitudinalConfig | None = None
@@ -203,7 +197,7 @@ class LongitudinalController:
         self._view: SpeedView | None = None
 
     def command(self, ego: EgoState, trajectory: Trajectory, grade: float) -> SpeedCommand:
-        """What pedal and brakes are to do.
+        """Commands of pedal and brakes.
 
         Args:
           ego: the truck.
@@ -221,7 +215,9 @@ class LongitudinalController:
         ahead = view.acceleration(ego.time + config.lead_time)
         if self._stand(ego, planned, soon):
             return self._hold(ego, grade, soon)
-        error = self._forgive(planned - ego.speed, ego.speed)
+        error = planned - ego.speed
+        if self.phase is Phase.COAST:
+            error = config.coasting_error(error, ego.speed)
         wanted = ahead + config.speed_gain * error + self._integral
         inverse, gear = self.inverse, self._gear
         force = inverse.effective_mass(ego.mass, gear) * wanted
@@ -241,24 +237,17 @@ class LongitudinalController:
         return self._output()
 
     def _short_soon(self, ego: EgoState, force: float, wanted: float, engaged: bool) -> float:
-        """Force [N] that engine brake and retarder will lack when friction, asked now, is there.
+        """Force [N] that engine brake and retarder will lack once friction has built up.
 
-        Both give out as the truck gets slow; what takes their place has to be built up before.
+        Both fade as the truck slows down, so friction must build up before.
         """
         speed = max(ego.speed + min(wanted, 0.0) * self.config.build_up, 0.0)
         engine_speed = ego.engine_speed * speed / max(ego.speed, 0.1)
         then = self.inverse.endurance(speed, engine_speed, self._gear, engaged)
         return share_out(-force, then).short
 
-    def _forgive(self, error: float, speed: float) -> float:
-        """The error of speed [m/s] that is corrected: while coasting less than there is."""
-        if self.phase is not Phase.COAST:
-            return error
-        band = self.config.coast_error * min(max(speed, 0.0) / self.config.coast_speed, 1.0)
-        return error - min(max(error, -band), band)
-
     def _stand(self, ego: EgoState, planned: float, soon: float) -> bool:
-        """Whether the truck stands and is to stand, or to start."""
+        """Whether the truck is at standstill and shall stay there or start."""
         config = self.config
         if self.phase in (Phase.HOLD, Phase.LAUNCH):
             return ego.speed < config.stop_speed or soon <= config.go_speed
@@ -267,7 +256,7 @@ class LongitudinalController:
         )
 
     def _hold(self, ego: EgoState, grade: float, soon: float) -> SpeedCommand:
-        """Brakes at standstill, and the start without rolling back."""
+        """Commands at standstill, and of a start without rolling back."""
         config, inverse = self.config, self.inverse
         self._integral = 0.0
         start = soon > config.go_speed and self._may_start(ego, grade)
@@ -276,8 +265,8 @@ class LongitudinalController:
         if self.phase is Phase.HOLD:
             self._pedal, self._demand = 0.0, config.hold_demand
             return self._output()
-        # Hill hold of brake control keeps the truck until the driveline carries it; an XBR demand
-        # would cut the engine.
+        # Hill hold of brake control holds the truck until the driveline does; an XBR demand would
+        # cut the engine.
         self._demand = 0.0
         gear = max(self._gear, 1)
         resistance = inverse.resistance(ego.mass, 0.1, grade)
@@ -287,7 +276,7 @@ class LongitudinalController:
         return self._output()
 
     def _may_start(self, ego: EgoState, grade: float) -> bool:
-        """On an upgrade only out of a hold, so that hill hold is there; not while rolling back."""
+        """Whether a start is possible: uphill only from a hold with hill hold, not rolling back."""
         if self.phase is Phase.LAUNCH:
             return ego.speed > -self.config.roll_back
         held = self.phase is Phase.HOLD and self._since >= self.config.dwell
@@ -296,7 +285,7 @@ class LongitudinalController:
     def _choose(
         self, above: float, beyond: float, deficit: float, wanted: float, engaged: bool
     ) -> None:
-        """Next phase, with hysteresis and dwell time; a gear change is waited for.
+        """Chooses the next phase, with hysteresis and dwell time; waits for gear changes.
 
         Args:
           above: torque wanted above the engine's drag [N m].
@@ -329,12 +318,12 @@ class LongitudinalController:
             self._enter(Phase.DRIVE)
 
     def _pull(self, ego: EgoState, torque: float, gain: float) -> None:
-        """The accelerator, at its rates; up in every phase but driving.
+        """Sets the accelerator within its rates; released in every phase but DRIVE.
 
         Args:
           ego: the truck.
           torque: wanted at the crankshaft [N m].
-          gain: speed that the plan is still to gain [m/s].
+          gain: speed still to be gained by the plan [m/s].
         """
         config, step = self.config, self.config.step
         if self.phase is not Phase.DRIVE:
@@ -349,7 +338,7 @@ class LongitudinalController:
         self._pedal = min(max(pedal, lowest), self._pedal + config.pedal_rise * step)
 
     def _retard(self, shared: Retardation, wanted: float, engaged: bool) -> None:
-        """Engine brake and retarder; in a gear change the engine brake's request stands."""
+        """Sets engine brake and retarder; a gear change keeps the engine brake's request."""
         engine_brake, retarder = shared.engine_brake, shared.retarder
         if not engaged:
             engine_brake = self._engine_brake
@@ -361,11 +350,11 @@ class LongitudinalController:
         self._retarder += min(max(retarder - self._retarder, -reach), reach)
 
     def _brake(self, ego: EgoState, force: float, wanted: float) -> None:
-        """The XBR demand for a force at the wheels, `force` negative when it brakes [N]."""
+        """Sets the XBR demand for a force at the wheels [N], negative when it brakes."""
         config, brake = self.config, self.parameters.air_brake
         demand = 0.0
         if self.phase is Phase.BRAKE:
-            # Brake control counts rolling resistance in, and slows the wheels as well.
+            # Brake control includes rolling resistance and slows the wheels as well.
             weight = ego.mass * GRAVITY
             level = self.inverse.rolling * weight - force
             level /= ego.mass + self.inverse.wheel_mass
@@ -375,7 +364,7 @@ class LongitudinalController:
         self._demand = min(demand, self._demand + rise)
 
     def _learn(self, ego: EgoState, error: float) -> None:
-        """The integral rests where the actuators are at their ends, and in gear changes."""
+        """Updates the integral, except at the actuators' limits, coasting and in gear changes."""
         config = self.config
         stuck = (self._pedal >= 1.0 and error > 0.0) or (
             self._demand >= config.demand_max and error < 0.0

@@ -1,18 +1,11 @@
 """The paper's analytic models of the truck, corrected, as pure functions of its parameters.
 
 `Kinematic` is the slip-free model, `YawSideslip` the linear lateral model, `YawRoll` the same with
-roll, tire lag, side wind and traction; `measures` says what they predict. Nothing here knows
+roll, tire lag, side wind and traction; `measures` computes what they predict. They do not use
 MuJoCo, and nothing is fitted to the simulation.
 """
 
 from iits_mj.analytic.kinematic import Kinematic
-from iits_mj.analytic.loads import (
-    axle_cornering_stiffness,
-    cruise_axle_loads,
-    kingpin_load,
-    laden_trailer,
-    static_axle_loads,
-)
 from iits_mj.analytic.measures import (
     Response,
     critical_speed,
@@ -28,6 +21,13 @@ from iits_mj.analytic.measures import (
 )
 from iits_mj.analytic.yaw_roll import RollSystem, YawRoll
 from iits_mj.analytic.yaw_sideslip import LateralSystem, YawSideslip
+from iits_mj.parameters.mass_state import (
+    cruise_axle_loads,
+    kingpin_load,
+    laden_trailer,
+    static_axle_loads,
+)
+from iits_mj.parameters.tire_law import axle_cornering_stiffness
 
 __all__ = [
     "Kinematic",

@@ -1,4 +1,4 @@
-"""What the linear model says about handling: responses, gains, critical speed, amplification."""
+"""Handling measures of the linear models: responses, gains, critical speed, amplification."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import signal
 
-from iits_mj.analytic.loads import axle_cornering_stiffness, static_axle_loads
 from iits_mj.analytic.yaw_sideslip import LateralSystem, YawSideslip
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.checks import positive
 from iits_mj.core.errors import InputError
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import static_axle_loads
+from iits_mj.parameters.tire_law import axle_cornering_stiffness
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ def simulate(system: LateralSystem, time: FloatArray, steer: FloatArray) -> Resp
     """
     time, steer = np.asarray(time, dtype=float), np.asarray(steer, dtype=float)
     if time.ndim != 1 or time.shape != steer.shape or time.size < 2:
-        raise InputError(f"time {time.shape} and steer {steer.shape}: two equal vectors are wanted")
+        raise InputError(f"time {time.shape} and steer {steer.shape}: two equal vectors are needed")
     steps = np.diff(time)
     if not (np.all(np.isfinite(steps)) and steps[0] > 0.0 and np.ptp(steps) < 1e-6 * steps[0]):
         raise InputError("time must rise in finite, uniform steps")
@@ -103,15 +105,15 @@ def step_response(system: LateralSystem, steer: float, duration: float = 10.0) -
 
 
 def yaw_rate_gain(system: LateralSystem) -> float:
-    """Yaw rate over road-wheel angle [1/s] in the steady state, be that state stable or not."""
+    """Returns yaw rate over road-wheel angle [1/s] in the steady state, stable or not."""
     return float(system.steady_state()[1])
 
 
 def understeer_gradient(model: YawSideslip, speed: float = 20.0) -> float:
     """Understeer gradient [rad s2/m] of the linear model: d(delta - L/R) / d(lateral acceleration).
 
-    The model's steer angle is exactly `delta = L' / R + K a_y`, where L' is the wheelbase and what
-    tandem and tri-axle scrub, so that K follows from any two speeds.
+    The model's steer angle is exactly `delta = L' / R + K a_y`, where L' is the wheelbase with
+    the scrub of tandem and tri-axle, so that K follows from any two speeds.
     """
     slow, fast = model.at(0.5 * speed), model.at(speed)
     per_curvature = [1.0 / yaw_rate_gain(s) * s.speed for s in (slow, fast)]
@@ -119,7 +121,7 @@ def understeer_gradient(model: YawSideslip, speed: float = 20.0) -> float:
 
 
 def understeer_gradient_by_loads(parameters: TruckParameters, payload: float) -> float:
-    """The textbook's `K = (W_f / C_f - W_r / C_r) / g` [rad s2/m] from static axle loads."""
+    """Returns `K = (W_f / C_f - W_r / C_r) / g` [rad s2/m] from static axle loads (textbook)."""
     loads = static_axle_loads(parameters, payload)
     stiffness = axle_cornering_stiffness(parameters, loads)
     rear = slice(1, len(parameters.tractor.axles))
@@ -137,8 +139,7 @@ def critical_speed(model: YawSideslip, limit: float = 100.0) -> float:
       model: at no particular speed.
       limit: speeds are searched up to it in 400 steps [m/s]; the one found is exact.
     """
-    if not (np.isfinite(limit) and limit > 0.0):
-        raise InputError(f"limit {limit!r} m/s must be a positive speed")
+    positive("limit", limit, "m/s")
     low = 0.0
     for high in np.linspace(limit / 400.0, limit, 400):
         if not model.at(high).stable:
@@ -180,9 +181,8 @@ def rearward_amplification(system: LateralSystem, frequency: float = 0.4) -> flo
       frequency: of the sine [Hz]; 0.4 Hz is ISO 14791's.
     """
     _require_stable(system, "rearward amplification")
-    if not (np.isfinite(frequency) and frequency > 0.0):
-        raise InputError(f"frequency {frequency!r} Hz must be positive")
-    # Both peaks come during the sine or in the first swing after it.
+    positive("frequency", frequency, "Hz")
+    # Both peaks occur during the sine or in the first swing after it.
     time, steer = single_sine(1.0 / frequency, 2.0 / frequency + 8.0)
     response = simulate(system, time, 1e-2 * steer)
     peak = np.max(np.abs(response.steer_axle_acceleration))
@@ -221,7 +221,7 @@ def steady_off_tracking(system: LateralSystem, radius: float) -> float:
     """
     _require_stable(system, "steady off-tracking")
     model, v = system.model, system.speed
-    # Per yaw rate; the lateral velocity of the steer axle tells how far ahead of the centre it is.
+    # Per yaw rate; the steer axle's lateral velocity gives its distance ahead of the turn's centre.
     state = system.steady_state() / yaw_rate_gain(system)
     ahead = model.L_c1 + state[0]
     if not (np.isfinite(radius) and radius > abs(ahead)):

@@ -24,8 +24,8 @@ of the potential energy at rest:
     fifth wheel                  1/2 k_f (phi_t - phi_c)^2
     weights and axle loads       sum of m g z - F_z z with z to second order: z = -h phi^2 / 2
 
-where `b` is the spacing of the springs and `s` the track. The last line holds what tips a body over
-its roll centres and, through the kingpin's load, over the fifth wheel.
+where `b` is the spacing of the springs and `s` the track. The last line tips a body over its roll
+centres and, through the kingpin's load, over the fifth wheel.
 
 The axle with a roll centre is that of Gillespie and MacAdam, "Constant Velocity Yaw/Roll Program",
 UMTRI-82-39 (1982); the equations here are Lagrange's of the coordinates above.
@@ -51,8 +51,8 @@ class RollBodies:
     """Matrices of small motion, `n` coordinates, `k` axles.
 
     Attributes:
-      inertia: [kg, kg m, kg m2], shape (n, n); in its first three rows and columns only what the
-        masses contribute as points.
+      inertia: [kg, kg m, kg m2], shape (n, n); its first three rows and columns contain only
+        the masses as points.
       stiffness, damping: shape (n, n).
       patches: lateral displacement of the contact patches by coordinate, shape (k, n).
       wheels: that of the axles' centres, shape (k, n).
@@ -161,7 +161,7 @@ def roll_bodies(
         wheels.append(middle)
         body = axle_inertial(p, axle, roll_center - arm)
         add_mass(body.mass, middle, alpha, body.inertia_x)
-        # The load on the tires lifts what the axle's own weight pulls down.
+        # The load on the tires acts against the axle's own weight.
         pull = axle.unsprung_mass * GRAVITY - load
         add_weight(pull, roll_center, on_trailer=on_trailer)
         stiffness[alpha, alpha] += pull * arm + tire_roll[i]

@@ -1,4 +1,4 @@
-"""What the forces that keep the truck's speed do to its lateral motion, linear.
+"""Linear effect of the forces that keep the truck's speed on its lateral motion.
 
 A force F along the heading of its unit, at a point that roll moves aside by `y'` (relative to the
 tractor's body at the road, or to the kingpin), does on the coordinates of `roll_bodies` the work
@@ -67,7 +67,7 @@ def traction_forces(
     coupling: float,
     roll: bool,
 ) -> Traction:
-    """The terms of drag, rolling resistance and drive at constant speed on a level road.
+    """Returns the terms of drag, rolling resistance and drive at constant speed on a level road.
 
     Args:
       parameters: of the truck.
@@ -139,7 +139,7 @@ def tractor_pitch(parameters: TruckParameters, load_changes: FloatArray) -> floa
         compliance = 0.5 / axle.spring_rate + 0.5 / (tire.count * tire.vertical_stiffness)
         rises.append(-compliance * float(change))
     front, *drive = tractor.axles
-    return (float(np.mean(rises[1:])) - rises[0]) / (group_center(tuple(drive)) - front.position)
+    return (float(np.mean(rises[1:])) - rises[0]) / (group_center(drive) - front.position)
 
 
 def _side_share(common: TireCommon, rho: FloatArray) -> FloatArray:

@@ -1,7 +1,6 @@
-"""The yaw-sideslip model with what a truck has besides: roll, tire lag, side air, traction.
+"""The yaw-sideslip model extended by roll, tire lag, side air and traction.
 
-`YawSideslip` stays as it is; each extension can be left out, and without all of them the equations
-are `YawSideslip`'s.
+Each extension can be left out; without all of them the equations are those of `YawSideslip`.
 
 Equations. With the coordinates `q` of `roll_bodies` and forward speed v held,
 
@@ -27,7 +26,7 @@ omega_c`. Forces in Q:
 - traction: drag, rolling resistance and the drive that balances them, see `traction`;
 - pneumatic trail: as in `YawSideslip`.
 
-A linear model knows no load transfer, no lash and no saturation. Parameters are computed from the
+A linear model has no load transfer, no lash and no saturation. Parameters are computed from the
 truck's TOML and never fitted to the simulation.
 """
 
@@ -37,15 +36,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from iits_mj.analytic.loads import cruise_axle_loads, static_axle_loads
 from iits_mj.analytic.roll_bodies import FIRST_AXLE, PHI_C, PHI_T, roll_bodies
 from iits_mj.analytic.traction import Traction, traction_forces
 from iits_mj.analytic.yaw_sideslip import AnyArray, LateralSystem, YawSideslip
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.errors import InputError
+from iits_mj.core.checks import positive
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import cruise_axle_loads, static_axle_loads
 
-# Shortest relaxation length that the tire plugin knows [m].
+# Shortest relaxation length of the tire plugin [m].
 SHORTEST_RELAXATION = 0.1
 
 
@@ -62,7 +61,7 @@ class YawRoll:
       on_trailer: 1 for axles of the trailer, 0 for the tractor's, shape (k,).
       relaxation: lengths [m], shape (k,), or None.
       air: `1/2 rho A` of tractor and trailer [kg/m], shape (2,); pressure_centers: shape (2, n).
-      traction: what the forces that keep the speed add, or None.
+      traction: effect of the forces that keep the speed, or None.
       spin: angular momentum of an axle's wheels over speed [kg m], shape (k,).
       centers: lateral displacement of the CGs of tractor and trailer, shape (2, n).
     """
@@ -107,7 +106,7 @@ class YawRoll:
           relaxation: lag of the lateral tire forces.
           side_air: side force of the air in sideslip.
           wheels: gyroscopic moments, and yaw inertia of wheels that turn at their own speeds.
-          traction: what drag, rolling resistance and drive do.
+          traction: effect of drag, rolling resistance and drive.
           pneumatic_trail: as of `YawSideslip`.
           roll_coupling: roll stiffness between the units [N m/rad]; default: the fifth wheel's,
             whose plate is closed. 0: the units roll freely against each other.
@@ -116,9 +115,8 @@ class YawRoll:
           InputError: payload or roll coupling are not allowed.
         """
         fifth_wheel = parameters.fifth_wheel
-        coupling = fifth_wheel.roll_stiffness if roll_coupling is None else float(roll_coupling)
-        if not (np.isfinite(coupling) and coupling >= 0.0):
-            raise InputError(f"roll_coupling {roll_coupling!r} N m/rad must be zero or positive")
+        coupling = fifth_wheel.roll_stiffness if roll_coupling is None else roll_coupling
+        coupling = positive("roll_coupling", coupling, "N m/rad", zero=True)
         plane = YawSideslip.from_parameters(
             parameters, payload, cruise_speed=cruise_speed, pneumatic_trail=pneumatic_trail
         )
@@ -135,9 +133,8 @@ class YawRoll:
         trails = np.repeat(
             [plane.t_1, plane.t_2, plane.t_3], [1, on_drive, len(unit_yaw) - on_tractor]
         )
-        rest_loads = loads = static_axle_loads(parameters, payload)
-        if cruise_speed > 0.0:
-            loads = cruise_axle_loads(parameters, payload, cruise_speed)
+        rest_loads = static_axle_loads(parameters, payload)
+        loads = cruise_axle_loads(parameters, payload, cruise_speed)
         air = parameters.aerodynamics
         forces = None
         cornering = np.concatenate([[plane.C_1], plane.C_2, plane.C_3])
@@ -185,9 +182,7 @@ class YawRoll:
         Raises:
           InputError: the speed is not positive.
         """
-        v = float(speed)
-        if not (np.isfinite(v) and v > 0.0):
-            raise InputError(f"speed {speed!r} m/s: the yaw-roll model wants a positive speed")
+        v = positive("speed of the yaw-roll model", speed, "m/s")
         n, axles = len(self.inertia), len(self.cornering)
         rolls = n - 3
         first_rate, first_slip = 4 + rolls, 4 + 2 * rolls

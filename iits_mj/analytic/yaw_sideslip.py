@@ -49,15 +49,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.analytic.loads import (
-    axle_cornering_stiffness,
-    cruise_axle_loads,
-    laden_trailer,
-    static_axle_loads,
-)
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.errors import InputError
+from iits_mj.core.checks import positive
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import cruise_axle_loads, laden_trailer
+from iits_mj.parameters.tire_law import axle_cornering_stiffness
 
 AnyArray = NDArray[Any]
 
@@ -116,10 +112,7 @@ class YawSideslip:
         tractor, fifth_wheel = parameters.tractor, parameters.fifth_wheel
         trailer = laden_trailer(parameters, payload)
         front, *drive = tractor.axles
-        if cruise_speed > 0.0:
-            loads = cruise_axle_loads(parameters, payload, cruise_speed)
-        else:
-            loads = static_axle_loads(parameters, payload)
+        loads = cruise_axle_loads(parameters, payload, cruise_speed)
         stiffness = axle_cornering_stiffness(parameters, loads)
         trails = [
             parameters.tires[axle.tire].pneumatic_trail if pneumatic_trail else 0.0
@@ -163,7 +156,7 @@ class YawSideslip:
 
     def A_h(self, speed: float) -> FloatArray:
         """The corrected state matrix A_h, shape (4, 4), at `speed` [m/s]."""
-        v = _positive_speed(speed)
+        v = positive("speed of the yaw-sideslip model", speed, "m/s")
         # Rows: generalised forces on y_c, beta_c, beta_t; last row: gamma' = omega_c - omega_t.
         matrix = np.zeros((4, 4))
         for stiffness, slip, arm in self._axles(v):
@@ -260,10 +253,3 @@ class LateralSystem:
     def roll_angles(self, states: AnyArray) -> tuple[AnyArray, AnyArray]:
         """Roll of tractor and trailer [rad], shape (n,) each, from states (n, k); here zero."""
         return np.zeros_like(states[:, 0]), np.zeros_like(states[:, 0])
-
-
-def _positive_speed(speed: float) -> float:
-    value = float(speed)
-    if not math.isfinite(value) or value <= 0.0:
-        raise InputError(f"speed {speed!r} m/s: the yaw-sideslip model wants a positive speed")
-    return value

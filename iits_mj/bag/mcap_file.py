@@ -22,6 +22,7 @@ from iits_mj.j1939.state import TruckSender
 from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.drive_log import FILES, stored_options
 from iits_mj.simulation.frame import Frame
+from iits_mj.simulation.lock_step import LockStep, Observer
 from iits_mj.simulation.loop import Simulation
 
 # --- The types of a bag: ROS 2's own, CAN frames, and ours ---
@@ -177,8 +178,8 @@ VERSION: Final = 9
 _CAN_PERIOD = 0.01
 
 
-class BagWriter(Finishing):
-    """A tap and an observer that writes a ROS 2 bag; used as a context manager.
+class BagWriter(Finishing, Observer):
+    """Observer that writes a ROS 2 bag; used as a context manager.
 
     `/traffic/scene`, `/planning/trajectory`, `/decision` every 100 ms (the last when it is asked),
     `/control/command`, `/vehicle/command` and `/vehicle/state` every 20 ms: exactly what the
@@ -196,6 +197,7 @@ class BagWriter(Finishing):
     """
 
     period = _CAN_PERIOD
+    reads_bus = True
 
     def __init__(self, folder: Path, simulation: Simulation) -> None:
         self.folder = folder
@@ -215,9 +217,7 @@ class BagWriter(Finishing):
         options = stored_options(simulation.config)
         told = {"version": iits_mj.__version__, "timestep": simulation.timestep, "options": options}
         self._write("/drive", 0.0, self._standard.text(json.dumps(told)))
-        self._simulation = simulation
-        simulation.listen(self)
-        simulation.path.listen(self._on_bus)
+        self._truck = simulation.truck
 
     def planned(self, scene: Scene, trajectory: Trajectory) -> None:
         """Writes a scene, what was decided and planned in it, and how they look."""
@@ -241,32 +241,28 @@ class BagWriter(Finishing):
         self._write("/control/command", time, encode(wanted, self._make))
         self._write("/vehicle/command", time, encode(obeyed, self._make))
 
-    def observe(self, simulation: Simulation, frame: Frame) -> None:
+    def observe(self, simulation: LockStep, frame: Frame) -> None:
         """Writes the truck's reports on the bus that are due."""
+        del simulation
         state = dataclasses.replace(frame.ego, time=round(frame.time, 6))
-        for report in self._sender.frames(state, simulation.truck.report()):
-            self._on_bus(report)
+        for report in self._sender.frames(state, self._truck.report()):
+            self.sent(report)
 
     def close(self) -> None:
         """Finishes the bag; the drive may go on."""
         if self._writer is not None:
-            self._leave()
             self._writer.close()
             self._writer = None
 
     def abandon(self) -> None:
         """Leaves no bag behind."""
         if self._writer is not None:
-            self._leave()
             self._writer.abort()
             self._writer = None
             shutil.rmtree(self.folder, ignore_errors=True)
 
-    def _leave(self) -> None:
-        self._simulation.forget(self)
-        self._simulation.path.forget(self._on_bus)
-
-    def _on_bus(self, frame: BusFrame) -> None:
+    def sent(self, frame: BusFrame) -> None:
+        """Writes a frame of the bus."""
         self._write("/can", frame.time, self._standard.can(frame))
 
     def _write(self, topic: str, time: float, message: Any) -> None:

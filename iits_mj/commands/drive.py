@@ -30,8 +30,9 @@ from iits_mj.render.video import VideoObserver
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveSummary, Observer, Simulation, Telemetry
 from iits_mj.simulation.drive_log import BusLog, check_given
-from iits_mj.simulation.driver import Driver, LogDriver
+from iits_mj.simulation.driver import LogDriver
 from iits_mj.simulation.frame import DivergedError
+from iits_mj.simulation.lock_step import Driver
 from iits_mj.simulation.summary import counts_text, to_text
 from iits_mj.simulation.telemetry import drive_figures, speed_object, speed_rows
 from iits_mj.truck import Truck
@@ -167,7 +168,7 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
         observers: list[Observer] = [telemetry]
         log = None
         if kept.can_log is not None:
-            log = stack.enter_context(BusLog(kept.can_log, simulation))
+            log = stack.enter_context(BusLog(kept.can_log, simulation.truck))
             observers.append(log)
         if kept.bag is not None:
             # Load rosbags only for bags.

@@ -1,4 +1,4 @@
-"""Lay recorded trajectories of any known format on the road of any map, to be driven in.
+"""Places recorded trajectories of any known format on the road of any map, to be driven in.
 
 The file serves 'iits-mj replay FILE'. Formats, found by the content: NGSIM tables, reconstructed
 NGSIM pairs, highD-like tracks, SUMO's floating-car data, and our own recordings.
@@ -14,7 +14,13 @@ from iits_mj.commands.output import prepare_file
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
 from iits_mj.simulation.parts import load_map
-from traffic_bridge.datasets import Lay, lay, read_trajectories, without_noise, write_fcd
+from traffic_bridge.datasets import (
+    ImportConfig,
+    import_trajectories,
+    read_trajectories,
+    without_noise,
+    write_fcd,
+)
 from traffic_bridge.recording.file import target
 
 
@@ -95,8 +101,8 @@ def run(options: Options) -> int:
             )
     if options.filter_noise:
         trajectories = without_noise(trajectories)
-    how = Lay(start_station=options.start_station, lane_map=lane_map(options.lanes))
-    recording = lay(trajectories, load_map(options.map).route(), how)
+    config = ImportConfig(start_station=options.start_station, lane_map=lane_map(options.lanes))
+    recording = import_trajectories(trajectories, load_map(options.map).route(), config)
     path = recording.save(options.file)
     for note in recording.meta["notes"]:
         print(f"note: {note}")

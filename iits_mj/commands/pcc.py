@@ -2,19 +2,219 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import csv
+from dataclasses import dataclass, replace
+from pathlib import Path
 
+import numpy as np
+
+from controllers.pcc import PccConfig, RoadProfile
 from iits_mj.commands.output import ResultOptions, finish, prepare_folder
-from iits_mj.validation.planning import pcc_command
+from iits_mj.core import options as option_fields
+from iits_mj.core.arrays import FloatArray
+from iits_mj.core.errors import InputError, PlanningError
+from iits_mj.core.options import option
+from iits_mj.core.results import Check, Results
+from iits_mj.core.units import KMH
+from iits_mj.road import RoadMap
+from iits_mj.validation.planning.pcc_accuracy import (
+    ELEMENTS_MAX,
+    EQUAL_TIME,
+    FINE_STEP,
+    PAPER_SECONDS,
+    Elements,
+    bound_checks,
+    convergence_checks,
+    element_checks,
+    energy_checks,
+    equal_times,
+    finite_elements,
+    panels,
+    warm_up,
+)
+from iits_mj.validation.planning.pcc_case import PAPER_SAVING_PERCENT, Case, solve
+
+METHODS = ("distance", "hermite", "both")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(pcc_command.PccCommandConfig, ResultOptions):
+class Options(ResultOptions):
     """Flags of `iits-mj pcc`."""
+
+    road: Path | None = option(
+        None,
+        help="OpenDRIVE map, or CSV with columns s_m and z_m; without it the built-in highway",
+        positional=True,
+        metavar="MAP_OR_PROFILE",
+    )
+    mass: float = option(
+        55_000.0, help="gross mass", unit="kg", low=5_000.0, high=80_000.0, metavar="KG"
+    )
+    v_ref: float = option(
+        72.0, help="set speed of the cruise", unit="km/h", low=10.0, high=130.0, metavar="KMH"
+    )
+    v_min: float = option(
+        45.0, help="least planned speed", unit="km/h", low=4.0, high=130.0, metavar="KMH"
+    )
+    v_max: float = option(
+        90.0,
+        help="greatest planned speed; 90 is where the EU's speed limiter holds heavy trucks",
+        unit="km/h",
+        low=10.0,
+        high=200.0,
+        metavar="KMH",
+    )
+    mean_speed: bool = option(
+        False, help="v-ref is the mean speed of the cruise instead of its set speed"
+    )
+    limits: bool = option(True, help="keep to the map's speed limits and curve speeds")
+    k_a: float = option(
+        0.5, help="weight of acceleration squared, as the paper's", low=0.0, high=100.0
+    )
+    step: float = option(50.0, help="grid", unit="m", low=5.0, high=1_000.0, metavar="M")
+    start: float | None = option(
+        None, help="first station; without it the road's first", unit="m", metavar="M"
+    )
+    length: float | None = option(
+        None, help="length to plan; without it to the end", unit="m", low=100.0, metavar="M"
+    )
+    method: str = option(
+        "both",
+        help="optimize over distance, by the paper's Hermite finite elements in time, or both",
+        choices=METHODS,
+    )
+    profile: Path | None = option(
+        None, help="file for the planned speed over station", metavar="FILE.csv"
+    )
+
+    def __post_init__(self) -> None:
+        option_fields.check(self)
+        if not self.v_min <= self.v_ref <= self.v_max:
+            raise InputError(
+                f"band --v-min {self.v_min:g} km/h, --v-ref {self.v_ref:g} km/h, --v-max "
+                f"{self.v_max:g} km/h: v-min <= v-ref <= v-max is wanted"
+            )
 
 
 def run(options: Options) -> int:
     """Plans and shows what is saved."""
     if options.profile is not None:
         prepare_folder(options.profile.parent, "profile")
-    return finish(options, lambda: pcc_command.run(options))
+    return finish(options, lambda: measure(options))
+
+
+def measure(config: Options) -> Results:
+    """Plans a speed profile and compares it with the cruise.
+
+    Raises:
+      InputError: road file or numbers not usable.
+      MapError: the map cannot be read.
+      PlanningError: no plan exists; the message gives the reason.
+    """
+    road = load_profile(config)
+    settings = PccConfig(
+        v_ref=config.v_ref * KMH,
+        v_min=config.v_min * KMH,
+        v_max=config.v_max * KMH,
+        mean_speed=config.mean_speed,
+        k_a=config.k_a,
+    )
+    warm_up(settings)
+    case = solve(road, settings, config.mass)
+    elements = Elements(None)
+    if config.method != "distance":
+        elements = finite_elements(case, ELEMENTS_MAX if config.method == "both" else np.inf)
+        if config.method == "hermite" and elements.answer is None:
+            raise PlanningError(elements.reason)
+    results = Results("pcc", checks=checks(case, config, elements))
+    if config.profile is not None:
+        speed = case.solution.plan.speed
+        if config.method == "hermite" and elements.answer is not None:
+            speed = elements.answer.speed
+        write_profile(road, speed, case.solution.baseline.speed, config.profile)
+    results.figures["speed plan"] = panels(case, elements)
+    results.notes = [
+        f"road {road.name}: {road.length / 1e3:.2f} km, grades {100 * road.grade.min():+.1f} to "
+        f"{100 * road.grade.max():+.1f} %, {road.intervals} intervals of {road.step:g} m",
+        f"band {config.v_min:g} to {config.v_max:g} km/h, {config.mass:.0f} kg; the cruise is held "
+        f"to the same engine, brakes and limits, set speed {case.solution.v_set / KMH:.1f} km/h",
+        f"{PAPER_SAVING_PERCENT} % and 60 s are the paper's figures for its own road and solver; "
+        "the saving is what the cruise throws away in the brakes, so it depends on road and band",
+    ]
+    if not equal_times(case):
+        results.notes.append(
+            "the band lets no plan take as long as the cruise: what is saved is not saved in equal "
+            f"time; a --v-min below {config.v_min:g} km/h does"
+        )
+    if not config.limits and not np.isfinite(road.v_limit).any() and _is_table(config):
+        results.notes.append("a CSV road has no speed limits: --no-limits changes nothing")
+    if elements.reason:
+        results.notes.append(elements.reason)
+    return results
+
+
+def load_profile(config: Options) -> RoadProfile:
+    """Returns the requested road: a CSV by its ending, else an OpenDRIVE map."""
+    if config.road is not None and _is_table(config):
+        return RoadProfile.from_csv(config.road, config.step, config.length, config.start)
+    road_map = RoadMap.builtin() if config.road is None else RoadMap.from_opendrive(config.road)
+    start = 0.0 if config.start is None else config.start
+    road = RoadProfile.from_route(road_map.route(), start, config.length, config.step)
+    if config.limits:
+        return road
+    free = np.full(road.station.size, np.inf)
+    return RoadProfile(road.station, road.height, free, road.name)
+
+
+def _is_table(config: Options) -> bool:
+    return config.road is not None and config.road.suffix.lower() == ".csv"
+
+
+def checks(case: Case, config: Options, elements: Elements) -> list[Check]:
+    """Returns the figures; equal time and end speed are bounds, savings are information."""
+    solution = case.solution
+    plan, base = solution.plan, solution.baseline
+    rows = [
+        Check("saving, optimizer's fuel model", solution.saving_percent, "%", PAPER_SAVING_PERCENT),
+        Check(
+            "saving, engine map with gears", solution.map_saving_percent, "%", PAPER_SAVING_PERCENT
+        ),
+        Check("fuel of the plan, engine map", float(plan.map_fuel.sum()), "kg"),
+        Check("fuel of the cruise, engine map", float(base.map_fuel.sum()), "kg"),
+        Check(
+            "trip time of the plan over the cruise's",
+            plan.time / base.time,
+            "1",
+            1.0,
+            f"{1.0 - EQUAL_TIME:g} .. {1.0 + EQUAL_TIME:g}",
+        ),
+        Check("mean speed", solution.road.length / plan.time / KMH, "km/h"),
+        Check(
+            "end speed difference",
+            abs(float(plan.speed[-1] - base.speed[-1])),
+            "m/s",
+            0.0,
+            "<= 0.001",
+        ),
+        Check("price of a second of trip time", 1e3 * solution.time_price, "g/s"),
+        Check("fit of the fuel model, rms", 100.0 * case.vehicle.fuel.error, "%", None, "<= 3"),
+        *energy_checks(case),
+    ]
+    rows += bound_checks(case, gap_max=1.0)
+    if config.step > FINE_STEP:
+        rows += convergence_checks(case, load_profile(replace(config, step=FINE_STEP)))
+    rows += element_checks(case, elements)
+    seconds = solution.optimum.solve_time
+    return [*rows, Check("plan: set-up and solve", seconds, "s", PAPER_SECONDS)]
+
+
+def write_profile(road: RoadProfile, speed: FloatArray, cruise: FloatArray, path: Path) -> None:
+    """Writes planned and cruise speed [m/s] at the nodes as CSV with units in the header."""
+    try:
+        with path.open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.writer(stream)
+            writer.writerow(["station_m", "height_m", "speed_mps", "cruise_speed_mps"])
+            rows = zip(road.station, road.height, speed, cruise, strict=True)
+            writer.writerows([f"{value:.4f}" for value in row] for row in rows)
+    except OSError as error:
+        raise InputError(f"profile file {str(path)!r} cannot be written: {error}") from error

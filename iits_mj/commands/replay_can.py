@@ -18,8 +18,8 @@ from iits_mj.commands import drive
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
 from iits_mj.j1939 import Frame, read_log
-from iits_mj.j1939.addresses import LAST_ADDRESS
 from iits_mj.j1939.bus_summary import write_table
+from iits_mj.j1939.network import LAST_ADDRESS
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig
 from iits_mj.simulation.config import TruckStart

@@ -14,8 +14,9 @@ import mujoco.viewer
 
 from iits_mj.core.options import given_names, option
 from iits_mj.render.offscreen import check_display, follow
-from iits_mj.simulation import DriveConfig, Frame, Simulation
+from iits_mj.simulation import DriveConfig, Frame, Observer, Simulation
 from iits_mj.simulation.drive_log import check_given
+from iits_mj.simulation.lock_step import LockStep
 
 PERIOD = 0.02
 
@@ -30,7 +31,7 @@ class Options(DriveConfig):
     given: frozenset[str] = given_names()
 
 
-class _Window:
+class _Window(Observer):
     """Observer that shows the drive at the pace of the wall clock."""
 
     period = PERIOD
@@ -40,7 +41,7 @@ class _Window:
         self._pace = pace
         self._start = time.perf_counter()
 
-    def observe(self, simulation: Simulation, frame: Frame) -> None:
+    def observe(self, simulation: LockStep, frame: Frame) -> None:
         """Draws the frame and waits for its time."""
         if not self._window.is_running():
             simulation.stop("the window was closed")

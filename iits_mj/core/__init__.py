@@ -1,1 +1,1 @@
-"""What every package speaks: messages, errors, options, checks, results, units and tables."""
+"""Basis of all packages: messages, errors, options, checks, results, units and tables."""

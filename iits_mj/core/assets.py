@@ -1,4 +1,4 @@
-"""Where the files that come with the package lie."""
+"""Paths of the files that come with the package."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def mjcf_dir() -> Path:
-    """Folder of the model: `mjcf/` beside the sources, or inside the installed package."""
+    """Returns the model folder: `mjcf/` beside the sources, or inside the installed package."""
     for candidate in (_PACKAGE.parent / "mjcf", _PACKAGE / "mjcf"):
         if (candidate / "truck.toml").is_file():
             return candidate
@@ -18,7 +18,7 @@ def mjcf_dir() -> Path:
 
 
 def mjcf_path(name: str) -> Path:
-    """Path of a model file, for `mujoco.MjModel.from_xml_path(str(mjcf_path("truck.xml")))`."""
+    """Returns the path of a model file, for `mujoco.MjModel.from_xml_path(str(path))`."""
     folder = mjcf_dir()
     path = folder / name
     if not path.is_file():

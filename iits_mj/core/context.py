@@ -1,4 +1,4 @@
-"""`with` for whatever holds something: a bus, a simulation, a film."""
+"""Base classes of objects that hold a resource and are used in a `with` block."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Self
 
 
 class Closing:
-    """Closes at the end of its `with` block, whatever happened inside."""
+    """Closes at the end of its `with` block, also after an exception."""
 
     def close(self) -> None:
-        """Gives back what is held; may be called again."""
+        """Releases the resource; may be called again."""
         raise NotImplementedError
 
     def __enter__(self) -> Self:
@@ -26,10 +26,10 @@ class Closing:
 
 
 class Finishing(Closing):
-    """Writes a file: closing completes it, an exception inside the `with` block abandons it."""
+    """Writes a file: closing completes it, an exception in the `with` block abandons it."""
 
     def abandon(self) -> None:
-        """Gives back what is held and leaves no half-written file."""
+        """Releases the resource and removes the unfinished file."""
         raise NotImplementedError
 
     def __exit__(

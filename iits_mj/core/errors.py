@@ -1,8 +1,8 @@
-"""Exceptions of the project: every error a user can meet derives from `Error`."""
+"""Exceptions of the project; all derive from `Error`."""
 
 
 class Error(Exception):
-    """Base class. The message names the thing, its value, and what is allowed."""
+    """Base class; the message names the quantity, its value, and what is allowed."""
 
 
 class InputError(Error, ValueError):
@@ -10,7 +10,7 @@ class InputError(Error, ValueError):
 
 
 class MapError(Error):
-    """An OpenDRIVE map cannot be read, or asks for something that is not supported."""
+    """An OpenDRIVE map cannot be read, or needs something that is not supported."""
 
 
 class PluginError(Error):
@@ -30,4 +30,4 @@ class PlanningError(Error):
 
 
 class RenderError(Error):
-    """Pictures cannot be made here; the message names the packages that bring OpenGL."""
+    """Pictures cannot be rendered; the message names the packages that provide OpenGL."""

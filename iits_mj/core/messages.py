@@ -1,4 +1,4 @@
-"""What the modules say to each other: plain frozen dataclasses, SI units, ISO 8855 axes.
+"""Messages between the modules: frozen dataclasses in SI units and ISO 8855 axes.
 
 Positions are in the map frame (x east, y north, z up). `station` and `offset` are route
 coordinates: metres along the `iits_mj.road.Route` and metres to the left of its reference line.
@@ -8,14 +8,16 @@ Lanes are counted from the right, 0 being the rightmost driving lane of the rout
 from __future__ import annotations
 
 import enum
-import numbers
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.errors import InputError
+from iits_mj.core.checks import in_range
+from iits_mj.core.neighbors import Neighbors
+from iits_mj.core.vehicles import TrackedVehicle as TrackedVehicle
 
 
 class Decision(enum.IntEnum):
@@ -27,7 +29,7 @@ class Decision(enum.IntEnum):
 
 
 class XbrMode(enum.IntEnum):
-    """XBR control mode of SAE J1939-71 (SPN 2916): how the demand meets the driver's."""
+    """XBR control mode of SAE J1939-71 (SPN 2916): how XBR and driver demands combine."""
 
     OFF = 0
     ADDITION = 1
@@ -35,7 +37,7 @@ class XbrMode(enum.IntEnum):
 
 
 class XbrEbiMode(enum.IntEnum):
-    """XBR endurance brake integration of SAE J1939-71 (SPN 2914): who may answer the demand."""
+    """XBR endurance brake integration of SAE J1939-71 (SPN 2914): which brakes may answer."""
 
     FRICTION_ONLY = 0
     ENDURANCE_ONLY = 1
@@ -43,7 +45,7 @@ class XbrEbiMode(enum.IntEnum):
 
 
 class TransmissionMode(enum.IntEnum):
-    """Gear selector. Drive is zero, so that an all-zero control vector is a truck ready to go."""
+    """Gear selector; drive is zero, so that an all-zero control vector is ready to drive."""
 
     DRIVE = 0
     NEUTRAL = 1
@@ -51,7 +53,7 @@ class TransmissionMode(enum.IntEnum):
 
 
 class PlanMode(enum.Enum):
-    """What the trajectory planner is doing."""
+    """Mode of the trajectory planner."""
 
     LANE_KEEPING = "lane_keeping"
     LANE_CHANGE = "lane_change"
@@ -61,7 +63,7 @@ class PlanMode(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class VehicleCommand:
-    """What the truck receives; field order is the order of the model's `ctrl`.
+    """Command to the truck; the fields have the order of the model's `ctrl`.
 
     Attributes:
       accelerator_pedal: EEC2 accelerator pedal position, 0 to 1.
@@ -90,7 +92,7 @@ class VehicleCommand:
 
 @dataclass(frozen=True, slots=True)
 class EgoState:
-    """What the truck reports. Pose is that of the steer axle's centre, on the ground.
+    """State that the truck reports; the pose is that of the steer axle's centre on the ground.
 
     Attributes:
       time: [s].
@@ -145,27 +147,27 @@ class EgoState:
 
 @dataclass(frozen=True, slots=True)
 class TruckReport:
-    """What the truck's control units report beside `EgoState`; None is "not available".
+    """Further reports of the truck's control units; None means "not available".
 
     Attributes:
       accelerator_pedal, brake_pedal: positions in force, 0 to 1; parking_brake: 1 when applied.
       engine_brake, retarder: the driver's levers, 0 to 1.
       transmission_mode: the gear selector's, see `TransmissionMode`.
       xbr_mode: XBR control mode in force, see `XbrMode`.
-      xbr_acceleration_limit: the lowest acceleration that XBR may ask for [m/s2].
+      xbr_acceleration_limit: the lowest acceleration that XBR may demand [m/s2].
       engine_torque_percent: indicated, of the reference torque (SPN 513).
       torque_loss_percent: friction, of the reference torque (SPN 514).
-      engine_torque_percent_driver: what the pedal asks for, as indicated (SPN 512).
+      engine_torque_percent_driver: demand of the pedal, as indicated torque (SPN 512).
       engine_load_percent: indicated torque, of the greatest at this speed (SPN 92).
-      engine_torque_mode: who decides on the torque, as numbered in SPN 899.
+      engine_torque_mode: source of the torque demand, as numbered in SPN 899.
       clutch_engagement: 0 open to 1 closed.
       input_shaft_speed, propeller_shaft_speed: of the gearbox's two ends [rad/s].
-      gear_engaged: the gear that is in; during a change the one before, see `EgoState.gear`.
+      gear_engaged: the engaged gear; during a change the previous one, see `EgoState.gear`.
       gear_ratio: of that gear, a magnitude; None in neutral.
       engine_brake_torque: braking, at the crankshaft, zero or positive [N m].
       retarder_torque: braking, at the propeller shaft, zero or positive [N m].
       engine_brake_torque_percent_intended, engine_brake_torque_percent_available: of the greatest
-        torque, negative when braking (SPN 1085, 1717); the retarder's alike.
+        torque, negative when braking (SPN 1085, 1717); likewise for the retarder.
       reservoir_pressure_front, reservoir_pressure_rear, reservoir_pressure_trailer: [Pa].
       compressor_active: 1 while the compressor fills the reservoirs.
       abs_active, xbr_active: 1 while ABS modulates, while an XBR demand is being answered.
@@ -217,52 +219,15 @@ class TruckReport:
 
 
 @dataclass(frozen=True, slots=True)
-class TrackedVehicle:
-    """Another road user. Pose is that of the bounding box's centre, on the ground.
-
-    Attributes:
-      id: stable name.
-      kind: "car", "van", "truck" (rigid) or "articulated".
-      x, y, z, yaw: [m], [rad].
-      pitch, roll: of the road under it, in its own direction [rad], pitch positive nose down.
-      yaw_rate: [rad/s].
-      speed: along its heading [m/s]; acceleration: [m/s2].
-      lateral_speed: across the lane, positive to the left [m/s].
-      station, offset: of the box's centre on the ego route [m].
-      lane: index from the right on the ego route; -1 when it is not on it.
-      length, width, height: [m].
-    """
-
-    id: str
-    kind: str = "car"
-    x: float = 0.0
-    y: float = 0.0
-    z: float = 0.0
-    yaw: float = 0.0
-    speed: float = 0.0
-    acceleration: float = 0.0
-    lateral_speed: float = 0.0
-    station: float = 0.0
-    offset: float = 0.0
-    lane: int = 0
-    length: float = 4.8
-    width: float = 1.9
-    height: float = 1.5
-    pitch: float = 0.0
-    roll: float = 0.0
-    yaw_rate: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
 class EgoFootprint:
     """Size of the combination about its pose point (the steer axle centre) [m].
 
     Attributes:
       front_overhang: from the pose point to the front bumper, 0 to the length.
-      length: 1 to 100 m, road trains have 53.5 m; width, height: 0.5 to 10 m, what roads carry.
+      length: 1 to 100 m, road trains have 53.5 m; width, height: 0.5 to 10 m.
 
     Raises:
-      InputError: a size is no number or out of its range.
+      InputError: a size is not a number or is out of its range.
     """
 
     front_overhang: float = 1.40
@@ -272,25 +237,16 @@ class EgoFootprint:
 
     def __post_init__(self) -> None:
         """Checks every size and keeps it as Python's own number."""
-        for name, least, most in (
-            ("length", 1.0, 100.0),
-            ("width", 0.5, 10.0),
-            ("height", 0.5, 10.0),
-            ("front_overhang", 0.0, self.length),
-        ):
-            value = getattr(self, name)
-            is_number = isinstance(value, numbers.Real) and not isinstance(value, bool)
-            if not is_number or not least <= value <= most:
-                raise InputError(
-                    f"footprint: {name} = {value!r} m: allowed is {least:g} to {most:g}"
-                )
-            object.__setattr__(self, name, float(value))
+        bounds = {"length": (1.0, 100.0), "width": (0.5, 10.0), "height": (0.5, 10.0)}
+        for name, (low, high) in (bounds | {"front_overhang": (0.0, self.length)}).items():
+            size = in_range(f"footprint: {name}", getattr(self, name), low, high, "m")
+            object.__setattr__(self, name, size)
 
 
 class LightState(enum.Enum):
-    """What a traffic light shows; red with yellow counts as red.
+    """State of a traffic light; red with yellow counts as red.
 
-    STOP is red with a green arrow: stop, then go when nobody is in the way.
+    STOP is red with a green arrow: stop, then go if the way is free.
     """
 
     GREEN = "green"
@@ -305,9 +261,9 @@ class TrafficLight:
 
     Attributes:
       station: of its stop line [m].
-      state: what it shows now.
-      next_switch: time until it shows something else [s], None where nobody knows.
-      next_state: what it shows then, None where nobody knows.
+      state: at present.
+      next_switch: time until the state changes [s], None if unknown.
+      next_state: after the change, None if unknown.
     """
 
     station: float
@@ -332,21 +288,30 @@ class SpeedZone:
 
 @dataclass(frozen=True, slots=True)
 class RoadSignals:
-    """What lights and changing signs say; where zones overlap the later one holds."""
+    """States of traffic lights and variable signs; where zones overlap the later one applies."""
 
     light: TrafficLight | None = None
     zones: tuple[SpeedZone, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Scene:
-    """What the stack sees at one instant: the ego truck, the traffic and the signs around it."""
+    """Input of the stack at one instant: ego truck, traffic and signals."""
 
     time: float
     ego: EgoState
     vehicles: Sequence[TrackedVehicle] = ()
     footprint: EgoFootprint = EgoFootprint()
     signals: RoadSignals = RoadSignals()
+
+    @functools.cached_property
+    def neighbors(self) -> Neighbors:
+        """The traffic around the truck as columns; made on first use.
+
+        Raises:
+          InputError: a number of a vehicle is not finite.
+        """
+        return Neighbors(self.ego, self.vehicles, self.footprint)
 
 
 @dataclass(frozen=True, slots=True)
@@ -357,7 +322,7 @@ class SpeedProfile:
     speed: FloatArray
 
     def at(self, station: float) -> float:
-        """Reference speed at a station [m/s], held constant beyond both ends."""
+        """Returns the reference speed at a station [m/s], constant beyond both ends."""
         return float(np.interp(station, self.station, self.speed))
 
 
@@ -370,7 +335,7 @@ class Trajectory:
       station, offset: route coordinates [m].
       x, y, z, yaw: map frame [m], [rad].
       curvature: of the path [1/m]; speed [m/s]; acceleration [m/s2].
-      mode: what the planner is doing; reason: why, in words, for logs and pictures.
+      mode: of the planner; reason: for it, in words, for logs and pictures.
       target_lane: lane index being kept or changed to.
     """
 

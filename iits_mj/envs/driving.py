@@ -1,8 +1,8 @@
-"""Low-level driving environments for Gymnasium, on the tasks of `iits_mj.suite`."""
+"""Gymnasium environments of the suite's driving tasks."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from iits_mj import suite
 from iits_mj.core.checks import read_action
-from iits_mj.envs.picture import RENDER_MODES, Flat, Picture
+from iits_mj.envs.picture import RENDER_MODES, Picture, ScaledObservations
 from iits_mj.suite.tasks import DrivingTask
 
 if TYPE_CHECKING:
@@ -21,19 +21,19 @@ Action = NDArray[np.float32]
 
 
 class DrivingEnv(gymnasium.Env[Observation, Action]):
-    """A task of the suite, its observations scaled and laid side by side.
+    """A task of the suite, with its scaled observations as one vector.
 
     The controls are those of the task (`drive`, and `steer` where it is used), each in [-1, 1],
-    held for 0.1 s. Each observation is divided by the task's scale and clipped to [-5, 5]; their
-    names and places are in `observation_names`. The reward is the task's, in [0, 1]; its factors
-    are in `info` as `reward_<name>`. An episode is terminated when the task fails (truck off its
-    lane) and truncated at the task's time limit.
+    held for 0.1 s. Each observation is divided by the task's scale and clipped to [-5, 5]; the
+    names of the vector's numbers are in `observation_names`. The reward is the task's, in [0, 1];
+    its factors are in `info` as `reward_<name>`. An episode is terminated when the task fails
+    (truck off its lane) and truncated at the task's time limit. All versions are v0.
 
     Args:
       task: name in `iits_mj.suite.TASKS_BY_DOMAIN["truck"]`.
       payload: on the semitrailer [kg].
       payload_height: of the load's centre of gravity above the road [m], 1.3 to 3.
-      time_limit: of an episode [s]; default the task's.
+      time_limit: of an episode [s]; default: the task's.
       render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
       camera: of the pictures: "chase", "side" or "cab".
       like: another environment of the same task and settings, whose compiled model is shared.
@@ -75,14 +75,14 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         self._task: DrivingTask = self._environment.task
         self._physics: suite.Physics = self._environment.physics
         first = self._environment.reset().observation
-        self._flat = Flat(first, self._task.scales)
-        self.observation_names = self._flat.names
-        self.observation_space = self._flat.space
+        self._scaled = ScaledObservations(first, self._task.scales)
+        self.observation_names = self._scaled.names
+        self.observation_space = self._scaled.space
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self._task.actions),), np.float32)
 
     @property
     def physics(self) -> suite.Physics:
-        """MuJoCo's model and data, with getters in words."""
+        """MuJoCo's model and data with named getters."""
         return self._physics
 
     @property
@@ -102,7 +102,7 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         super().reset(seed=seed, options=options)
         self._task.random.seed(int(self.np_random.integers(2**31)))
         step = self._environment.reset()
-        return self._flat(step.observation), self._info()
+        return self._scaled(step.observation), self._task.info(self._physics)
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Holds the action for 0.1 s.
@@ -111,12 +111,18 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
           InputError: not one finite number for each of the task's actions.
         """
         step = self._environment.step(read_action(action, (len(self._task.actions),)))
-        # dm_env tells a failure (discount 0) from the end of the time (discount 1).
+        # In dm_env a failure has discount 0, the end of the time discount 1.
         terminated = bool(step.last() and step.discount == 0.0)
         truncated = bool(step.last() and not terminated)
         reward = float(step.reward)
         self._picture.show(self._physics.model.ptr, self._physics.data.ptr)
-        return self._flat(step.observation), reward, terminated, truncated, self._info()
+        return (
+            self._scaled(step.observation),
+            reward,
+            terminated,
+            truncated,
+            self._task.info(self._physics),
+        )
 
     def render(self) -> Any:
         """A picture (360, 640, 3) of bytes; None in a window or without a render mode.
@@ -129,90 +135,3 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
     def close(self) -> None:
         """Closes renderer and window."""
         self._picture.close()
-
-    def _info(self) -> dict[str, Any]:
-        ego = self._physics.ego()
-        terms = self._task.reward_terms(self._physics)
-        return {
-            "time": ego.time,
-            "speed": ego.speed,
-            "station": ego.station,
-            "fuel_used": ego.fuel_used,
-            **{f"reward_{name}": value for name, value in terms.items()},
-        }
-
-
-class TaskEnv(DrivingEnv):
-    """One task; takes the settings of `DrivingEnv`.
-
-    Attributes:
-      task_name: of the task in the suite.
-    """
-
-    task_name: ClassVar[str]
-
-    def __init__(self, **settings: Any) -> None:
-        super().__init__(self.task_name, **settings)
-
-
-class CruiseEnv(TaskEnv):
-    """Hold 20 m/s over hills.
-
-    Task `cruise` of the suite. Version history: v0, first.
-    """
-
-    task_name = "cruise"
-
-
-class StopEnv(TaskEnv):
-    """Stop the front bumper at a line.
-
-    Task `stop` of the suite. Version history: v0, first.
-    """
-
-    task_name = "stop"
-
-
-class HillStartEnv(TaskEnv):
-    """Start on a grade of 4 to 9 % without rolling back.
-
-    Task `hill_start` of the suite. Version history: v0, first.
-    """
-
-    task_name = "hill_start"
-
-
-class LaneKeepEnv(TaskEnv):
-    """Keep truck and trailer in the lane of a winding road at 20 m/s.
-
-    Task `lane_keep` of the suite. Version history: v0, first.
-    """
-
-    task_name = "lane_keep"
-
-
-class LaneChangeEnv(TaskEnv):
-    """Double lane change at 60 km/h, laden.
-
-    Task `lane_change` of the suite. Version history: v0, first.
-    """
-
-    task_name = "lane_change"
-
-
-class TightTurnEnv(TaskEnv):
-    """90 degree turn of 12.5 m within the swept path that the rules allow.
-
-    Task `tight_turn` of the suite. Version history: v0, first.
-    """
-
-    task_name = "tight_turn"
-
-
-class DockEnv(TaskEnv):
-    """Reverse the semitrailer into a loading bay.
-
-    Task `dock` of the suite. Version history: v0, first.
-    """
-
-    task_name = "dock"

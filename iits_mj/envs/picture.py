@@ -1,4 +1,4 @@
-"""Pictures and windows of an environment, by Gymnasium's render modes."""
+"""Pictures, windows and scaled observation vectors of the environments."""
 
 from __future__ import annotations
 
@@ -12,36 +12,33 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.checks import one_of
 from iits_mj.core.context import Closing
-from iits_mj.core.errors import InputError
 from iits_mj.render.offscreen import Offscreen, check_display, follow
 from iits_mj.suite.physics import CAMERAS
 
 RENDER_MODES = ["rgb_array", "human"]
 RENDER_SIZE = (360, 640)
+OBSERVATION_MAX = 5.0
 _LEAVE_TIME = 5.0  # [s]
 
 
 class Picture(Closing):
-    """What an environment shows of its model.
+    """Pictures or a window of an environment's model, by Gymnasium's render mode.
 
     Args:
       mode: "rgb_array" gives pictures of shape (360, 640, 3), "human" opens a window, None nothing.
       camera: of the pictures: "chase", "side" or "cab".
-      prefix: of the truck it is on, where there are several.
+      prefix: of the truck that carries the camera, if there are several.
 
     Raises:
       InputError: unknown mode or camera. RenderError: there is no display for a window.
     """
 
     def __init__(self, mode: str | None, camera: str, prefix: str = "") -> None:
-        if mode not in (None, *RENDER_MODES):
-            raise InputError(
-                f"render_mode {mode!r} is not known; use {', '.join(map(repr, RENDER_MODES))} or "
-                "None"
-            )
-        if camera not in CAMERAS:
-            raise InputError(f"camera {camera!r} is not known; use {', '.join(CAMERAS)}")
+        if mode is not None:
+            one_of("render_mode", mode, RENDER_MODES)
+        one_of("camera", camera, CAMERAS)
         if mode == "human":
             check_display()
         self._mode, self._camera, self._prefix = mode, prefix + camera, prefix
@@ -51,7 +48,7 @@ class Picture(Closing):
         self._model: mujoco.MjModel | None = None
 
     def draw(self, model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.uint8] | None:
-        """A picture of the state now, None in the mode "human" and without one.
+        """Draws the current state; None in the mode "human" and without a mode.
 
         Raises:
           RenderError: there is no OpenGL here.
@@ -69,7 +66,7 @@ class Picture(Closing):
         return self._renderer.draw()
 
     def show(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Brings the window up to date in the mode "human"; else nothing."""
+        """Updates the window in the mode "human"; otherwise does nothing."""
         if self._mode != "human":
             return
         self._change_to(model)
@@ -90,20 +87,20 @@ class Picture(Closing):
         if self._window is not None:
             self._window.close()
             self._window = None
-            # The viewer draws in a thread; Python must not end before it has.
+            # The viewer draws in a thread, which must end before Python does.
             for thread in self._threads:
                 thread.join(_LEAVE_TIME)
         self._model = None
 
     def _change_to(self, model: mujoco.MjModel) -> None:
-        """Renderer and window are of one model."""
+        """Closes renderer and window of another model."""
         if self._model is not model:
             self.close()
             self._model = model
 
 
 def level_camera(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> mujoco.MjvCamera:
-    """A free camera where a camera of the model is; it stays level when the truck rolls."""
+    """Returns a free camera at a camera of the model that stays level when the truck rolls."""
     place = data.camera(name)
     forward = -place.xmat.reshape(3, 3)[:, 2]
     camera = mujoco.MjvCamera()
@@ -115,13 +112,8 @@ def level_camera(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> mujoc
     return camera
 
 
-# --- A task's observations as one scaled vector ---
-
-OBSERVATION_MAX = 5.0
-
-
-class Flat:
-    """Lays observations side by side, each divided by its scale and clipped to [-5, 5].
+class ScaledObservations:
+    """A task's observations as one vector, each divided by its scale and clipped to [-5, 5].
 
     Args:
       first: observations by name, each of shape (n,); their order is kept.
@@ -129,7 +121,7 @@ class Flat:
 
     Attributes:
       names: of the vector's numbers.
-      space: the vector's.
+      space: of the vector.
     """
 
     def __init__(
@@ -146,7 +138,7 @@ class Flat:
         )
 
     def __call__(self, values: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float32]:
-        """The vector of observations of the same names."""
+        """Returns the vector of observations with the same names."""
         parts = [values[name] / scale for name, scale in self._scales.items()]
-        flat = np.clip(np.concatenate(parts), -OBSERVATION_MAX, OBSERVATION_MAX)
-        return flat.astype(np.float32)
+        vector = np.clip(np.concatenate(parts), -OBSERVATION_MAX, OBSERVATION_MAX)
+        return vector.astype(np.float32)

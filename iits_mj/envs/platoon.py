@@ -1,4 +1,4 @@
-"""Several trucks behind each other, each with an agent: PettingZoo's parallel interface.
+"""A platoon of trucks, one agent each, with PettingZoo's parallel interface.
 
     environment = PlatoonEnv(payloads=(36_000.0, 12_000.0, 36_000.0))
     observations, infos = environment.reset(seed=0)
@@ -6,7 +6,7 @@
         actions = {agent: policy(observations[agent]) for agent in environment.agents}
         observations, rewards, terminated, truncated, infos = environment.step(actions)
 
-PettingZoo itself is not needed.
+PettingZoo does not have to be installed.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.core.checks import read_action
+from iits_mj.core.checks import in_range, positive, read_action
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError
-from iits_mj.envs.picture import RENDER_MODES, Flat, Picture
+from iits_mj.envs.picture import RENDER_MODES, Picture, ScaledObservations
 from iits_mj.suite import scene
 from iits_mj.suite.physics import Physics, add_cameras
 from iits_mj.suite.tasks import Platoon
 from iits_mj.suite.truck import CONTROL_TIMESTEP, TIMESTEP
-from iits_mj.truck.fleet import Fleet, prefix
-from iits_mj.truck.placement import Placement
+from iits_mj.truck.fleet import TruckFleet, prefix
+from iits_mj.truck.placement import TruckPlacement
 
 Observation = NDArray[np.float32]
 Action = NDArray[np.float32]
 
 SPEEDS = (14.0, 20.0)
-# How long a set speed holds [s].
+# Duration of a set speed [s].
 HOLDS = (8.0, 15.0)
 TRUCKS = (2, 8)
 
@@ -42,8 +42,8 @@ TRUCKS = (2, 8)
 class PlatoonEnv(Closing):
     """A platoon on a winding road, as a `pettingzoo.ParallelEnv`; agents are `truck0` to the last.
 
-    The first truck holds a set speed of 14 to 20 m/s, that changes every 8 to 15 s and is told to
-    it alone; each other keeps 5 m and `time_gap` to the one ahead. All keep the right lane.
+    The first truck holds a set speed of 14 to 20 m/s, which changes every 8 to 15 s and which only
+    it observes; each other keeps 5 m and `time_gap` to the one ahead. All keep the right lane.
     Actions are `drive` and `steer` in [-1, 1], held for 0.1 s, as in `iits_mj.suite`; observations
     are those of `iits_mj.suite.tasks.Platoon`, divided by their scales and clipped to [-5, 5];
     their names are in `observation_names`. Rewards are in [0, 1], their factors in the infos as
@@ -58,6 +58,9 @@ class PlatoonEnv(Closing):
       time_limit: of an episode [s], up to 120.
       render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
       camera: of the pictures, on the last truck: "chase", "side" or "cab".
+
+    Attributes:
+      fleet: the trucks; tasks: of the agents.
 
     Raises:
       InputError: an argument is not allowed.
@@ -78,13 +81,10 @@ class PlatoonEnv(Closing):
         render_mode: str | None = None,
         camera: str = "chase",
     ) -> None:
-        fewest, most = TRUCKS
-        if not fewest <= len(payloads) <= most:
-            raise InputError(f"{len(payloads)} payloads: use {fewest} to {most}, one a truck")
-        if not 0.3 <= time_gap <= 3.0:
-            raise InputError(f"time_gap {time_gap!r} s is not allowed; use 0.3 to 3 s")
-        if not 0.0 < time_limit <= 120.0:
-            raise InputError(f"time_limit {time_limit!r} s is not allowed; use up to 120 s")
+        in_range("number of payloads", len(payloads), *TRUCKS)
+        in_range("time_gap", time_gap, 0.3, 3.0, "s")
+        positive("time_limit", time_limit, "s")
+        in_range("time_limit", time_limit, 0.0, 120.0, "s")
         self.render_mode = render_mode
         last = prefix(len(payloads) - 1)
         self._picture = Picture(render_mode, camera, last)
@@ -94,7 +94,7 @@ class PlatoonEnv(Closing):
             for number in range(len(payloads)):
                 add_cameras(spec, prefix(number))
 
-        self.fleet = Fleet.load(
+        self.fleet = TruckFleet.load(
             payloads,
             route=scene.winding(),
             timestep=TIMESTEP,
@@ -103,13 +103,13 @@ class PlatoonEnv(Closing):
         )
         self._physics = Physics.of_fleet(self.fleet)
         ahead = (None, *self._physics[:-1])
-        self._tasks = tuple(Platoon(leader, time_gap, random=0) for leader in ahead)
+        self.tasks = tuple(Platoon(leader, time_gap, random=0) for leader in ahead)
         self.possible_agents = [f"truck{number}" for number in range(len(payloads))]
         self.agents: list[str] = []
-        self._flat = Flat(self.seen("truck0"), self._tasks[0].scales)
-        self.observation_names = self._flat.names
+        self._scaled = ScaledObservations(self.seen("truck0"), self.tasks[0].scales)
+        self.observation_names = self._scaled.names
         self.observation_spaces = {
-            name: gymnasium.spaces.Box(-5.0, 5.0, self._flat.space.shape, np.float32)
+            name: gymnasium.spaces.Box(-5.0, 5.0, self._scaled.space.shape, np.float32)
             for name in self.possible_agents
         }
         self.action_spaces = {
@@ -119,21 +119,21 @@ class PlatoonEnv(Closing):
         self._random = np.random.default_rng()
 
     def observation_space(self, agent: str) -> gymnasium.spaces.Box:
-        """Of an agent."""
+        """Returns the observation space of an agent."""
         return self.observation_spaces[self._known(agent)]
 
     def action_space(self, agent: str) -> gymnasium.spaces.Box:
-        """Of an agent."""
+        """Returns the action space of an agent."""
         return self.action_spaces[self._known(agent)]
 
     @property
     def num_agents(self) -> int:
-        """Agents that still drive."""
+        """Number of agents that still drive."""
         return len(self.agents)
 
     @property
     def max_num_agents(self) -> int:
-        """Agents of an episode."""
+        """Number of agents of an episode."""
         return len(self.possible_agents)
 
     @property
@@ -144,7 +144,7 @@ class PlatoonEnv(Closing):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
-        """Starts an episode; the same seed gives the same one, none goes on with the generator."""
+        """Starts an episode; the same seed gives the same one, None continues the generator."""
         del options
         if seed is not None:
             self._random = np.random.default_rng(seed)
@@ -155,12 +155,12 @@ class PlatoonEnv(Closing):
         for number, truck in enumerate(self.fleet.trucks):
             speed = common + random.uniform(-0.5, 0.5)
             if number:
-                gap = self._tasks[number].wanted_gap(speed) + random.uniform(-3.0, 3.0)
+                gap = self.tasks[number].wanted_gap(speed) + random.uniform(-3.0, 3.0)
                 station -= truck.footprint.length + gap
             offset = float(route.lane_offset(0, station)) + random.uniform(-0.2, 0.2)
-            places.append(Placement(station=station, offset=offset, speed=speed))
+            places.append(TruckPlacement(station=station, offset=offset, speed=speed))
         self.fleet.reset(places)
-        self._tasks[0].target, self._until = common, 0.0
+        self.tasks[0].target, self._until = common, 0.0
         self._set_speed()
         self.agents = list(self.possible_agents)
         return self._observations(), self._infos()
@@ -177,14 +177,14 @@ class PlatoonEnv(Closing):
         """Holds the actions for 0.1 s.
 
         Raises:
-          InputError: no episode is running, or not one action of finite numbers an agent.
+          InputError: no episode is running, or an agent has no action of finite numbers.
           Error: the physics diverged.
         """
         if not self.agents:
             raise InputError("the episode has not begun or is over: call reset first")
         if set(actions) != set(self.agents):
-            raise InputError(f"actions of {sorted(actions)} were given, wanted are {self.agents}")
-        for agent, task, physics in zip(self.agents, self._tasks, self._physics, strict=True):
+            raise InputError(f"actions of {sorted(actions)} were given, needed are {self.agents}")
+        for agent, task, physics in zip(self.agents, self.tasks, self._physics, strict=True):
             values = read_action(actions[agent], (len(task.actions),), f"action of {agent}")
             task.before_step(values, physics)
         self.fleet.step(round(CONTROL_TIMESTEP / TIMESTEP))
@@ -192,14 +192,14 @@ class PlatoonEnv(Closing):
         self._picture.show(self.fleet.model, self.fleet.data)
         observations, infos = self._observations(), self._infos()
         rewards = {
-            agent: float(np.prod([v for k, v in told.items() if k.startswith("reward_")]))
-            for agent, told in infos.items()
+            agent: float(np.prod([v for k, v in info.items() if k.startswith("reward_")]))
+            for agent, info in infos.items()
         }
         crashed = {number for pair in self.fleet.touching() for number in pair}
         terminated = {
             agent: number in crashed or task.get_termination(physics) is not None
             for number, (agent, task, physics) in enumerate(
-                zip(self.agents, self._tasks, self._physics, strict=True)
+                zip(self.agents, self.tasks, self._physics, strict=True)
             )
         }
         over = any(terminated.values()) or self.fleet.time >= self._time_limit - 1e-6
@@ -209,16 +209,16 @@ class PlatoonEnv(Closing):
         return observations, rewards, terminated, truncated, infos
 
     def seen(self, agent: str) -> dict[str, NDArray[np.float64]]:
-        """What an agent sees, by name, in SI units.
+        """Returns an agent's observations by name, in SI units.
 
         Raises:
           InputError: unknown agent.
         """
         number = self.possible_agents.index(self._known(agent))
-        return dict(self._tasks[number].get_observation(self._physics[number]))
+        return dict(self.tasks[number].get_observation(self._physics[number]))
 
     def state(self) -> Observation:
-        """What all agents see, side by side."""
+        """Returns the observations of all agents as one vector."""
         return np.concatenate(list(self._observations().values()))
 
     def render(self) -> Any:
@@ -239,27 +239,18 @@ class PlatoonEnv(Closing):
         return agent
 
     def _set_speed(self) -> None:
-        """Draws another speed for the first truck when the last one has held long enough."""
+        """Draws another set speed for the first truck at the end of the last one's duration."""
         if self.fleet.time >= self._until:
             if self.fleet.time > 0.0:
-                self._tasks[0].target = float(self._random.uniform(*SPEEDS))
+                self.tasks[0].target = float(self._random.uniform(*SPEEDS))
             self._until = self.fleet.time + float(self._random.uniform(*HOLDS))
 
     def _observations(self) -> dict[str, Observation]:
-        return {agent: self._flat(self.seen(agent)) for agent in self.possible_agents}
+        return {agent: self._scaled(self.seen(agent)) for agent in self.possible_agents}
 
     def _infos(self) -> dict[str, dict[str, Any]]:
-        found = {}
-        for agent, task, physics in zip(
-            self.possible_agents, self._tasks, self._physics, strict=True
-        ):
-            ego = physics.ego()
-            found[agent] = {
-                "time": ego.time,
-                "speed": ego.speed,
-                "station": ego.station,
-                "fuel_used": ego.fuel_used,
-                "gap": task.gap(physics),
-                **{f"reward_{name}": v for name, v in task.reward_terms(physics).items()},
-            }
-        return found
+        members = zip(self.possible_agents, self.tasks, self._physics, strict=True)
+        return {
+            agent: {**task.info(physics), "gap": task.gap(physics)}
+            for agent, task, physics in members
+        }

@@ -1,8 +1,7 @@
-"""Choose the set speed over hills, for fuel and time: what predictive cruise control does."""
+"""Environment that sets the speed over hills for fuel and time, as predictive cruise control."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -10,10 +9,10 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.planning.surroundings import Neighbor
-from iits_mj.core.checks import read_action
+from iits_mj.core.checks import in_range, read_action
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Scene, SpeedProfile
+from iits_mj.core.neighbors import Neighbor
 from iits_mj.envs.picture import RENDER_MODES, Picture
 from iits_mj.simulation import DriveConfig, Simulation
 from iits_mj.simulation.parts import load_map
@@ -25,18 +24,17 @@ Action = NDArray[np.float32]
 PERIOD = 5.0  # [s] between two decisions
 PREVIEW = tuple(np.arange(0.0, 2_001.0, 200.0).tolist())
 SLOWEST, FASTEST = 0.8, 1.1  # of the reference speed
-# What a second costs in fuel [kg/s]: little, so that fuel decides. At the price of a driver, about
-# 6e-3, the answer is the fastest speed everywhere.
+# Cost of a second in fuel [kg/s]: small, so that fuel decides. At a driver's wage, about 6e-3, the
+# fastest speed is optimal everywhere.
 TIME_VALUE = 1.5e-3
-# Fuel that it takes to give the truck a kinetic energy, and that this saves later [kg/J]: diesel of
-# 42.7 MJ/kg at an efficiency of 0.42.
+# Fuel for kinetic energy [kg/J]: diesel of 42.7 MJ/kg at an efficiency of 0.42.
 KINETIC_VALUE = 1.0 / (0.42 * 42.7e6)
-# Room at the end of the road, which no episode reaches [m].
+# Length at the end of the road that no episode reaches [m].
 _END = 1_000.0
 
 
-class AskedReference:
-    """A reference speed that is set from outside.
+class SetSpeed:
+    """A reference speed that the environment sets.
 
     Attributes:
       speed: [m/s].
@@ -46,15 +44,15 @@ class AskedReference:
         self.speed = speed
 
     def reset(self) -> None:
-        """Nothing to forget."""
+        """Does nothing: there is no state."""
 
     def update(self, scene: Scene, find_leader: Callable[[], Neighbor | None]) -> SpeedProfile:
-        """The same speed everywhere, until another one is set."""
+        """Returns the speed that is set, at every station."""
         del scene, find_leader
         return SpeedProfile(np.zeros(1), np.full(1, self.speed))
 
     def at(self, station: float) -> float:
-        """The speed [m/s]."""
+        """Returns the speed [m/s]."""
         del station
         return self.speed
 
@@ -80,9 +78,9 @@ class SpeedPlanningEnv(gymnasium.Env[Observation, Action]):
 
     | term | value                                                                       |
     |------|-----------------------------------------------------------------------------|
-    | fuel | minus what was burnt                                                        |
-    | time | minus what was lost on the reference speed, at 1.5 g of fuel a second        |
-    | kinetic | what the speed gained or lost is worth: slowing down at the end pays nothing |
+    | fuel | minus the fuel burnt                                                        |
+    | time | minus the time lost against the reference speed, at 1.5 g of fuel a second  |
+    | kinetic | fuel value of the kinetic energy gained: slowing down at the end pays nothing |
 
     Truncated after `length`. Terminated never. Version history: v0, first.
 
@@ -110,14 +108,13 @@ class SpeedPlanningEnv(gymnasium.Env[Observation, Action]):
         camera: str = "chase",
         timestep: float = 0.002,
     ) -> None:
-        if not (math.isfinite(length) and 100.0 <= length <= 12_000.0):
-            raise InputError(f"length {length!r} m is not allowed; use 100 to 12000 m")
+        in_range("length", length, 100.0, 12_000.0, "m")
         self.render_mode = render_mode
         self._picture = Picture(render_mode, camera)
         self._speed, self._length = speed, length
         self._payload, self._timestep = payload, timestep
         self._simulation: Simulation | None = None
-        self._reference = AskedReference(speed)
+        self._reference = SetSpeed(speed)
         size = 5 + len(PREVIEW)
         self.observation_space = gymnasium.spaces.Box(-5.0, 5.0, (size,), np.float32)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (1,), np.float32)

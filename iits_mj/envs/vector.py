@@ -2,8 +2,9 @@
 
     environments = gymnasium.make_vec("iits_mj:iits_mj/LaneKeep-v0", num_envs=64, threads=8)
 
-They are `gymnasium.vector.SyncVectorEnv`'s, so autoreset, infos and seeds are Gymnasium's, and each
-of them drives bit for bit as it does alone; what is shared are the compiled model and the threads.
+`DrivingVectorEnv` is a `gymnasium.vector.SyncVectorEnv`, so that autoreset, infos and seeds are
+Gymnasium's. Each environment drives bit for bit as it does alone; they share the compiled model and
+the threads.
 """
 
 from __future__ import annotations
@@ -19,40 +20,27 @@ from numpy.typing import NDArray
 
 from iits_mj.core.checks import read_action
 from iits_mj.core.errors import InputError
-from iits_mj.envs.driving import (
-    Action,
-    CruiseEnv,
-    DockEnv,
-    DrivingEnv,
-    HillStartEnv,
-    LaneChangeEnv,
-    LaneKeepEnv,
-    StopEnv,
-    TightTurnEnv,
-)
+from iits_mj.envs.driving import Action, DrivingEnv
 
-# Everything that a step of the physics starts from.
-_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+# State from which a step of the physics starts.
 _FIELDS = ("time", "qpos", "qvel", "act", "plugin_state", "qacc_warmstart", "mocap_pos", "ctrl")
 
 
 class DrivingVectorEnv(SyncVectorEnv):
-    """`num_envs` environments of one kind; the physics of all is one call to `mujoco.batch`.
+    """`num_envs` environments of one task, whose physics is stepped in one call to `mujoco.batch`.
 
     Args:
-      kind: class of the environments.
-      num_envs: how many.
-      threads: that step the physics, 0 for none but the caller's.
+      num_envs: number of environments.
+      threads: that step the physics; 0 uses the caller's thread.
       autoreset_mode: see Gymnasium.
-      **settings: of the environments.
+      **settings: of the environments, see `DrivingEnv`.
 
     Raises:
-      InputError: a number is not allowed, or a setting of the environments.
+      InputError: a number or a setting of the environments is not allowed.
     """
 
     def __init__(
         self,
-        kind: type[DrivingEnv],
         num_envs: int = 1,
         *,
         threads: int = 0,
@@ -61,9 +49,9 @@ class DrivingVectorEnv(SyncVectorEnv):
     ) -> None:
         if num_envs < 1 or threads < 0:
             raise InputError(f"num_envs {num_envs} and threads {threads}: use at least 1 and 0")
-        first = kind(**settings)
+        first = DrivingEnv(**settings)
         make = [lambda: first]
-        make += [functools.partial(kind, like=first, **settings)] * (num_envs - 1)
+        make += [functools.partial(DrivingEnv, like=first, **settings)] * (num_envs - 1)
         super().__init__(make, autoreset_mode=autoreset_mode)
         self._members = tuple(cast(DrivingEnv, member) for member in self.envs)
         self._batch = Batch(first.physics.model.ptr, nsim=num_envs, nthread=threads)
@@ -97,7 +85,7 @@ class DrivingVectorEnv(SyncVectorEnv):
         return super().step(actions)
 
     def _store(self, number: int, action: Action) -> None:
-        """Hands one environment's state and controls to the batch."""
+        """Copies one environment's state and controls into the batch."""
         member = self._members[number]
         member.task.before_step(action, member.physics)
         data = member.physics.data.ptr
@@ -105,19 +93,9 @@ class DrivingVectorEnv(SyncVectorEnv):
             rows[number] = np.reshape(getattr(data, name), rows[number].shape)
 
     def _load(self, number: int, nstep: int) -> None:
-        """Takes one environment's state back, in the place of its own step."""
+        """Copies one environment's state back, instead of stepping it."""
         del nstep
         member = self._members[number]
         model, data = member.physics.model.ptr, member.physics.data.ptr
         self._batch.get_data(number, data)
         mujoco.mj_forward(model, data)
-
-
-# What `gymnasium.make_vec` calls.
-cruise = functools.partial(DrivingVectorEnv, CruiseEnv)
-stop = functools.partial(DrivingVectorEnv, StopEnv)
-hill_start = functools.partial(DrivingVectorEnv, HillStartEnv)
-lane_keep = functools.partial(DrivingVectorEnv, LaneKeepEnv)
-lane_change = functools.partial(DrivingVectorEnv, LaneChangeEnv)
-tight_turn = functools.partial(DrivingVectorEnv, TightTurnEnv)
-dock = functools.partial(DrivingVectorEnv, DockEnv)

@@ -20,8 +20,9 @@ from iits_mj.core.messages import Decision
 from iits_mj.evaluation import trials
 from iits_mj.evaluation.trials import CLOSE, EMPTY, Task, Trial, weights_digest
 from iits_mj.road import Route
-from iits_mj.simulation import DriveConfig, Frame, Simulation
+from iits_mj.simulation import DriveConfig, Frame, Observer, Simulation
 from iits_mj.simulation.frame import DivergedError
+from iits_mj.simulation.lock_step import LockStep
 from iits_mj.simulation.parts import make_stack
 from iits_mj.simulation.truck_world import LANE_CHANGE
 from iits_mj.truck import Truck
@@ -74,7 +75,7 @@ class _CountingMaker:
         return decision
 
 
-class _TripObserver:
+class _TripObserver(Observer):
     """Measures time gaps and the speed error every 100 ms, and ends the trip after its length."""
 
     period = 0.1  # [s]
@@ -85,7 +86,7 @@ class _TripObserver:
         self._close = self._frames = 0
         self._error = 0.0
 
-    def observe(self, simulation: Simulation, frame: Frame) -> None:
+    def observe(self, simulation: LockStep, frame: Frame) -> None:
         speed = frame.ego.speed
         self._frames += 1
         self._error += abs(speed - REFERENCE_SPEED)

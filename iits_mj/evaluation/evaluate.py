@@ -15,10 +15,10 @@ from iits_mj.core import options
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
 from iits_mj.core.process_pool import run_all
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.evaluation import drives, trials
 from iits_mj.evaluation.trials import EMPTY, WORLDS, Task, Trial, weights_digest
 from iits_mj.parameters import payload_option
-from iits_mj.simulation.loop import TIMESTEP
 
 SEEDS = {"test": TEST_SEEDS, "validation": VALIDATION_SEEDS}
 DEFAULT_METHODS = "conservative,neutral,aggressive,mobil,lookahead,ddqn"

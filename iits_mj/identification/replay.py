@@ -21,8 +21,7 @@ from iits_mj.identification.log import Log
 from iits_mj.j1939.command import XBR_DEMAND_MIN
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
-from iits_mj.road.design import Design
-from iits_mj.road.design_build import build
+from iits_mj.road.design import Design, build
 from iits_mj.truck import Truck
 
 NEEDED = ("speed", "grade", "command_accelerator_pedal")

@@ -13,7 +13,7 @@ from iits_mj.core.errors import BusError, InputError
 from iits_mj.core.units import KMH, RPM
 from iits_mj.identification.log import SIGNALS, Log, Series
 from iits_mj.j1939 import Frame, Status, decode, read_log
-from iits_mj.j1939.mapping import Mapping, commands, reports
+from iits_mj.j1939.mapping import SignalRow, commands, reports
 from iits_mj.j1939.quantities import ReferenceTorques
 from iits_mj.parameters import TruckParameters
 
@@ -128,9 +128,9 @@ def from_frames(frames: Iterable[Frame], parameters: TruckParameters) -> Log:
     return log if log.missing("z", "station") else with_slope(log)
 
 
-def _bus_signals() -> dict[tuple[str, str], list[tuple[Mapping, str]]]:
+def _bus_signals() -> dict[tuple[str, str], list[tuple[SignalRow, str]]]:
     """(message, signal) of the DBC to the rows of the bus's table and the log's names."""
-    found: dict[tuple[str, str], list[tuple[Mapping, str]]] = {}
+    found: dict[tuple[str, str], list[tuple[SignalRow, str]]] = {}
     rows = [(row, f"command_{row.quantity}") for row in commands()]
     rows += [(row, _BUS_NAMES.get(row.quantity, row.quantity)) for row in reports()]
     for row, name in rows:

@@ -1,14 +1,13 @@
 """The truck's J1939 interface: messages to CAN frames and back, and the buses that carry them.
 
-The layouts are in `iits_mj.dbc` (`database_path()`), written from public facts. In process the
-`VehicleCommand` goes straight to the model's controls; over a bus the same command is the frames of
-`command_to_frames`, and `CommandReceiver` is the truck's side with its fail-safe. Which signal is
-which control or sensor stands in `signals.csv`.
+The layouts are in `iits_mj.dbc` (`database_path()`), written from public facts; `signals.csv` maps
+signals to controls and sensors. Inside one process a `VehicleCommand` goes straight to the model's
+controls. Over a bus, `command_to_frames` makes its frames, and `CommandReceiver` is the truck's
+side with its fail-safe.
 """
 
-from iits_mj.j1939.broadcasts import BroadcastSender, broadcast
-from iits_mj.j1939.bus import Bus
-from iits_mj.j1939.bus_summary import BusSummary, summarize, write_table
+from iits_mj.j1939.bus import Bus, Link, LinkState
+from iits_mj.j1939.bus_summary import BusReader, BusSummary, summarize, write_table
 from iits_mj.j1939.command import CommandSender, command_to_frames
 from iits_mj.j1939.configuration import ConfigurationReceiver, ConfigurationSender
 from iits_mj.j1939.database import (
@@ -23,11 +22,7 @@ from iits_mj.j1939.database import (
     pgn_of,
     unpack,
 )
-from iits_mj.j1939.frame import Frame, make_id
-from iits_mj.j1939.group import NOT_AVAILABLE, Group, Status, Value, database_path
-from iits_mj.j1939.link import Link, LinkState
-from iits_mj.j1939.log_files import LogWriter, read_log
-from iits_mj.j1939.long_groups import (
+from iits_mj.j1939.diagnostics import (
     ActiveFaults,
     ComponentIdentification,
     Fault,
@@ -35,13 +30,15 @@ from iits_mj.j1939.long_groups import (
     VehicleIdentification,
     read_group,
 )
+from iits_mj.j1939.frame import Frame, make_id
+from iits_mj.j1939.groups import NOT_AVAILABLE, Group, Status, Value, database_path
+from iits_mj.j1939.log_files import LogWriter, read_log
 from iits_mj.j1939.quantities import ReferenceTorques
-from iits_mj.j1939.readings import BusReader
 from iits_mj.j1939.receiver import CommandReceiver, Heard, Loss, TimeOuts
 from iits_mj.j1939.requests import Reason
 from iits_mj.j1939.state import StateSender, state_to_frames
 from iits_mj.j1939.state_receiver import StateReceiver
-from iits_mj.j1939.transport import Failure, LongMessage, Reassembler
+from iits_mj.j1939.transport import BroadcastSender, Failure, LongMessage, Reassembler, broadcast
 
 __all__ = [
     "NOT_AVAILABLE",

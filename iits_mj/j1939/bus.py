@@ -1,30 +1,45 @@
-"""Frames over python-can: a virtual bus in one process, SocketCAN, UDP multicast.
+"""A CAN bus over python-can: virtual in one process, SocketCAN, UDP multicast; one that recovers.
 
-UDP multicast returns a sender's datagrams to the sender itself. Ours carry a mark, and those that
-come back with it are left out, so that every kind of bus behaves as CAN does.
+UDP multicast returns a sender's datagrams to the sender itself. Ours carry a mark and are left out
+when they come back, so that every kind of bus behaves as CAN does.
 """
 
 from __future__ import annotations
 
+import enum
 import logging
+import math
+import time as wall_time
 import uuid
-from collections import Counter
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import can
 
 from iits_mj.core.context import Closing
-from iits_mj.core.errors import BusError
+from iits_mj.core.errors import BusError, InputError
 from iits_mj.j1939.frame import Frame
 
-# --- Frames to python-can's messages and back ---
+# Interface of python-can to its default channel.
+DEFAULT_CHANNELS = {"virtual": "iits_mj", "socketcan": "can0", "udp_multicast": "239.74.163.2"}
+# More than 2 s of a full 500 kbit/s bus: a flood must not keep a reader for ever.
+FRAMES_AT_ONCE = 8192
+_CHANGES_KEPT = 100
+# Error classes in the identifier of a SocketCAN error frame (Linux, can/error.h).
+_BUS_OFF, _RESTARTED = 0x040, 0x100
+# Our errors carry python-can's messages; without a handler, the standard library would write them
+# to stderr as well.
+logging.getLogger("can").addHandler(logging.NullHandler())
+_FAILURES = (can.CanError, OSError, ValueError)
 
 
 class _Message(can.Message):
-    """A message that nobody changes once it is on its way.
+    """A message that nobody changes after sending.
 
-    The virtual bus makes a deep copy for each listener, which is two thirds of what it costs; ours
-    is its own copy.
+    The virtual bus makes a deep copy for each listener, which is two thirds of its cost; ours is
+    its own copy.
     """
 
     __slots__ = ()
@@ -35,12 +50,12 @@ class _Message(can.Message):
 
 def to_can(frame: Frame, channel: str | None = None) -> can.Message:
     """An extended data frame as python-can sends and writes it."""
-    # All else is as python-can has it by default; naming less takes less time.
+    # The other arguments are python-can's defaults; naming fewer takes less time.
     return _Message(frame.time, frame.can_id, channel=channel, data=frame.data)
 
 
 def from_can(message: can.Message, time: float | None = None) -> Frame | None:
-    """A message as J1939 has it; None for 11-bit, CAN FD, remote and error frames.
+    """The J1939 frame of a message; None for 11-bit, CAN FD, remote and error frames.
 
     Args:
       message: as python-can gives it.
@@ -51,20 +66,6 @@ def from_can(message: can.Message, time: float | None = None) -> Frame | None:
         return None
     stamp = message.timestamp if time is None else time
     return Frame(message.arbitration_id, bytes(message.data)[:8], stamp)
-
-
-# --- Frames over python-can: a virtual bus in one process, SocketCAN, UDP multicast ---
-
-# Interface of python-can to the channel that is used when none is named.
-DEFAULT_CHANNELS = {"virtual": "iits_mj", "socketcan": "can0", "udp_multicast": "239.74.163.2"}
-# More than 2 s of a full 500 kbit/s bus: a flood must not keep a reader for ever.
-FRAMES_AT_ONCE = 8192
-# Error classes in the identifier of a SocketCAN error frame (Linux, can/error.h).
-_BUS_OFF, _RESTARTED = 0x040, 0x100
-# What python-can has to say of a failing bus is in our own messages; the standard library writes
-# it to stderr beside them where nobody handles it.
-logging.getLogger("can").addHandler(logging.NullHandler())
-_FAILURES = (can.CanError, OSError, ValueError)
 
 
 class Bus(Closing):
@@ -78,9 +79,9 @@ class Bus(Closing):
 
     Attributes:
       name: "interface:channel", for messages.
-      ignored: what was heard and is not a J1939 frame, by kind: "11-bit", "error", "FD",
-        "malformed", "own", "remote".
-      off: True while the controller says that it is bus-off.
+      ignored: count of received messages that are not J1939 frames, by kind: "11-bit", "error",
+        "FD", "malformed", "own", "remote".
+      off: True while the controller reports bus-off.
 
     Raises:
       BusError: the bus cannot be opened here.
@@ -92,7 +93,7 @@ class Bus(Closing):
         self.ignored: Counter[str] = Counter()
         self.off = False
         self._mark: str | None = None
-        self._errors_tell = interface == "socketcan"
+        self._has_error_frames = interface == "socketcan"
         self._failure: Exception | None = None
         settings: dict[str, Any] = {"channel": channel}
         if interface == "virtual":
@@ -104,26 +105,25 @@ class Bus(Closing):
         try:
             self._bus = can.Bus(interface=interface, **settings)
         except (*_FAILURES, ImportError, NotImplementedError) as error:
-            raise BusError(f"CAN bus {self.name} cannot be opened: {_reason(error)}") from error
+            raise self._error("cannot be opened", error) from error
 
     def send(self, frame: Frame) -> None:
         """Sends one frame without waiting; BusError when the bus does not take it."""
         try:
             self._bus.send(to_can(frame, self._mark), timeout=0.0)
         except _FAILURES as error:
-            reason = _reason(error)
-            raise BusError(f"CAN bus {self.name} refused {frame.can_id:08X}: {reason}") from error
+            raise self._error(f"refused {frame.can_id:08X}", error) from error
 
     def receive(self, time: float | None = None, limit: int = FRAMES_AT_ONCE) -> list[Frame]:
         """Frames waiting, oldest first; error, remote, 11-bit and own frames are left out.
 
         Args:
           time: stamp for the frames [s]; default the bus driver's own stamp.
-          limit: of messages to be read; what is left waits for the next call.
+          limit: of messages to be read; the rest waits for the next call.
 
         Raises:
-          BusError: the bus cannot be read. What was read before is returned first, and the error
-            is raised by the next call.
+          BusError: the bus cannot be read. Frames read before the failure are returned first, and
+            the next call raises the error.
         """
         frames: list[Frame] = []
         for _ in range(limit if self._failure is None else 0):
@@ -142,9 +142,8 @@ class Bus(Closing):
                 frames.append(frame)
         if self._failure is not None and not frames:
             failure, self._failure = self._failure, None
-            reason = _reason(failure)
-            raise BusError(f"CAN bus {self.name} cannot be read: {reason}") from failure
-        if not self._errors_tell:
+            raise self._error("cannot be read", failure) from failure
+        if not self._has_error_frames:
             self.off = self._bus.state is can.BusState.ERROR
         return frames
 
@@ -153,27 +152,32 @@ class Bus(Closing):
         try:
             self._bus.shutdown()
         except _FAILURES as error:
-            raise BusError(f"CAN bus {self.name} cannot be closed: {_reason(error)}") from error
+            raise self._error("cannot be closed", error) from error
 
     def _sort(self, message: can.Message, time: float | None) -> Frame | None:
-        if message.is_error_frame and self._errors_tell:
-            self._heed(message.arbitration_id)
+        if message.is_error_frame and self._has_error_frames:
+            if message.arbitration_id & _BUS_OFF:
+                self.off = True
+            if message.arbitration_id & _RESTARTED:
+                self.off = False
         if self._mark is not None and message.channel == self._mark:
             self.ignored["own"] += 1
             return None
         frame = from_can(message, time)
         if frame is None:
             self.ignored[_kind(message)] += 1
-        elif self._errors_tell:
-            # Whoever hears data takes part in the bus.
+        elif self._has_error_frames:
+            # A controller that receives data is not bus-off.
             self.off = False
         return frame
 
-    def _heed(self, classes: int) -> None:
-        if classes & _BUS_OFF:
-            self.off = True
-        if classes & _RESTARTED:
-            self.off = False
+    def _error(self, what: str, error: Exception) -> BusError:
+        """The error on one line, with the operating system's reason where python-can hides it."""
+        text = " ".join(str(error).split()) or type(error).__name__
+        cause = error.__cause__
+        inner = cause.strerror if isinstance(cause, OSError) else None
+        reason = f"{text}: {inner}" if inner and inner not in text else text
+        return BusError(f"CAN bus {self.name} {what}: {reason}")
 
 
 def _kind(message: can.Message) -> str:
@@ -185,21 +189,13 @@ def _kind(message: can.Message) -> str:
 
 
 def _is_garbage(error: Exception) -> bool:
-    """True for a datagram that is no CAN message: the bus is well, somebody else is not."""
+    """True for a datagram that is no CAN message: another sender fails, not the bus."""
     cause = error.__cause__
     return (
         isinstance(error, can.CanOperationError)
         and cause is not None
         and not isinstance(cause, OSError)
     )
-
-
-def _reason(error: Exception) -> str:
-    """The error on one line, with the operating system's reason where python-can hides it."""
-    text = " ".join(str(error).split()) or type(error).__name__
-    cause = error.__cause__
-    inner = cause.strerror if isinstance(cause, OSError) else None
-    return f"{text}: {inner}" if inner and inner not in text else text
 
 
 def _group_and_port(channel: str) -> dict[str, Any]:
@@ -211,3 +207,177 @@ def _group_and_port(channel: str) -> dict[str, Any]:
     if not (port.isascii() and port.isdigit() and 0 < int(port[:6]) < 1 << 16):
         raise BusError(f"CAN bus udp_multicast:{channel}: port {port[:20]!r}: use 1 to 65535")
     return {"channel": group.strip("[]"), "port": int(port)}
+
+
+class LinkState(enum.Enum):
+    """State of a link."""
+
+    UP = "up"
+    BUS_OFF = "bus-off"
+    DOWN = "down"
+
+
+@dataclass(frozen=True, slots=True)
+class LinkChange:
+    """When [s, the link's clock] a link entered a state, and why ("" when it came up)."""
+
+    time: float
+    state: LinkState
+    reason: str
+
+
+class Link(Closing):
+    """A `Bus` that is opened again whenever it fails, and never raises on sending or receiving.
+
+    A bus that cannot be read is down at once. One that takes no frame for `patience` is down, too,
+    while a single refused frame (a full queue) is only dropped. A bus that is down or bus-off is
+    closed and opened again after `first_wait`, then after twice as long each time, up to
+    `longest_wait`, until it carries frames; frames sent in between are dropped and counted. A
+    controller that recovers from bus-off by itself is used again at once.
+
+    Args:
+      interface, channel: as `Bus` takes them.
+      first_wait, longest_wait: before the bus is opened again [s].
+      patience: longest time with every frame refused [s].
+      clock: monotonic time [s].
+
+    Attributes:
+      name: of the bus; state: `LinkState`; changes: the last 100 `LinkChange`s.
+      sent, received, dropped: frames; ignored: see `Bus.ignored`, over all openings.
+      failures: how often the link left `UP`; restarts: how often it was opened again.
+
+    Raises:
+      BusError: the bus cannot be opened in the first place. InputError: a time is not positive.
+    """
+
+    def __init__(
+        self,
+        interface: str = "virtual",
+        channel: str | None = None,
+        *,
+        first_wait: float = 0.1,
+        longest_wait: float = 2.0,
+        patience: float = 0.25,
+        clock: Callable[[], float] = wall_time.monotonic,
+    ) -> None:
+        times = {"first_wait": first_wait, "longest_wait": longest_wait, "patience": patience}
+        for name, value in times.items():
+            if not (math.isfinite(value) and value > 0.0):
+                raise InputError(f"link: {name} = {value!r} s: a positive time is wanted")
+        self._interface, self._channel = interface, channel
+        self._first_wait, self._longest_wait = first_wait, max(first_wait, longest_wait)
+        self._patience = patience
+        self._clock = clock
+        bus = Bus(interface, channel)
+        self._bus: Bus | None = bus
+        self.name = bus.name
+        self.state = LinkState.UP
+        self.changes: deque[LinkChange] = deque(maxlen=_CHANGES_KEPT)
+        self.sent = self.received = self.dropped = self.failures = self.restarts = 0
+        self._ignored: Counter[str] = Counter()
+        self._wait = first_wait
+        self._retry_at = math.inf
+        self._refused_since: float | None = None
+
+    @property
+    def ignored(self) -> Counter[str]:
+        """Received messages that are no J1939 frames, by kind."""
+        return self._ignored + (self._bus.ignored if self._bus is not None else Counter())
+
+    def send(self, frame: Frame) -> bool:
+        """Sends one frame; False when it was dropped."""
+        self._mend()
+        if self._bus is None or self.state is LinkState.BUS_OFF:
+            self.dropped += 1
+            return False
+        try:
+            self._bus.send(frame)
+        except BusError as error:
+            self.dropped += 1
+            now = self._clock()
+            if self._refused_since is None:
+                self._refused_since = now
+            elif now - self._refused_since >= self._patience:
+                self._fail(LinkState.DOWN, str(error))
+            return False
+        self.sent += 1
+        self._refused_since = None
+        self._carried()
+        return True
+
+    def receive(self, time: float | None = None) -> list[Frame]:
+        """Frames waiting, oldest first; none while the bus is down.
+
+        Args:
+          time: stamp for the frames [s]; default the bus driver's own.
+        """
+        self._mend()
+        bus = self._bus
+        if bus is None:
+            return []
+        try:
+            frames = bus.receive(time)
+        except BusError as error:
+            self._fail(LinkState.DOWN, str(error))
+            return []
+        if bus.off and self.state is LinkState.UP:
+            self._fail(LinkState.BUS_OFF, f"CAN bus {self.name} is bus-off")
+        elif not bus.off and self.state is LinkState.BUS_OFF:
+            self._change(LinkState.UP, "")
+        if frames:
+            self.received += len(frames)
+            self._carried()
+        return frames
+
+    def close(self) -> None:
+        """Leaves the bus for good."""
+        self._drop_bus()
+        self._retry_at = math.inf
+
+    def _carried(self) -> None:
+        """After a frame has passed, the next failure begins with a short wait again."""
+        self._wait = self._first_wait
+
+    def _fail(self, state: LinkState, reason: str) -> None:
+        self.failures += self.state is LinkState.UP
+        self._refused_since = None
+        self._change(state, reason)
+        if state is LinkState.DOWN:
+            self._drop_bus()
+        self._retry_later()
+
+    def _mend(self) -> None:
+        """Opens the bus again when it is time."""
+        if self.state is LinkState.UP or self._clock() < self._retry_at:
+            return
+        self._drop_bus()
+        try:
+            self._bus = Bus(self._interface, self._channel)
+        except BusError:
+            self._retry_later()
+            if self.state is not LinkState.DOWN:
+                self._change(LinkState.DOWN, f"CAN bus {self.name} cannot be opened again")
+            return
+        self.restarts += 1
+        self._change(LinkState.UP, "")
+
+    def _retry_later(self) -> None:
+        self._retry_at = self._clock() + self._wait
+        self._wait = min(2.0 * self._wait, self._longest_wait)
+
+    def _change(self, state: LinkState, reason: str) -> None:
+        self.state = state
+        self.changes.append(LinkChange(self._clock(), state, reason))
+        if state is LinkState.UP:
+            self._retry_at = math.inf
+
+    def _drop_bus(self) -> None:
+        bus, self._bus = self._bus, None
+        if bus is None:
+            return
+        self._ignored += bus.ignored
+        # A driver without its device may fail at this, too; there is nothing left to save.
+        try:
+            bus.close()
+        except BusError:
+            return

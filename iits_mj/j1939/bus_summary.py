@@ -1,22 +1,135 @@
-"""What was on a bus: groups by sender, how often, and within which bounds their signals were."""
+"""Every frame of a bus with names and units: as a summary, or as a table of all signals.
+
+Groups of the DBC, messages of several frames and unknown groups are all read; nothing is left out.
+"""
 
 from __future__ import annotations
 
 import csv
+import functools
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from iits_mj.core.errors import BusError
+from iits_mj.j1939.database import message_names, pgn_of
+from iits_mj.j1939.diagnostics import LONG_GROUPS, LongGroup, read_group
 from iits_mj.j1939.frame import Frame
-from iits_mj.j1939.group import Status
-from iits_mj.j1939.readings import INVALID, BusReader, Entry, Reading
-from iits_mj.j1939.transport import Reassembler
+from iits_mj.j1939.groups import Status, layouts
+from iits_mj.j1939.transport import CONNECTION, TRANSFER, Reassembler
 
-_SHOWN_TEXTS = 3
-_MAX_TEXTS = 100
+OK = "ok"
+UNKNOWN = "unknown group"
+PACKET = "part of a long message"
+INVALID = "wrong length"
+_TRANSPORT = {CONNECTION: "TP.CM", TRANSFER: "TP.DT"}
+# Texts of a signal: shown in a summary, and kept.
+_SHOWN_TEXTS, _MAX_TEXTS = 3, 100
+COLUMNS = (
+    *("time_s", "priority", "pgn", "message", "source", "destination"),
+    *("signal", "spn", "value", "unit", "status"),
+)
+
+
+class Entry(NamedTuple):
+    """A signal: its value, a number or a text, where `status` is `OK`, else raw bytes or None.
+
+    Attributes:
+      signal: name; "data" for raw bytes in hex, which are not decoded.
+      spn: its number, 0 for our own; unit: of the number.
+      status: `OK`, "not available", "error", "out of range", `UNKNOWN`, `PACKET`, `INVALID`.
+    """
+
+    signal: str
+    spn: int
+    value: float | str | None
+    unit: str
+    status: str
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A frame, or a long message when its last frame has come.
+
+    Attributes:
+      time: [s]; source, destination: addresses.
+      priority: 0 to 7; None for a long message, whose packets do not have it.
+      pgn: parameter group number.
+      message: name of the group; empty when it is not known.
+      entries: its signals.
+    """
+
+    time: float
+    priority: int | None
+    pgn: int
+    message: str
+    source: int
+    destination: int
+    entries: tuple[Entry, ...]
+
+
+class BusReader:
+    """Reads all frames of a bus; never raises.
+
+    Attributes:
+      transport: puts long messages together and counts the failed ones.
+    """
+
+    def __init__(self) -> None:
+        self.transport = Reassembler()
+
+    def read(self, frame: Frame) -> Iterator[Reading]:
+        """The reading of the frame, and of the long message that it completes."""
+        pgn, source, destination = frame.pgn, frame.source, frame.destination
+        if pgn in _TRANSPORT:
+            message, entries = _TRANSPORT[pgn], _raw(frame.data, PACKET)
+        else:
+            message, entries = _content(pgn, frame.data)
+        yield Reading(frame.time, frame.priority, pgn, message, source, destination, entries)
+        whole = self.transport.receive(frame) if pgn in _TRANSPORT else None
+        if whole is not None:
+            name, entries = _content(whole.pgn, whole.data)
+            ends = (whole.source, whole.destination)
+            yield Reading(whole.time, None, whole.pgn, name, *ends, entries)
+
+
+def _content(pgn: int, data: bytes) -> tuple[str, tuple[Entry, ...]]:
+    try:
+        group = read_group(pgn, data)
+    except BusError:
+        return _known_names()[pgn], _raw(data, INVALID)
+    if group is None:
+        return "", _raw(data, UNKNOWN)
+    if isinstance(group, LongGroup):
+        long = (_entry(name, spn, "", value) for name, spn, value in group.entries())
+        return group.MESSAGE, tuple(long)
+    signals = zip(group.items(), _signals(group.MESSAGE), strict=True)
+    return group.MESSAGE, tuple(_entry(n, spn, unit, v) for (n, v), (spn, unit) in signals)
+
+
+def _entry(name: str, spn: int, unit: str, value: float | str | Status) -> Entry:
+    if isinstance(value, Status):
+        return Entry(name, spn, None, unit, value.value)
+    return Entry(name, spn, value, unit, OK)
+
+
+def _raw(data: bytes, status: str) -> tuple[Entry, ...]:
+    return (Entry("data", 0, data.hex(), "hex", status),)
+
+
+@functools.cache
+def _signals(message: str) -> tuple[tuple[int, str], ...]:
+    """SPN and unit of a message's signals, in the order of the DBC."""
+    signals = layouts().get_message_by_name(message).signals
+    return tuple((signal.spn or 0, signal.unit or "") for signal in signals)
+
+
+@functools.cache
+def _known_names() -> dict[int, str]:
+    names = {pgn_of(name): name for name in message_names()}
+    return names | {kind.PGN: kind.MESSAGE for kind in LONG_GROUPS}
 
 
 @dataclass(slots=True)
@@ -24,7 +137,7 @@ class SignalRange:
     """A signal over the log.
 
     Attributes:
-      unit: of its numbers; minimum, maximum: of them, infinite while there was none.
+      unit: of its numbers; minimum, maximum: of them, infinite while there is none.
       texts: the different texts, at most 100.
       missing: how often it carried no value.
     """
@@ -46,7 +159,7 @@ class SignalRange:
             self.texts.append(entry.value)
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything for JSON; bounds are None while there was no number."""
+        """Everything for JSON; bounds are None while there is no number."""
         known = self.minimum <= self.maximum
         return {
             "unit": self.unit,
@@ -70,7 +183,7 @@ class Traffic:
     Attributes:
       message: its name, empty when not known; count: of its frames or long messages.
       first, last: times [s]; invalid: how many were of the wrong length.
-      signals: by name; empty for what is not decoded.
+      signals: by name; empty for a group that is not decoded.
     """
 
     message: str
@@ -81,9 +194,9 @@ class Traffic:
     signals: dict[str, SignalRange] = field(default_factory=dict)
 
     @property
-    def period(self) -> float:
-        """Mean time between two [s]; NaN for a single one."""
-        return (self.last - self.first) / (self.count - 1) if self.count > 1 else math.nan
+    def period(self) -> float | None:
+        """Mean time between two [s]; None for a single one."""
+        return (self.last - self.first) / (self.count - 1) if self.count > 1 else None
 
 
 class BusSummary:
@@ -101,27 +214,36 @@ class BusSummary:
     def add(self, reading: Reading) -> None:
         """Takes the next reading."""
         key = (reading.pgn, reading.source, reading.destination)
-        traffic = self.traffic.get(key)
-        if traffic is None:
-            traffic = Traffic(reading.message, reading.time, reading.time)
-            self.traffic[key] = traffic
+        if key not in self.traffic:
+            self.traffic[key] = Traffic(reading.message, reading.time, reading.time)
+        traffic = self.traffic[key]
         traffic.count += 1
         traffic.last = reading.time
         for entry in reading.entries:
-            _add(traffic, entry)
+            if entry.unit == "hex":
+                traffic.invalid += entry.status == INVALID
+                continue
+            signal = traffic.signals.get(entry.signal)
+            if signal is None:
+                signal = traffic.signals[entry.signal] = SignalRange(entry.unit)
+            signal.add(entry)
 
     def text(self) -> str:
         """The summary as a table for people, in the order of the PGNs."""
         lines = [f"{'PGN':>6} {'message':<14} {'from':>4} {'to':>4} {'count':>8} {'period':>10}"]
         for (pgn, source, destination), traffic in sorted(self.traffic.items()):
-            period = "" if traffic.count < 2 else f"{traffic.period * 1e3:.1f} ms"
+            period = "" if traffic.period is None else f"{traffic.period * 1e3:.1f} ms"
             wrong = f"  {traffic.invalid} of the wrong length" if traffic.invalid else ""
             lines.append(
                 f"{pgn:>6} {traffic.message or '-':<14} {source:>4} {destination:>4} "
                 f"{traffic.count:>8} {period:>10}{wrong}"
             )
             lines += [f"{'':>8}{n:<40} {s}" for n, s in traffic.signals.items() if str(s)]
-        return "\n".join(lines + self._transport_lines())
+        if self.transport is not None:
+            lines.append(f"long messages put together: {self.transport.messages}")
+            failures = sorted(self.transport.failures.items(), key=lambda item: item[0].name)
+            lines += [f"long messages, {why.value}: {count}" for why, count in failures]
+        return "\n".join(lines)
 
     def as_dict(self) -> dict[str, Any]:
         """Everything for JSON, in the order of the PGNs; the period of a single one is None."""
@@ -132,7 +254,7 @@ class BusSummary:
                 "source": source,
                 "destination": destination,
                 "count": traffic.count,
-                "period_s": traffic.period if traffic.count > 1 else None,
+                "period_s": traffic.period,
                 "wrong_length": traffic.invalid,
                 "signals": {name: signal.as_dict() for name, signal in traffic.signals.items()},
             }
@@ -146,51 +268,24 @@ class BusSummary:
             "long_message_failures": failures,
         }
 
-    def _transport_lines(self) -> list[str]:
-        if self.transport is None:
-            return []
-        lines = [f"long messages put together: {self.transport.messages}"]
-        failures = sorted(self.transport.failures.items(), key=lambda item: item[0].name)
-        return lines + [f"long messages, {why.value}: {count}" for why, count in failures]
-
 
 def summarize(frames: Iterable[Frame]) -> BusSummary:
     """The summary of a log's frames; BusError where they cannot be read."""
-    reader, summary = BusReader(), BusSummary()
-    for frame in frames:
-        for reading in reader.read(frame):
-            summary.add(reading)
-    reader.transport.finish()
-    summary.transport = reader.transport
+    summary = BusSummary()
+    for _ in _readings(frames, summary):
+        pass
     return summary
 
 
-def _add(traffic: Traffic, entry: Entry) -> None:
-    if entry.unit == "hex":
-        traffic.invalid += entry.status == INVALID
-        return
-    signal = traffic.signals.get(entry.signal)
-    if signal is None:
-        signal = traffic.signals[entry.signal] = SignalRange(entry.unit)
-    signal.add(entry)
-
-
-# --- A bus log as a table: one row a signal, in the long form that data tools like ---
-
-_MISSING = Status.NOT_AVAILABLE.value
-COLUMNS = (
-    "time_s",
-    "priority",
-    "pgn",
-    "message",
-    "source",
-    "destination",
-    "signal",
-    "spn",
-    "value",
-    "unit",
-    "status",
-)
+def _readings(frames: Iterable[Frame], summary: BusSummary) -> Iterator[Reading]:
+    """The readings of all frames, each after it was added to the summary."""
+    reader = BusReader()
+    for frame in frames:
+        for reading in reader.read(frame):
+            summary.add(reading)
+            yield reading
+    reader.transport.finish()
+    summary.transport = reader.transport
 
 
 def write_table(
@@ -198,9 +293,9 @@ def write_table(
 ) -> BusSummary:
     """Writes the decoded table of a log, frame by frame, whatever its length.
 
-    Columns: see `COLUMNS`. `value` is empty where the signal carries none (`status` says why); a
-    group that is not known, a packet of a long message and a frame of the wrong length are one row
-    with their bytes in hex. A long message comes after its last packet, without a priority.
+    Columns: see `COLUMNS`. `value` is empty where the signal carries none (`status` says why). An
+    unknown group, a packet of a long message and a frame of the wrong length are one row with their
+    bytes in hex. A long message comes after its last packet, without a priority.
 
     Args:
       frames: of the log, as `read_log` gives them.
@@ -208,14 +303,14 @@ def write_table(
       only_values: leave out the signals that say "not available".
 
     Returns:
-      What was on the bus.
+      The summary of the bus.
 
     Raises:
-      BusError: the file cannot be written, or the frames cannot be read; what was written until
-        then is taken away, as it is when the writing is interrupted.
+      BusError: the file cannot be written, or the frames cannot be read. An unfinished table is
+        deleted, also after an interruption.
     """
     path = Path(path)
-    reader, summary = BusReader(), BusSummary()
+    summary = BusSummary()
     try:
         file = path.open("w", encoding="utf-8", newline="")
     except OSError as error:
@@ -224,26 +319,16 @@ def write_table(
         with file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(COLUMNS)
-            for frame in frames:
-                for reading in reader.read(frame):
-                    summary.add(reading)
-                    writer.writerows(_rows(reading, only_values))
-    except OSError as error:
-        _abandon(path)
-        raise BusError(f"table {str(path)!r} cannot be written: {error}") from error
-    except BaseException:
-        # Interrupted, too.
-        _abandon(path)
+            for reading in _readings(frames, summary):
+                writer.writerows(_rows(reading, only_values))
+    except BaseException as error:
+        # Half a table is deleted, but never a device or a link to one, such as /dev/stdout.
+        if path.is_file() and not path.is_symlink():
+            path.unlink()
+        if isinstance(error, OSError):
+            raise BusError(f"table {str(path)!r} cannot be written: {error}") from error
         raise
-    reader.transport.finish()
-    summary.transport = reader.transport
     return summary
-
-
-def _abandon(path: Path) -> None:
-    """Takes away half a table, but never a device or what leads to one, as /dev/stdout."""
-    if path.is_file() and not path.is_symlink():
-        path.unlink()
 
 
 def _rows(reading: Reading, only_values: bool) -> Iterator[tuple[object, ...]]:
@@ -255,13 +340,9 @@ def _rows(reading: Reading, only_values: bool) -> Iterator[tuple[object, ...]]:
         reading.source,
         reading.destination,
     )
-    for entry in reading.entries:
-        if not (only_values and entry.status == _MISSING):
-            yield *head, entry.signal, entry.spn or "", _shown(entry), entry.unit, entry.status
-
-
-def _shown(entry: Entry) -> str:
-    if entry.value is None:
-        return ""
-    # Twelve digits hold a signal of 32 bits on its grid.
-    return entry.value if isinstance(entry.value, str) else f"{entry.value:.12g}"
+    for name, spn, value, unit, status in reading.entries:
+        if only_values and status == Status.NOT_AVAILABLE.value:
+            continue
+        # Twelve digits hold a signal of 32 bits on its grid.
+        shown = f"{value:.12g}" if isinstance(value, float) else value or ""
+        yield *head, name, spn or "", shown, unit, status

@@ -1,6 +1,7 @@
-"""`VehicleCommand` to frames: what a controller sends. The table is `signals.csv`.
+"""`VehicleCommand` to frames: what a controller sends. The table of signals is `signals.csv`.
 
-The retarders take minus the share of the torque that they can give at the moment as percent torque.
+The retarders take, as percent torque, minus the share of the torque that they can give at the
+moment.
 """
 
 from __future__ import annotations
@@ -8,52 +9,65 @@ from __future__ import annotations
 import functools
 import math
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 
+from iits_mj.core.checks import in_range
 from iits_mj.core.errors import BusError, InputError
 from iits_mj.core.messages import VehicleCommand
-from iits_mj.j1939.addresses import CONTROLLER, DRIVELINE_RETARDER, ENGINE_RETARDER, checked_sources
-from iits_mj.j1939.broadcasts import Schedule
-from iits_mj.j1939.database import DataMaker, FieldOf, cycle_time, identifier
-from iits_mj.j1939.frame import Frame, tsc1_checksum, with_byte8, xbr_checksum
-from iits_mj.j1939.mapping import commands
+from iits_mj.j1939.database import cycle_time, identifier
+from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame, tsc1_checksum, with_byte8, xbr_checksum
+from iits_mj.j1939.mapping import DataMaker, FieldOf, commands
+from iits_mj.j1939.network import (
+    BRAKES,
+    CONTROLLER,
+    DRIVELINE_RETARDER,
+    ENGINE_RETARDER,
+    checked_sources,
+)
+from iits_mj.j1939.schedule import Schedule
 
 # SPN 2920's operational range is +/-10 m/s2; this truck takes decelerations only.
 XBR_DEMAND_MIN = -10.0
 # SPN 695: torque control.
 TORQUE_CONTROL = 2
-_SHARES = ("accelerator_pedal", "engine_brake", "retarder", "brake_pedal")
+STEERING_ON = 1
 # SPN 2915: second of four, below an emergency brake.
 _XBR_PRIORITY = 1
-STEERING_ON = 1
-_FIELDS = fields(VehicleCommand)
-_numbers = operator.attrgetter(*(field.name for field in _FIELDS))
+_SHARES = ("accelerator_pedal", "engine_brake", "retarder", "brake_pedal")
+_FIELDS = tuple(field.name for field in fields(VehicleCommand))
+_numbers = operator.attrgetter(*_FIELDS)
 
 
 @dataclass(frozen=True, slots=True)
-class _Order:
-    """A message of a command: how its bytes are made and the last one sealed.
+class CommandMessage:
+    """A message of a command.
 
     Attributes:
-      message: name in the DBC; destination: address, None for everybody.
-      data: from the command and the message's counter.
-      counters: how many numbers the counter has; checksum: None for a message without either.
+      message: name in the DBC; address: of the unit that obeys, 255 for all that understand it.
+      counters: how many numbers its counter has; checksum: of a frame. A message without either
+        has 0 and None.
     """
 
     message: str
-    destination: int | None
-    data: Callable[[VehicleCommand, int], bytes]
+    address: int
     counters: int = 16
     checksum: Callable[[Frame], int] | None = xbr_checksum
 
-    def frame(self, command: VehicleCommand, counter: int, time: float, source: int) -> Frame:
-        number = counter % self.counters
-        can_id = identifier(self.message, source, self.destination)
-        frame = Frame(can_id, self.data(command, number), time)
-        if self.checksum is None:
-            return frame
-        return with_byte8(frame, number, self.checksum(frame))
+    @property
+    def name(self) -> str:
+        """The message, with the address where several units obey their own."""
+        return f"{self.message} to {self.address}" if self.message == "TSC1" else self.message
+
+
+# By the names that the messages have in `TimeOuts` and `Loss`.
+COMMAND_MESSAGES = {
+    "pedal": CommandMessage("EEC2", GLOBAL_ADDRESS, 0, None),
+    "xbr": CommandMessage("XBR", BRAKES),
+    "engine_retarder": CommandMessage("TSC1", ENGINE_RETARDER, 8, tsc1_checksum),
+    "driveline_retarder": CommandMessage("TSC1", DRIVELINE_RETARDER, 8, tsc1_checksum),
+    "body": CommandMessage("IITS_COMMAND", GLOBAL_ADDRESS),
+}
 
 
 def command_to_frames(
@@ -62,8 +76,8 @@ def command_to_frames(
     """The five frames of a command: EEC2, XBR, TSC1 to either retarder, IITS_COMMAND.
 
     Args:
-      command: what the truck shall do.
-      counter: number of the cycle; the messages' own counters are taken from it.
+      command: for the truck.
+      counter: number of the cycle, from which the messages' own counters are taken.
       time: of the frames [s].
       source: the controller's address.
 
@@ -71,11 +85,11 @@ def command_to_frames(
       InputError: a field is not finite or outside its range.
     """
     _check(command)
-    return [_frame(order, command, counter, time, source) for order in _orders()]
+    return [_frame(sent, command, counter, time, source) for sent in COMMAND_MESSAGES.values()]
 
 
 class CommandSender:
-    """A controller's commands, each message at its own rate with its own counter.
+    """Sends a controller's commands, each message at its own rate with its own counter.
 
     The rates are the DBC's: XBR and IITS_COMMAND every 20 ms, EEC2 and TSC1 every 50 ms. The first
     call sends all of them.
@@ -90,8 +104,9 @@ class CommandSender:
     def __init__(self, source: int = CONTROLLER) -> None:
         checked_sources([source])
         self._source = source
-        self._schedule = Schedule([cycle_time(order.message) for order in _orders()])
-        self._counters = [0] * len(_orders())
+        self._messages = tuple(COMMAND_MESSAGES.values())
+        self._schedule = Schedule([cycle_time(sent.message) for sent in self._messages])
+        self._counters = [0] * len(self._messages)
 
     def frames(self, command: VehicleCommand, time: float) -> list[Frame]:
         """The frames of this command that are due at this time [s].
@@ -103,70 +118,64 @@ class CommandSender:
         found = []
         for place in self._schedule.due(time):
             counter = self._counters[place]
-            found.append(_frame(_orders()[place], command, counter, time, self._source))
+            found.append(_frame(self._messages[place], command, counter, time, self._source))
             self._counters[place] = counter + 1
         return found
 
 
-def _frame(order: _Order, command: VehicleCommand, counter: int, time: float, source: int) -> Frame:
+def _frame(
+    sent: CommandMessage, command: VehicleCommand, counter: int, time: float, source: int
+) -> Frame:
+    number = counter % sent.counters if sent.counters else 0
     try:
-        return order.frame(command, counter, time, source)
+        can_id = identifier(sent.message, source, sent.address)
+        frame = Frame(can_id, _data(sent)(command, number), time)
     except BusError as error:
         raise InputError(f"command cannot be sent: {error}") from error
+    return frame if sent.checksum is None else with_byte8(frame, number, sent.checksum(frame))
 
 
 def _check(command: VehicleCommand) -> None:
     # A sum is finite only if all its terms are.
     if not math.isfinite(sum(_numbers(command))):
-        for field, value in zip(_FIELDS, _numbers(command), strict=True):
+        for name, value in zip(_FIELDS, _numbers(command), strict=True):
             if not math.isfinite(value):
-                raise InputError(f"command {field.name} = {value!r}: a finite number is wanted")
+                raise InputError(f"command {name} = {value!r}: a finite number is wanted")
     for name in _SHARES:
-        _within(name, getattr(command, name), 0.0, 1.0)
-    _within("xbr_demand", command.xbr_demand, XBR_DEMAND_MIN, 0.0)
+        in_range(f"command {name}", getattr(command, name), 0.0, 1.0)
+    in_range("command xbr_demand", command.xbr_demand, XBR_DEMAND_MIN, 0.0)
 
 
 @functools.cache
-def _orders() -> tuple[_Order, ...]:
-    pedal = _maker("EEC2")
-    xbr = _maker("XBR", extra=("xbr_priority", "xbr_message_counter"))
-    body = _maker(
-        "IITS_COMMAND",
-        extra=("parking_brake_request", "steering_control_mode", "command_message_counter"),
-    )
+def _data(sent: CommandMessage) -> Callable[[VehicleCommand, int], bytes]:
+    """Makes the bytes of a message from a command and the message's counter."""
+    rows = [
+        r for r in commands() if r.message == sent.message and r.address in (None, sent.address)
+    ]
+    plain = {name: FieldOf(0, name) for name in _FIELDS}
 
-    def switches(command: VehicleCommand, counter: int) -> tuple[float, ...]:
-        return float(command.parking_brake >= 0.5), STEERING_ON, counter
+    def maker(*extra: str) -> DataMaker:
+        return DataMaker(sent.message, rows, plain, extra=extra)
 
-    return (
-        _Order("EEC2", None, lambda command, _counter: pedal(command), checksum=None),
-        _Order("XBR", None, lambda command, counter: xbr(command, extra=(_XBR_PRIORITY, counter))),
-        _retarder(ENGINE_RETARDER, "engine_brake"),
-        _retarder(DRIVELINE_RETARDER, "retarder"),
-        _Order(
-            "IITS_COMMAND",
-            None,
-            lambda command, counter: body(command, extra=switches(command, counter)),
-        ),
-    )
+    if sent.message == "EEC2":
+        make = maker()
+        return lambda command, _counter: make(command)
+    if sent.message == "XBR":
+        make = maker("xbr_priority", "xbr_message_counter")
+        return lambda command, counter: make(command, extra=(_XBR_PRIORITY, counter))
+    if sent.message == "TSC1":
+        make = maker("override_control_mode", "tsc1_message_counter")
+        wanted = operator.attrgetter(rows[0].quantity)
 
+        def retarder(command: VehicleCommand, counter: int) -> bytes:
+            mode = TORQUE_CONTROL if wanted(command) != 0.0 else 0
+            return make(command, extra=(mode, counter))
 
-def _retarder(address: int, share: str) -> _Order:
-    extra = ("override_control_mode", "tsc1_message_counter")
-    make, wanted = _maker("TSC1", address, extra), operator.attrgetter(share)
+        return retarder
+    make = maker("parking_brake_request", "steering_control_mode", "command_message_counter")
 
-    def data(command: VehicleCommand, counter: int) -> bytes:
-        mode = TORQUE_CONTROL if wanted(command) != 0.0 else 0
-        return make(command, extra=(mode, counter))
+    def body(command: VehicleCommand, counter: int) -> bytes:
+        parking = float(command.parking_brake >= 0.5)
+        return make(command, extra=(parking, STEERING_ON, counter))
 
-    return _Order("TSC1", address, data, counters=8, checksum=tsc1_checksum)
-
-
-def _maker(message: str, address: int | None = None, extra: Sequence[str] = ()) -> DataMaker:
-    rows = [r for r in commands() if r.message == message and address in (None, r.address)]
-    return DataMaker(message, rows, {f.name: FieldOf(0, f.name) for f in _FIELDS}, extra=extra)
-
-
-def _within(name: str, value: float, low: float, high: float) -> None:
-    if not low <= value <= high:
-        raise InputError(f"command {name} = {value!r}: allowed is {low:g} to {high:g}")
+    return body

@@ -1,4 +1,4 @@
-"""What the truck says of its engine and retarders, EC1 and RC, and what a listener learns of it.
+"""Configurations of engine and retarders (EC1, RC): sent by the truck, read by a listener.
 
 The percent torques of the bus are shares of the reference torques in these messages (SPN 544, 556).
 """
@@ -14,30 +14,33 @@ import numpy as np
 
 from iits_mj.core.errors import BusError
 from iits_mj.core.units import RPM
-from iits_mj.j1939.addresses import DRIVELINE_RETARDER, ENGINE, ENGINE_RETARDER
-from iits_mj.j1939.broadcasts import BroadcastSender
-from iits_mj.j1939.database import cycle_time, pack, pgn_of
+from iits_mj.j1939.database import cycle_time, make_group, pack, pgn_of
+from iits_mj.j1939.diagnostics import read_group
 from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame
-from iits_mj.j1939.group import Group, Status
-from iits_mj.j1939.groups import EC1, RC
-from iits_mj.j1939.long_groups import read_group
+from iits_mj.j1939.groups import Group, Status, Value
+from iits_mj.j1939.network import DRIVELINE_RETARDER, ENGINE, ENGINE_RETARDER
 from iits_mj.j1939.quantities import ReferenceTorques
-from iits_mj.j1939.transport import Reassembler
+from iits_mj.j1939.transport import BroadcastSender, Reassembler
 from iits_mj.parameters import TruckParameters
 
 # SPN 901 and 902 (the DBC's value tables), and SPN 557 for torque without steps.
 _HYDRAULIC, _COMPRESSION_RELEASE = 1.0, 3.0
 _ON_ENGINE, _ON_DRIVELINE = 0.0, 4.0
 _CONTINUOUS = 0.0
-# Locations that turn with the engine, and with the propeller shaft.
-_ENGINE_LOCATIONS, _DRIVELINE_LOCATIONS = (0.0, 1.0, 2.0), (3.0, 4.0)
+# Field of `ReferenceTorques` by location: it turns with the engine, or with the propeller shaft.
+_LOCATIONS: dict[Value, str] = {
+    **dict.fromkeys((0.0, 1.0, 2.0), "engine_brake"),
+    **dict.fromkeys((3.0, 4.0), "retarder"),
+}
+# The reference torque in each message.
+_TORQUES = {"EC1": "reference_engine_torque_nm", "RC": "reference_retarder_torque_nm"}
 
 
-def engine_configuration(parameters: TruckParameters) -> EC1:
+def engine_configuration(parameters: TruckParameters) -> Group:
     """EC1 of a truck: indicated full-load torque over speed, as percent of the reference.
 
-    Point 1 is idle, 2 where the governor begins to act, 3 to 5 those corners between them that
-    follow the curve best, 6 where the governor has taken all torque away.
+    Point 1 is idle, point 2 where the governor begins to act, point 6 where it has taken all torque
+    away. Points 3 to 5 are the corners between 1 and 2 that follow the curve best.
     """
     engine = parameters.engine
 
@@ -49,20 +52,19 @@ def engine_configuration(parameters: TruckParameters) -> EC1:
     begin = engine.governed_speed * (1.0 - engine.governor_droop)
     inner = [float(s) for s in engine.full_load_speed if engine.idle_speed < s < begin]
     corners = _corners(percent, engine.idle_speed, inner, begin)
-    points = {}
+    values = {}
     for number, speed in zip((1, 3, 4, 5, 2), corners, strict=True):
-        points[f"engine_speed_point_{number}_rpm"] = speed / RPM
-        points[f"engine_torque_point_{number}_percent"] = percent(speed)
-    return EC1(
-        **points,
-        engine_speed_point_6_rpm=engine.governed_speed / RPM,
-        governor_gain_percent_per_rpm=percent(begin) / (engine.governed_speed - begin) * RPM,
-        reference_engine_torque_nm=engine.reference_torque,
-        engine_moment_of_inertia_kg_m2=engine.inertia,
-    )
+        values[f"engine_speed_point_{number}_rpm"] = speed / RPM
+        values[f"engine_torque_point_{number}_percent"] = percent(speed)
+    values["engine_speed_point_6_rpm"] = engine.governed_speed / RPM
+    gain = percent(begin) / (engine.governed_speed - begin) * RPM
+    values["governor_gain_percent_per_rpm"] = gain
+    values["reference_engine_torque_nm"] = engine.reference_torque
+    values["engine_moment_of_inertia_kg_m2"] = engine.inertia
+    return make_group("EC1", values)
 
 
-def retarder_configurations(parameters: TruckParameters) -> dict[int, RC]:
+def retarder_configurations(parameters: TruckParameters) -> dict[int, Group]:
     """RC of the engine brake and of the retarder, cold, by the address that sends it."""
     engine, retarder = parameters.engine, parameters.retarder
     found = {}
@@ -88,29 +90,28 @@ def retarder_configurations(parameters: TruckParameters) -> dict[int, RC]:
 
 
 class ConfigurationSender:
-    """Broadcasts a truck's configurations at the DBC's rate, each from its own unit.
+    """Broadcasts a truck's configurations at the DBC's rate, each from its control unit.
 
     Args:
       parameters: of the truck.
     """
 
     def __init__(self, parameters: TruckParameters) -> None:
-        groups: dict[int, Group] = {ENGINE: engine_configuration(parameters)}
-        groups |= retarder_configurations(parameters)
+        groups = {ENGINE: engine_configuration(parameters), **retarder_configurations(parameters)}
         self._contents = [
             (BroadcastSender(source), pgn_of(group.MESSAGE), pack(group, saturate=True))
             for source, group in groups.items()
         ]
-        self._period = cycle_time(EC1.MESSAGE)
+        self._period = cycle_time("EC1")
         self._next = self._last = -math.inf
 
     def frames(self, time: float) -> list[Frame]:
-        """The frames that are due [s], at most one a unit; to be asked at least every 50 ms.
+        """The frames that are due [s], at most one a unit; to be called at least every 50 ms.
 
         Raises:
           BusError: the time is not finite.
         """
-        # Time goes back where a drive begins anew.
+        # Time goes back when a new drive begins.
         if time >= self._next or time < self._last:
             self._next = time + self._period
             for sender, pgn, data in self._contents:
@@ -119,30 +120,28 @@ class ConfigurationSender:
         return [frame for sender, _, _ in self._contents for frame in sender.due(time)]
 
     def repeat(self, pgn: int, address: int) -> bool:
-        """Broadcasts a group anew because somebody asked for it.
+        """Broadcasts a group again on request; its frames are among those due next.
 
         Args:
-          pgn: that is asked for.
-          address: of the unit that is asked; 255 asks all.
+          pgn: of the group.
+          address: of the requested unit; 255 for all.
 
         Returns:
-          True when a unit at that address sends it; its frames are among those due next.
+          Whether a unit at that address sends the group.
         """
-        asked = [
-            (sender, data)
-            for (sender, own, data) in self._contents
-            if own == pgn and address in (sender.source, GLOBAL_ADDRESS)
-        ]
-        for sender, data in asked:
-            sender.put(pgn, data)
-        return bool(asked)
+        known = False
+        for sender, own, data in self._contents:
+            if own == pgn and address in (sender.source, GLOBAL_ADDRESS):
+                sender.put(pgn, data)
+                known = True
+        return known
 
 
 class ConfigurationReceiver:
-    """Learns the reference torques from the units that tell them.
+    """Learns the reference torques from EC1 and RC.
 
     Args:
-      references: until they are told.
+      references: until they are received.
 
     Attributes:
       references: as known now.
@@ -153,7 +152,7 @@ class ConfigurationReceiver:
         self._reassembler = Reassembler()
 
     def receive(self, frame: Frame) -> bool:
-        """Takes any frame; returns True when it told a reference torque. Never raises."""
+        """Takes any frame; returns True when it had a reference torque. Never raises."""
         message = self._reassembler.receive(frame)
         if message is None:
             return False
@@ -161,29 +160,22 @@ class ConfigurationReceiver:
             group = read_group(message.pgn, message.data)
         except BusError:
             return False
-        field, torque = _reference(group)
+        if not isinstance(group, Group) or group.MESSAGE not in _TORQUES:
+            return False
+        values = dict(group.items())
+        torque = values[_TORQUES[group.MESSAGE]]
+        engine = group.MESSAGE == "EC1"
+        field = "engine" if engine else _LOCATIONS.get(values["retarder_location"])
         if field is None or isinstance(torque, Status) or torque <= 0.0:
             return False
         self.references = dataclasses.replace(self.references, **{field: torque})
         return True
 
 
-def _reference(group: object) -> tuple[str | None, float | Status]:
-    """Which of the reference torques a group tells, and its value."""
-    if isinstance(group, EC1):
-        return "engine", group.reference_engine_torque_nm
-    if isinstance(group, RC):
-        on_engine = group.retarder_location in _ENGINE_LOCATIONS
-        on_driveline = group.retarder_location in _DRIVELINE_LOCATIONS
-        field = "engine_brake" if on_engine else "retarder" if on_driveline else None
-        return field, group.reference_retarder_torque_nm
-    return None, Status.NOT_AVAILABLE
-
-
 def _corners(
     curve: Callable[[float], float], low: float, inner: list[float], high: float
 ) -> tuple[float, ...]:
-    """The ends and those three of the speeds between whose lines come closest to the curve."""
+    """Both ends, and the three speeds between them whose lines come closest to the curve."""
     checked = np.array([low, *inner, high])
     values = np.array([curve(speed) for speed in checked])
 
@@ -197,7 +189,7 @@ def _corners(
 
 
 def _engine_brake_share(parameters: TruckParameters, speed: float) -> float:
-    """Of the rated torque: P = P0 (w / w0)^exponent, fading out near idle, as the plugin has it."""
+    """Share of the rated torque: P = P0 (w / w0)^exponent, faded out near idle as in the plugin."""
     engine = parameters.engine
     fade = (speed - engine.engine_brake_speed_min) / engine.engine_brake_fade
     law = (speed / engine.engine_brake_speed) ** (engine.engine_brake_exponent - 1.0)
@@ -209,16 +201,13 @@ def _retarder(
     speeds: tuple[float, ...],
     reference: float,
     share: Callable[[float], float],
-) -> RC:
-    """RC from type and location, the speeds of points 1 to 5, and torque over the reference."""
-    points = {}
+) -> Group:
+    """RC from type and location, the speeds of points 1 to 5, and torque as share of reference."""
+    values = {}
     for number, speed in enumerate(speeds, start=1):
-        points[f"retarder_speed_point_{number}_rpm"] = float(speed) / RPM
-        points[f"retarder_torque_point_{number}_percent"] = -100.0 * share(float(speed))
-    return RC(
-        **points,
-        retarder_type=kind[0],
-        retarder_location=kind[1],
-        retarder_control_steps=_CONTINUOUS,
-        reference_retarder_torque_nm=reference,
-    )
+        values[f"retarder_speed_point_{number}_rpm"] = float(speed) / RPM
+        values[f"retarder_torque_point_{number}_percent"] = -100.0 * share(float(speed))
+    values["retarder_type"], values["retarder_location"] = kind
+    values["retarder_control_steps"] = _CONTINUOUS
+    values["reference_retarder_torque_nm"] = reference
+    return make_group("RC", values)

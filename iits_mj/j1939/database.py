@@ -1,26 +1,182 @@
-"""Typed groups to frames and back, by our DBC file, which cantools reads."""
+"""Typed groups to frames and back, by our DBC.
+
+A message is one whole number in the bus's byte order (Intel), and a signal is some of its bits.
+cantools reads the DBC; the coding is our own, because that of cantools takes twice as long and does
+not know the codes of J1939-71 for "no value". The tests compare the two. The raw numbers mean:
+
+| width | valid | out of range | error | not available |
+|---|---|---|---|---|
+| 8 bit | 0 .. 0xFA | 0xFB .. 0xFD | 0xFE | 0xFF |
+| 16 bit | 0 .. 0xFAFF | 0xFB00 .. 0xFDFF | 0xFE00 .. 0xFEFF | 0xFF00 .. 0xFFFF |
+| 32 bit | 0 .. 0xFAFFFFFF | .. 0xFDFFFFFF | 0xFE000000 .. | 0xFF000000 .. |
+| switches, 2 bit | 0, 1 | - | 2 | 3 |
+
+Other narrow fields (modes, counters) use all their values; the DBC's value table names the codes.
+"""
 
 from __future__ import annotations
 
 import functools
 import operator
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
-from typing import Any, cast
-
-import cantools.database.can
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
 
 from iits_mj.core.errors import BusError
-from iits_mj.j1939 import groups
-from iits_mj.j1939.codec import Codec, Signal
-from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame, make_id
-from iits_mj.j1939.group import Group, Value, class_name, layouts
-from iits_mj.j1939.mapping import Mapping as Row
+from iits_mj.j1939.frame import Frame, make_id
+from iits_mj.j1939.groups import NOT_AVAILABLE, Group, Status, Value, group_types, layouts
+
+if TYPE_CHECKING:
+    import cantools.database.can
+
+# The highest byte of a raw number above the valid ones, in a signal of 8 bits or more.
+_OUT_OF_RANGE, _ERROR, _MISSING = 0xFB, 0xFE, 0xFF
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """Bits of a message and what they mean.
+
+    Attributes:
+      name: in the DBC.
+      start: place of the lowest bit; length: [bit].
+      scale, offset: value = raw number * scale + offset.
+      top: the greatest valid raw number; error, missing: codes, missing is all ones.
+      unit: one unit of the signal in the unit of the caller's values.
+    """
+
+    name: str
+    start: int
+    length: int
+    scale: float
+    offset: float
+    top: int
+    error: int | None
+    missing: int
+    unit: float = 1.0
+
+    @classmethod
+    def of(cls, signal: cantools.database.can.Signal) -> Signal:
+        """A signal of the DBC: an unsigned field of Intel byte order."""
+        width = signal.length
+        ones = (1 << width) - 1
+        error: int | None
+        if width >= 8:
+            shift = width - 8
+            top, error = (_OUT_OF_RANGE << shift) - 1, _ERROR << shift
+        else:
+            codes = {str(name): int(raw) for raw, name in (signal.choices or {}).items()}
+            error = codes.get("error")
+            # The codes are the highest numbers of a field.
+            lowest = (error, codes.get("not_available"), ones + 1)
+            top = min(code for code in lowest if code is not None) - 1
+        scale, offset = float(signal.scale), float(signal.offset)
+        return cls(signal.name, signal.start, width, scale, offset, top, error, ones)
+
+    def status(self, raw: int) -> Status:
+        """What a raw number above the valid ones says."""
+        if self.length >= 8:
+            codes = {_MISSING: Status.NOT_AVAILABLE, _ERROR: Status.ERROR}
+            return codes.get(raw >> (self.length - 8), Status.OUT_OF_RANGE)
+        return Status.ERROR if raw == self.error else Status.NOT_AVAILABLE
+
+    def raw(self, value: Value | None, saturate: bool) -> int:
+        """The raw number of a value; None is "not available". Raises as `Codec.pack`."""
+        if value is None or value is NOT_AVAILABLE:
+            return self.missing
+        if isinstance(value, Status):
+            if value is Status.OUT_OF_RANGE or self.error is None:
+                raise BusError(f"signal {self.name} has no code for {value.value!r}")
+            return self.error
+        try:
+            raw = round((value / self.unit - self.offset) / self.scale)
+        except (ValueError, OverflowError) as error:
+            wanted = "a finite number is wanted"
+            raise BusError(f"signal {self.name} = {value!r}: {wanted}") from error
+        if not 0 <= raw <= self.top:
+            if not saturate:
+                ends = (self.offset, self.top * self.scale + self.offset)
+                low, high = sorted(end * self.unit for end in ends)
+                raise BusError(f"signal {self.name} = {value!r}: allowed is {low:g} to {high:g}")
+            raw = min(max(raw, 0), self.top)
+        return raw
+
+
+class Codec:
+    """Codes and decodes some signals of a message, in the order of the caller.
+
+    Args:
+      message: its name.
+      length: of the message [byte].
+      signals: in the order of the values; all other bits are ones, "not available".
+    """
+
+    __slots__ = ("_length", "_message", "_rules", "_signals", "_unknown")
+
+    def __init__(self, message: str, length: int, signals: Sequence[Signal]) -> None:
+        self._message = message
+        self._length = length
+        self._signals = tuple(signals)
+        self._unknown = (1 << 8 * length) - 1
+        # Flat for speed.
+        self._rules = [
+            (s.start, s.missing, s.top, s.scale, s.offset, s.unit, s) for s in self._signals
+        ]
+
+    def part(self, units: Mapping[str, float]) -> Codec:
+        """The same message with these signals only; the values say the `unit` of each."""
+        known = {signal.name: signal for signal in self._signals}
+        signals = [replace(known[name], unit=unit) for name, unit in units.items()]
+        return Codec(self._message, self._length, signals)
+
+    def pack(self, values: Sequence[Value | None], *, saturate: bool = False) -> bytes:
+        """The bytes of the message.
+
+        Args:
+          values: of the signals; None is "not available".
+          saturate: send the limit of a signal for a number outside its range.
+
+        Raises:
+          BusError: a number is not finite or out of range, or a signal does not have the code.
+        """
+        # All bits are ones until a field is known.
+        whole = self._unknown
+        for value, (start, missing, top, scale, offset, unit, signal) in zip(
+            values, self._rules, strict=True
+        ):
+            if value is None or value is NOT_AVAILABLE:
+                continue
+            try:
+                number = round((value / unit - offset) / scale)  # type: ignore[operator]
+            except (TypeError, ValueError, OverflowError):
+                number = -1
+            if not 0 <= number <= top:
+                number = signal.raw(value, saturate)
+            whole -= (missing - number) << start
+        return whole.to_bytes(self._length, "little")
+
+    def unpack(self, data: bytes) -> list[Value]:
+        """The values of the signals: floats, or what the codes say.
+
+        Raises:
+          BusError: the bytes do not have the length of the message.
+        """
+        if len(data) != self._length:
+            raise BusError(f"{self._message} has {len(data)} bytes: {self._length} are wanted")
+        whole = int.from_bytes(data, "little")
+        return [
+            (number * scale + offset) * unit
+            if (number := whole >> start & missing) <= top
+            else NOT_AVAILABLE
+            if number == missing
+            else signal.status(number)
+            for start, missing, top, scale, offset, unit, signal in self._rules
+        ]
 
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """A frame's content.
+    """The content of a frame.
 
     Attributes:
       group: the typed message; source, destination: addresses; time: [s].
@@ -33,21 +189,21 @@ class Decoded:
 
     @property
     def name(self) -> str:
-        """Of the message in the DBC."""
+        """Name of the message in the DBC."""
         return self.group.MESSAGE
 
 
 @dataclass(frozen=True, slots=True)
 class _Message:
+    """A message of the DBC; cycle_time is in seconds, values_of takes all fields of a group."""
+
     type: type[Group]
     codec: Codec
-    # [s].
     cycle_time: float
     pgn: int
     priority: int
     source: int
     destination: int
-    # All fields of a group at once.
     values_of: Callable[[Group], tuple[Value, ...]]
 
     def group(self, data: bytes) -> Group:
@@ -70,12 +226,12 @@ def make_group(name: str, values: Mapping[str, Value]) -> Group:
     Raises:
       BusError: unknown message or signal.
     """
-    message = _message(name)
-    known = [field.name for field in fields(message.type)]
+    kind = group_type(name)
+    known = [field.name for field in fields(kind)]
     for signal in values:
         if signal not in known:
             raise BusError(f"message {name} has no signal {signal!r}; it has {known}")
-    return message.type(**values)
+    return kind(**values)
 
 
 def pgn_of(name: str) -> int:
@@ -89,12 +245,12 @@ def cycle_time(name: str) -> float:
 
 
 def codec_of(name: str) -> Codec:
-    """All signals of a message, in the DBC's order; BusError for an unknown name."""
+    """Codec of all signals of a message, in the DBC's order; BusError for an unknown name."""
     return _message(name).codec
 
 
 def name_of(pgn: int) -> str | None:
-    """Of the message with this parameter group number; None where the DBC has none."""
+    """Name of the message with this parameter group number; None where the DBC has none."""
     message = _by_pgn().get(pgn)
     return None if message is None else message.type.MESSAGE
 
@@ -109,7 +265,7 @@ def identifier(name: str, source: int | None = None, destination: int | None = N
       destination: receiver's address; default the DBC's.
 
     Raises:
-      BusError: unknown message, or no address.
+      BusError: unknown message, or an address out of range.
     """
     message = _message(name)
     return make_id(
@@ -124,7 +280,7 @@ def decode(frame: Frame) -> Decoded | None:
     """The group in a frame, matched by PGN from any source; None for a PGN not in the DBC.
 
     Raises:
-      BusError: the frame has not the length of its group.
+      BusError: the frame does not have the length of its group.
     """
     message, source, destination = _addressed(frame.can_id)
     if message is None:
@@ -136,7 +292,7 @@ def unpack(pgn: int, data: bytes) -> Group | None:
     """The group in the bytes of a message of any length; None for a PGN not in the DBC.
 
     Raises:
-      BusError: the bytes have not the length of the group.
+      BusError: the bytes do not have the length of the group.
     """
     message = _by_pgn().get(pgn)
     return None if message is None else message.group(data)
@@ -150,17 +306,17 @@ def encode(
     destination: int | None = None,
     saturate: bool = False,
 ) -> Frame:
-    """A frame with this group.
+    """A frame with this group of at most 8 bytes.
 
     Args:
-      group: one of at most 8 bytes.
+      group: to send.
       time: of the frame [s].
       source: sender's address; default the DBC's.
       destination: receiver's address; default the DBC's.
-      saturate: put a number outside the signal's range at its limit instead of refusing it.
+      saturate: send the limit of a signal for a number outside its range.
 
     Raises:
-      BusError: a number is not finite or out of range, or a code is not in the signal.
+      BusError: a number is not finite or out of range, or a signal does not have the code.
     """
     can_id = identifier(group.MESSAGE, source, destination)
     return Frame(can_id, pack(group, saturate=saturate), time)
@@ -196,28 +352,10 @@ def _by_pgn() -> dict[int, _Message]:
 
 
 def _compile(layout: cantools.database.can.Message) -> _Message:
-    frame = Frame(layout.frame_id, b"")
-    kind: type[Group] | None = getattr(groups, class_name(layout.name), None)
-    names = [signal.name for signal in layout.signals]
-    if kind is None or [field.name for field in fields(kind)] != names:
-        raise BusError(
-            f"groups.py does not have {layout.name}'s fields: run python tools/j1939_groups.py"
-        )
-    _check(layout)
-    return _Message(
-        kind,
-        Codec(layout.name, layout.length, map(Signal.of, layout.signals)),
-        (layout.cycle_time or 0) * 1e-3,
-        frame.pgn,
-        frame.priority,
-        frame.source,
-        frame.destination if frame.pgn < 0xF000 else GLOBAL_ADDRESS,
-        operator.attrgetter(*names),
-    )
+    """The message of a layout; BusError for a signal that is not one of ours.
 
-
-def _check(layout: cantools.database.can.Message) -> None:
-    """Raises BusError when a signal is not an unsigned field of Intel order beside the others."""
+    A signal is an unsigned field of Intel byte order that begins behind the one before it.
+    """
     free = 0
     for signal in layout.signals:
         foreign = signal.is_signed or signal.is_float or signal.byte_order != "little_endian"
@@ -226,82 +364,14 @@ def _check(layout: cantools.database.can.Message) -> None:
                 f"{layout.name}.{signal.name}: an unsigned field of Intel order is wanted"
             )
         free = signal.start + signal.length
-
-
-# --- Messages of the program to the bytes of messages of the bus, by the rows of `signals.csv` ---
-
-
-@dataclass(frozen=True, slots=True)
-class FieldOf:
-    """A quantity that is a field of one of the sources, which are counted from 0."""
-
-    source: int
-    name: str
-
-    def __call__(self, *sources: object) -> float | None:
-        """The field."""
-        return cast("float | None", getattr(sources[self.source], self.name))
-
-
-class DataMaker:
-    """Makes the bytes of one message; what nobody knows says "not available".
-
-    Args:
-      message: name in the DBC.
-      rows: what it carries.
-      quantities: how to find a row's quantity in the sources of a call, SI units; None is "not
-        available".
-      extra: signals that each call tells itself, instead of their rows.
-      saturate: put a number outside its signal's range at its limit instead of refusing it.
-    """
-
-    def __init__(
-        self,
-        message: str,
-        rows: Iterable[Row],
-        quantities: Mapping[str, Callable[..., float | None]],
-        *,
-        extra: Sequence[str] = (),
-        saturate: bool = False,
-    ) -> None:
-        # Plain fields of a source are fetched at once, which takes half the time.
-        plain: dict[int, list[tuple[str, Row]]] = {}
-        derived: list[tuple[Callable[..., float | None], Row]] = []
-        for row in rows:
-            if row.signal in extra:
-                continue
-            quantity = quantities[row.quantity]
-            if isinstance(quantity, FieldOf):
-                plain.setdefault(quantity.source, []).append((quantity.name, row))
-            else:
-                derived.append((quantity, row))
-        self._plain = [
-            (source, _fields_getter([name for name, _ in part])) for source, part in plain.items()
-        ]
-        self._derived = [quantity for quantity, _ in derived]
-        ordered = [row for part in plain.values() for _, row in part] + [row for _, row in derived]
-        units = {row.signal: row.scale for row in ordered} | dict.fromkeys(extra, 1.0)
-        self._codec = codec_of(message).part(units)
-        self._saturate = saturate
-
-    def __call__(self, *sources: object, extra: Sequence[Value] = ()) -> bytes:
-        """The bytes of the message from its sources; `extra` in the units of the DBC.
-
-        Raises:
-          BusError: a number is not finite, or out of range and not to be put at the limit.
-        """
-        values: list[Value | None] = []
-        for source, fetch in self._plain:
-            values += fetch(sources[source])
-        for quantity in self._derived:
-            values.append(quantity(*sources))
-        values += extra
-        return self._codec.pack(values, saturate=self._saturate)
-
-
-def _fields_getter(names: list[str]) -> Callable[[Any], tuple[Any, ...]]:
-    """Fetches fields as a tuple, a single one, too."""
-    if len(names) > 1:
-        return operator.attrgetter(*names)
-    (name,) = names
-    return lambda source: (getattr(source, name),)
+    frame = Frame(layout.frame_id, b"")
+    return _Message(
+        group_types()[layout.name],
+        Codec(layout.name, layout.length, list(map(Signal.of, layout.signals))),
+        (layout.cycle_time or 0) * 1e-3,
+        frame.pgn,
+        frame.priority,
+        frame.source,
+        frame.destination,
+        operator.attrgetter(*(signal.name for signal in layout.signals)),
+    )

@@ -1,4 +1,4 @@
-"""A CAN frame and the parts of its J1939 identifier (public facts of SAE J1939-21)."""
+"""CAN frames, their J1939 identifiers (public facts of SAE J1939-21), and message checksums."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _FIRST_BROADCAST_FORMAT = 240
 
 @dataclass(frozen=True, slots=True, init=False)
 class Frame:
-    """One extended data frame: 29-bit identifier, up to 8 bytes, and when it was on the bus [s]."""
+    """One extended data frame: 29-bit identifier, up to 8 bytes, and its time on the bus [s]."""
 
     can_id: int
     data: bytes
@@ -51,14 +51,14 @@ class Frame:
         return _parts(self.can_id)[1]
 
 
-# A frame is made for all that comes and goes: half the time of what a frozen dataclass does itself.
+# Frames are made in great number: this takes half the time of what a frozen dataclass does itself.
 _set_can_id, _set_data, _set_time = (
     vars(Frame)[name].__set__ for name in ("can_id", "data", "time")
 )
 
 
 def make_id(priority: int, pgn: int, source: int, destination: int = GLOBAL_ADDRESS) -> int:
-    """The 29-bit identifier; the destination counts only where the group is sent to one address.
+    """The 29-bit identifier; the destination counts only for groups that are sent to one address.
 
     Raises:
       BusError: a part is out of its range.
@@ -85,23 +85,20 @@ def _is_broadcast(number: int) -> bool:
     return (number >> 8) & 0xFF >= _FIRST_BROADCAST_FORMAT
 
 
-# --- Counters' companions: the message checksums of XBR and TSC1 ---
-# Both start from the sum of data bytes 1 to 7, the message counter and the four bytes of the CAN
-# identifier, as publicly described for SPN 3188 (XBR, 4 bits) and SPN 4207 (TSC1, 3 bits) by brake
-# and engine makers' integration guides:
-#
-#     XBR    ((sum >> 4) + sum) & 0x0F
-#     TSC1   (((sum >> 6) & 0x03) + (sum >> 3) + sum) & 0x07
-
-
 def xbr_checksum(frame: Frame) -> int:
-    """4-bit checksum of an XBR frame (or of our steering command, which uses the same rule)."""
+    """4-bit checksum of an XBR frame (SPN 3188), or of our steering command.
+
+    ((sum >> 4) + sum) & 0x0F, as brake makers' guides publish it.
+    """
     total = _sum(frame)
     return (total >> 4) + total & 0x0F
 
 
 def tsc1_checksum(frame: Frame) -> int:
-    """3-bit checksum of a TSC1 frame."""
+    """3-bit checksum of a TSC1 frame (SPN 4207).
+
+    (((sum >> 6) & 0x03) + (sum >> 3) + sum) & 0x07, as engine makers' guides publish it.
+    """
     total = _sum(frame)
     return ((total >> 6) & 0x03) + (total >> 3) + total & 0x07
 
@@ -118,4 +115,5 @@ def with_byte8(frame: Frame, counter: int, checksum: int) -> Frame:
 
 
 def _sum(frame: Frame) -> int:
+    """Sum of data bytes 1 to 7, the message counter and the four bytes of the identifier."""
     return sum(frame.data[:7]) + (frame.data[7] & 0x0F) + sum(frame.can_id.to_bytes(4, "little"))

@@ -8,14 +8,17 @@ from __future__ import annotations
 
 import csv
 import functools
+import operator
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, cast
 
 from iits_mj.core.units import DIESEL_DENSITY, GRAVITY, KMH, RPM
-from iits_mj.j1939.frame import Frame
-from iits_mj.j1939.group import layouts
+from iits_mj.j1939.database import codec_of, identifier
+from iits_mj.j1939.groups import Value
 
-_LITRE = DIESEL_DENSITY  # of fuel [kg]
+_LITER = DIESEL_DENSITY  # of fuel [kg]
 
 # SI units in one unit of the signal.
 _UNITS = {
@@ -26,11 +29,11 @@ _UNITS = {
     "rpm": RPM,
     "km/h": KMH,
     "kPa": 1e3,
-    "L": _LITRE,
-    "L/h": _LITRE / 3600.0,
-    # Metres a kilogram of fuel.
-    "km/L": 1e3 / _LITRE,
-    # A weight force in newtons is sent as the mass that it belongs to.
+    "L": _LITER,
+    "L/h": _LITER / 3600.0,
+    # Meters a kilogram of fuel.
+    "km/L": 1e3 / _LITER,
+    # A weight force in newtons is sent as its mass.
     "kg of weight": GRAVITY,
 }
 
@@ -41,7 +44,7 @@ class PaperSignal:
 
     Attributes:
       name: the paper's for its inputs, a description for the outputs, which it does not name.
-      number: 1 to 4 of the inputs, 1 to 16 of the outputs; None for what the release has more.
+      number: 1 to 4 of the inputs, 1 to 16 of the outputs; None for the release's additions.
     """
 
     name: str
@@ -49,17 +52,17 @@ class PaperSignal:
 
 
 @dataclass(frozen=True, slots=True)
-class Mapping:
+class SignalRow:
     """One row of `signals.csv`.
 
     Attributes:
       quantity: field of `VehicleCommand`, `EgoState` or `TruckReport`, or derived from them.
       message, signal: names in the DBC.
       scale: SI units in one unit of the signal.
-      address: of the unit that obeys, or sends; None: as the DBC says.
+      address: of the unit that obeys, or sends; None: the DBC's.
       elements: controls or sensors of the model; "[k]" is the place of a number in a sensor.
       back: whether `StateReceiver` reads the quantity from this signal.
-      paper: the paper's inputs or outputs that it is, or a part of.
+      paper: the inputs or outputs of the paper that the signal carries, whole or in part.
     """
 
     quantity: str
@@ -72,34 +75,29 @@ class Mapping:
     paper: tuple[PaperSignal, ...]
 
 
-def commands() -> tuple[Mapping, ...]:
+def commands() -> tuple[SignalRow, ...]:
     """What the truck receives, in the order of `VehicleCommand`'s fields."""
     return _table()["in"]
 
 
-def reports() -> tuple[Mapping, ...]:
-    """What the truck sends. Rows of VW stand for a frame an axle."""
+def reports() -> tuple[SignalRow, ...]:
+    """What the truck sends. The rows of VW are sent once for each axle."""
     return _table()["out"]
 
 
-def sender(row: Mapping) -> int:
+def sender(row: SignalRow) -> int:
     """Address of the control unit that sends a report."""
-    return _default_sender(row.message) if row.address is None else row.address
+    return identifier(row.message) & 0xFF if row.address is None else row.address
 
 
 @functools.cache
-def _default_sender(message: str) -> int:
-    return Frame(layouts().get_message_by_name(message).frame_id, b"").source
-
-
-@functools.cache
-def _table() -> dict[str, tuple[Mapping, ...]]:
+def _table() -> dict[str, tuple[SignalRow, ...]]:
     text = Path(__file__).with_name("signals.csv").read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if not line.startswith("#")]
-    found: dict[str, list[Mapping]] = {"in": [], "out": []}
+    found: dict[str, list[SignalRow]] = {"in": [], "out": []}
     for row in csv.DictReader(lines):
         found[row["way"]].append(
-            Mapping(
+            SignalRow(
                 row["quantity"],
                 row["message"],
                 row["signal"],
@@ -114,6 +112,82 @@ def _table() -> dict[str, tuple[Mapping, ...]]:
 
 
 def _paper(item: str) -> PaperSignal:
-    """From "3 engine speed", or "fuel rate" for what has no number."""
+    """From "3 engine speed", or "fuel rate" for a signal without a number."""
     first, _, rest = item.strip().partition(" ")
     return PaperSignal(rest, int(first)) if first.isdigit() else PaperSignal(item.strip(), None)
+
+
+@dataclass(frozen=True, slots=True)
+class FieldOf:
+    """A quantity that is a field of one of the sources, which are counted from 0."""
+
+    source: int
+    name: str
+
+    def __call__(self, *sources: object) -> float | None:
+        """The field."""
+        return cast("float | None", getattr(sources[self.source], self.name))
+
+
+class DataMaker:
+    """Makes the bytes of one message from the quantities of `signals.csv`.
+
+    Args:
+      message: name in the DBC.
+      rows: what it carries; all other signals say "not available".
+      quantities: how to find the quantity of a row in the sources of a call, in SI units; None is
+        "not available".
+      extra: signals whose values each call gives itself, instead of their rows.
+      saturate: send the limit of a signal for a number outside its range.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        rows: Iterable[SignalRow],
+        quantities: Mapping[str, Callable[..., float | None]],
+        *,
+        extra: Sequence[str] = (),
+        saturate: bool = False,
+    ) -> None:
+        # Plain fields of a source are fetched at once, which takes half the time.
+        plain: dict[int, list[tuple[str, SignalRow]]] = {}
+        derived: list[tuple[Callable[..., float | None], SignalRow]] = []
+        for row in rows:
+            if row.signal in extra:
+                continue
+            quantity = quantities[row.quantity]
+            if isinstance(quantity, FieldOf):
+                plain.setdefault(quantity.source, []).append((quantity.name, row))
+            else:
+                derived.append((quantity, row))
+        self._plain = [
+            (source, _fields_getter([name for name, _ in part])) for source, part in plain.items()
+        ]
+        self._derived = [quantity for quantity, _ in derived]
+        ordered = [row for part in plain.values() for _, row in part] + [row for _, row in derived]
+        units = {row.signal: row.scale for row in ordered} | dict.fromkeys(extra, 1.0)
+        self._codec = codec_of(message).part(units)
+        self._saturate = saturate
+
+    def __call__(self, *sources: object, extra: Sequence[Value] = ()) -> bytes:
+        """The bytes of the message from its sources; `extra` in the units of the DBC.
+
+        Raises:
+          BusError: a number is not finite, or out of range without `saturate`.
+        """
+        values: list[Value | None] = []
+        for source, fetch in self._plain:
+            values += fetch(sources[source])
+        for quantity in self._derived:
+            values.append(quantity(*sources))
+        values += extra
+        return self._codec.pack(values, saturate=self._saturate)
+
+
+def _fields_getter(names: list[str]) -> Callable[[Any], tuple[Any, ...]]:
+    """Fetches fields as a tuple, also a single one."""
+    if len(names) > 1:
+        return operator.attrgetter(*names)
+    (name,) = names
+    return lambda source: (getattr(source, name),)

@@ -1,26 +1,40 @@
-"""Control units as members of a J1939 network: they claim their addresses and answer requests.
+"""Control units as members of a J1939 network: addresses, claims, answers to requests.
 
-Public facts of SAE J1939-21 and -81: a request (PGN 59904) names a group in three bytes; who sends
-that group answers with it, who is asked by address and does not send it answers with a negative
-acknowledgment (PGN 59392). An address belongs to whoever claims it (PGN 60928) with the smallest
-NAME; the others fall silent.
+Public facts of SAE J1939-21 and -81: a request (PGN 59904) names a group in three bytes. The sender
+of that group answers with it; a unit that is asked by address and does not send it answers with a
+negative acknowledgment (PGN 59392). The unit with the smallest NAME wins a claimed address (PGN
+60928); the others stop sending.
 """
 
 from __future__ import annotations
 
+import functools
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from iits_mj.core.errors import BusError
-from iits_mj.j1939 import addresses
+from iits_mj.core.errors import BusError, InputError
 from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame, make_id
+from iits_mj.j1939.mapping import reports, sender
+
+# Preferred source addresses of the control units on the truck (SAE J1939, table B2).
+ENGINE = 0x00
+TRANSMISSION = 0x03
+BRAKES = 0x0B
+ENGINE_RETARDER = 0x0F
+DRIVELINE_RETARDER = 0x10
+SUSPENSION = 0x2F
+STABILITY = 0x3E
+# Headway controller: the default address of the controller that commands the truck.
+CONTROLLER = 0x2A
+# 254 is "no address", 255 everybody: neither can send a command.
+LAST_ADDRESS = 253
+NULL_ADDRESS = 0xFE
 
 REQUEST = 59904
 ACKNOWLEDGMENT = 59392
 ADDRESS_CLAIMED = 60928
-NULL_ADDRESS = 0xFE
-# Answers in one call; a flood of requests must not become one of ours.
+# Limit of answers in one call: a flood of requests must not become a flood of answers.
 MOST_ANSWERS = 64
 _PRIORITY = 6
 _REQUEST_LENGTH = 3
@@ -28,23 +42,49 @@ _NEGATIVE = 1
 _FUNCTION_UNKNOWN = 0xFF
 # Functions of control units that every industry shares (SAE J1939, table B11).
 _FUNCTIONS = {
-    addresses.ENGINE: 0,
-    addresses.TRANSMISSION: 3,
-    addresses.BRAKES: 9,
-    addresses.ENGINE_RETARDER: 12,
-    addresses.DRIVELINE_RETARDER: 13,
-    addresses.SUSPENSION: 35,
-    addresses.STABILITY: 45,
+    ENGINE: 0,
+    TRANSMISSION: 3,
+    BRAKES: 9,
+    ENGINE_RETARDER: 12,
+    DRIVELINE_RETARDER: 13,
+    SUSPENSION: 35,
+    STABILITY: 45,
 }
 _ON_HIGHWAY = 1
 
-# None: that unit does not send it; no frames: they come later, since they are many.
+# The answer to a request, by PGN and address: None when that unit does not send the group; an empty
+# sequence when the frames come later, because they are many.
 Groups = Callable[[int, int], Sequence[Frame] | None]
+
+
+@functools.cache
+def truck_addresses() -> frozenset[int]:
+    """Addresses from which this truck reports."""
+    return frozenset(sender(row) for row in reports())
+
+
+@functools.cache
+def everybody_else() -> frozenset[int]:
+    """All addresses but the truck's own: the default of the senders that may command it."""
+    return frozenset(range(LAST_ADDRESS + 1)) - truck_addresses()
+
+
+def checked_sources(sources: Iterable[int]) -> frozenset[int]:
+    """The addresses as a set.
+
+    Raises:
+      InputError: one of them is no address.
+    """
+    chosen = tuple(sources)
+    for address in chosen:
+        if type(address) is not int or not 0 <= address <= LAST_ADDRESS:
+            raise InputError(f"source {address!r}: a J1939 address is 0 to {LAST_ADDRESS}")
+    return frozenset(chosen)
 
 
 @dataclass(frozen=True, slots=True)
 class Name:
-    """A control unit's 64-bit NAME (SAE J1939-81); the smaller one wins an address.
+    """The 64-bit NAME of a control unit (SAE J1939-81); the smallest wins an address.
 
     Attributes:
       identity: number of the unit, 21 bits; manufacturer: code given by SAE, 11 bits, 0 for none.
@@ -93,7 +133,7 @@ _FIELDS = (
 
 
 def unit_names(units: Iterable[int], identity: int = 0) -> dict[int, Name]:
-    """Addresses to the NAMEs of the truck's units at them, no two alike.
+    """The NAME of each of the truck's units by its address; no two are the same.
 
     Args:
       units: addresses.
@@ -115,8 +155,8 @@ class ControlUnits:
       names: address to NAME.
 
     Attributes:
-      lost: addresses that somebody with a smaller NAME has taken; nothing may be sent from them.
-      counts: "answered" and "refused" requests, "contested" claims, and what was "ignored".
+      lost: addresses taken by a unit with a smaller NAME; nothing may be sent from them.
+      counts: "answered" and "refused" requests, "contested" claims, and "ignored" frames.
     """
 
     def __init__(self, names: Mapping[int, Name]) -> None:
@@ -125,20 +165,20 @@ class ControlUnits:
         self.counts: Counter[str] = Counter()
 
     def claims(self, time: float = 0.0) -> list[Frame]:
-        """The claims of all addresses that are ours, to be sent before anything else."""
+        """The claims of all addresses that we hold, to be sent before any other frame."""
         return [_claim(a, name, time) for a, name in self._names.items() if a not in self.lost]
 
     def owns(self, frame: Frame) -> bool:
-        """Whether this frame may be sent by one of the units."""
+        """Whether one of the units may send this frame."""
         return frame.source in self._names and frame.source not in self.lost
 
     def answer(self, frames: Iterable[Frame], groups: Groups, time: float = 0.0) -> list[Frame]:
-        """Frames to be sent in answer to these.
+        """The answers to requests and claims.
 
         Args:
           frames: of the bus, of any kind.
-          groups: frames of a group by PGN and source address (255: of all units), None when it
-            is not sent from there; no frames when they will come later.
+          groups: frames of a group by PGN and source address (255: of all units); None when that
+            unit does not send it, no frames when they come later.
           time: of the answers [s].
         """
         answers: list[Frame] = []
@@ -172,13 +212,13 @@ class ControlUnits:
             self.counts["answered"] += 1
             return [frame for frame in found if self.owns(frame)]
         if target == GLOBAL_ADDRESS:
-            # Nobody refuses what everybody was asked.
+            # A request to all is never refused.
             return []
         self.counts["refused"] += 1
         return [_refusal(wanted, target, frame.source, time)]
 
     def _claimed(self, target: int, time: float) -> list[Frame]:
-        """Claims of the units asked, which say so when they have lost their address."""
+        """Claims of the units asked; a unit that lost its address claims the null address."""
         return [
             _claim(NULL_ADDRESS if address in self.lost else address, name, time)
             for address, name in self._names.items()
@@ -200,7 +240,7 @@ class ControlUnits:
 
 
 def request(pgn: int, source: int, destination: int = GLOBAL_ADDRESS, time: float = 0.0) -> Frame:
-    """The frame that asks for a group.
+    """The frame that requests a group.
 
     Raises:
       BusError: a number is out of its range.

@@ -15,8 +15,8 @@ from typing import Any, TypeAlias
 
 from iits_mj.core.errors import BusError
 from iits_mj.core.messages import EgoState, TransmissionMode, TruckReport, XbrMode
-from iits_mj.j1939 import addresses
-from iits_mj.j1939.database import FieldOf
+from iits_mj.j1939 import network
+from iits_mj.j1939.mapping import FieldOf
 from iits_mj.parameters import TruckParameters
 
 # --- Codes by which control units say who decides, in which range, and for whom the brakes work ---
@@ -28,7 +28,7 @@ _DRIVER = 1.0
 _EXECUTION: dict[int, float] = {XbrMode.ADDITION: 2.0, XbrMode.MAXIMUM: 3.0}
 # SPN 899 and 900: who decides on the torque of an engine or a retarder.
 _NO_REQUEST, _OPERATOR, _TRANSMISSION, _BRAKES = 0.0, 1.0, 6.0, 10.0
-_CONTROLLERS = {_TRANSMISSION: addresses.TRANSMISSION, _BRAKES: addresses.BRAKES}
+_CONTROLLERS = {_TRANSMISSION: network.TRANSMISSION, _BRAKES: network.BRAKES}
 # SPN 162 and 163: two letters, of which a single one is the second, after a blank.
 RANGES: dict[int, float] = {
     mode: float(int.from_bytes(f" {letter}".encode(), "little"))
@@ -165,7 +165,7 @@ def quantities() -> dict[str, Quantity]:
         "clutch_slip": lambda s, r, _t: _slip(s.engine_speed, r.input_shaft_speed),
         "requested_range": lambda _s, r, _t: letters_of_range(r.transmission_mode),
         "current_range": lambda _s, r, _t: letters_of_range(direction(r.gear_engaged)),
-        "engine_controller": lambda _s, r, _t: controller(r.engine_torque_mode, addresses.ENGINE),
+        "engine_controller": lambda _s, r, _t: controller(r.engine_torque_mode, network.ENGINE),
         "driveline_engaged": lambda _s, r, _t: _test(r.clutch_engagement, 0.999),
         "accelerator_released": lambda _s, r, _t: _test(r.accelerator_pedal, PRESSED, above=False),
         "brake_pedal_pressed": lambda _s, r, _t: _test(r.brake_pedal, PRESSED),
@@ -183,7 +183,7 @@ def quantities() -> dict[str, Quantity]:
         ),
         "engine_brake_mode": lambda _s, r, _t: engine_brake_mode(r),
         "engine_brake_controller": lambda _s, r, _t: controller(
-            engine_brake_mode(r), addresses.ENGINE_RETARDER
+            engine_brake_mode(r), network.ENGINE_RETARDER
         ),
         "retarder_percent": lambda _s, r, t: _percent(r.retarder_torque, t.retarder),
         "retarder_torque_percent_driver": lambda _s, r, _t: driver_percent(
@@ -191,7 +191,7 @@ def quantities() -> dict[str, Quantity]:
         ),
         "retarder_mode": lambda _s, r, _t: retarder_mode(r),
         "retarder_controller": lambda _s, r, _t: controller(
-            retarder_mode(r), addresses.DRIVELINE_RETARDER
+            retarder_mode(r), network.DRIVELINE_RETARDER
         ),
     }
 

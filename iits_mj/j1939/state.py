@@ -7,12 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from iits_mj.core.messages import EgoState, TruckReport
-from iits_mj.j1939.broadcasts import Schedule, spread
 from iits_mj.j1939.configuration import ConfigurationSender
-from iits_mj.j1939.database import DataMaker, cycle_time, identifier, pgn_of
+from iits_mj.j1939.database import cycle_time, identifier, pgn_of
 from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame
-from iits_mj.j1939.mapping import Mapping, reports, sender
+from iits_mj.j1939.mapping import DataMaker, SignalRow, reports, sender
 from iits_mj.j1939.quantities import ReferenceTorques, check_finite, quantities
+from iits_mj.j1939.schedule import Schedule, spread
 from iits_mj.parameters import TruckParameters
 
 _NOTHING = TruckReport()
@@ -140,12 +140,12 @@ def _offsets() -> tuple[float, ...]:
     return tuple(first if sent.message in own else next(offsets) for sent in _reports())
 
 
-def _single(rows: list[Mapping]) -> Callable[..., list[bytes]]:
+def _single(rows: list[SignalRow]) -> Callable[..., list[bytes]]:
     make = DataMaker(rows[0].message, rows, quantities(), saturate=True)
     return lambda *sources: [make(*sources)]
 
 
-def _weights(rows: list[Mapping]) -> Callable[..., list[bytes]]:
+def _weights(rows: list[SignalRow]) -> Callable[..., list[bytes]]:
     """VW: a frame an axle, whose number from the front stands in the high nibble of its place."""
     load = next(row for row in rows if row.quantity == "axle_load")
     extra = ("axle_location", load.signal)

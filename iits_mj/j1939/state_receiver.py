@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from iits_mj.core.errors import BusError
 from iits_mj.core.messages import EgoState, TruckReport
 from iits_mj.core.units import GRAVITY
-from iits_mj.j1939.codec import Codec
 from iits_mj.j1939.configuration import ConfigurationReceiver
-from iits_mj.j1939.database import codec_of, name_of
+from iits_mj.j1939.database import Codec, codec_of, name_of
 from iits_mj.j1939.frame import Frame
-from iits_mj.j1939.group import Status, Value
-from iits_mj.j1939.mapping import Mapping, commands, reports, sender
+from iits_mj.j1939.groups import Status, Value
+from iits_mj.j1939.mapping import SignalRow, commands, reports, sender
 from iits_mj.j1939.quantities import ReferenceTorques, to_report, to_state
 
 _REFERENCES = ReferenceTorques()
@@ -117,10 +116,10 @@ def _picks(can_id: int) -> _Picks | None:
 
 
 @functools.cache
-def _rows() -> dict[str, list[tuple[Mapping, int | None]]]:
+def _rows() -> dict[str, list[tuple[SignalRow, int | None]]]:
     """What is read back, by message, and whom alone it is taken from."""
     commanded = {row.message for row in commands()}
-    found: dict[str, list[tuple[Mapping, int | None]]] = {}
+    found: dict[str, list[tuple[SignalRow, int | None]]] = {}
     for row in reports():
         bound = row.message in commanded or row.message.startswith("IITS_")
         if row.back:

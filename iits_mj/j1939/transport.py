@@ -1,7 +1,7 @@
-"""Messages longer than 8 bytes, put together from their frames (`broadcast` sends them).
+"""Messages of 9 to 1785 bytes in several frames: sent as broadcasts, read from any transfer.
 
-Public facts of SAE J1939-21. A message of 9 to 1785 bytes travels as packets of 7 bytes (TP.DT, PGN
-60160), told of and steered by connection frames (TP.CM, PGN 60416):
+Public facts of SAE J1939-21. A long message travels as packets of 7 bytes (TP.DT, PGN 60160), which
+connection frames announce and control (TP.CM, PGN 60416):
 
 - broadcast: a BAM, then the packets in order, 50 to 200 ms apart;
 - to one address: a request to send (RTS), then for each clear to send (CTS) of the receiver some
@@ -13,30 +13,118 @@ Public facts of SAE J1939-21. A message of 9 to 1785 bytes travels as packets of
 from __future__ import annotations
 
 import enum
+import math
 from collections import Counter
 from dataclasses import dataclass, field
 
 from iits_mj.core.errors import BusError
-from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame
+from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame, make_id
 
 CONNECTION = 0xEC00
 TRANSFER = 0xEB00
-MAX_LENGTH = 1785
-
-# Of a packet, beside its number.
-PACKET_LENGTH = 7
-BAM = 32
-_RTS, _CTS, _END, _ABORT = 16, 17, 19, 255
+# Bytes that a long message can have, and bytes in a packet beside its number.
+_MIN_LENGTH, _MAX_LENGTH = 9, 1785
+_PACKET_LENGTH = 7
+_BAM, _RTS, _CTS, _END, _ABORT = 32, 16, 17, 19, 255
+_PRIORITY = 7
+_FREE = 0xFF
+# Least and greatest time between two frames of a broadcast [s].
+_SPACINGS = (0.05, 0.2)
 # T1, between two packets of a broadcast [s].
 _PACKET_TIME_OUT = 0.75
-# T2 and T3, in which either side waits, and Tr, in which it then says that it gives up [s].
+# T2 and T3, in which either side waits, and Tr, in which it then reports that it gives up [s].
 _ANSWER_TIME_OUT = 1.25 + 0.2
-# Of the frames' time stamps [s].
+# Resolution of the frames' time stamps [s].
 _RESOLUTION = 1e-6
 
 
+class BroadcastSender:
+    """Sends the long messages of one source, one after the other, as time goes by.
+
+    A newer message replaces a waiting one of the same PGN.
+
+    Args:
+      source: the sender's address.
+      spacing: least time between two frames [s], 0.05 to 0.2.
+
+    Attributes:
+      source: as given.
+    """
+
+    def __init__(self, source: int, spacing: float = _SPACINGS[0]) -> None:
+        _check(spacing, 0.0)
+        self.source = source
+        self._spacing = spacing
+        self._waiting: dict[int, bytes] = {}
+        self._frames: list[Frame] = []
+        self._next = -math.inf
+
+    def put(self, pgn: int, data: bytes) -> None:
+        """Queues a message; BusError when its PGN or length (9 to 1785) is not allowed."""
+        broadcast(pgn, data, self.source)
+        self._waiting[pgn] = data
+
+    def due(self, time: float) -> list[Frame]:
+        """The frame that is due at this time [s], or none; to be called every tick.
+
+        Raises:
+          BusError: the time is not finite.
+        """
+        _check(self._spacing, time)
+        if not self._frames and self._waiting:
+            pgn = next(iter(self._waiting))
+            self._frames = broadcast(pgn, self._waiting.pop(pgn), self.source)
+        # A time that lies further back belongs to another drive.
+        if not self._frames or _RESOLUTION < self._next - time <= self._spacing + _RESOLUTION:
+            return []
+        self._next = time + self._spacing
+        frame = self._frames.pop(0)
+        return [Frame(frame.can_id, frame.data, time)]
+
+
+def broadcast(
+    pgn: int, data: bytes, source: int, *, time: float = 0.0, spacing: float = _SPACINGS[0]
+) -> list[Frame]:
+    """The frames of a long message to everybody: the BAM and its packets.
+
+    A source may send one broadcast at a time; the next begins after the last frame.
+
+    Args:
+      pgn: of the message.
+      data: its 9 to 1785 bytes.
+      source: sender's address.
+      time: of the first frame [s].
+      spacing: time between two frames [s], 0.05 to 0.2.
+
+    Raises:
+      BusError: length, spacing, time, PGN or address is not allowed.
+    """
+    if not _MIN_LENGTH <= len(data) <= _MAX_LENGTH:
+        raise BusError(f"long message of {len(data)} bytes: {_MIN_LENGTH} to {_MAX_LENGTH} allowed")
+    _check(spacing, time)
+    number = Frame(make_id(_PRIORITY, pgn, source), b"").pgn
+    packets = -(-len(data) // _PACKET_LENGTH)
+    header = bytes([_BAM, len(data) & 0xFF, len(data) >> 8, packets, _FREE])
+    filled = data.ljust(packets * _PACKET_LENGTH, bytes([_FREE]))
+    parts = [filled[i * _PACKET_LENGTH :][:_PACKET_LENGTH] for i in range(packets)]
+    contents = [header + number.to_bytes(3, "little")]
+    contents += [bytes([i]) + part for i, part in enumerate(parts, start=1)]
+    connection, transfer = (make_id(_PRIORITY, p, source) for p in (CONNECTION, TRANSFER))
+    ids = [connection, *[transfer] * packets]
+    times = [round(time + i * spacing, 6) for i in range(packets + 1)]
+    return [Frame(*frame) for frame in zip(ids, contents, times, strict=True)]
+
+
+def _check(spacing: float, time: float) -> None:
+    low, high = _SPACINGS
+    if not low <= spacing <= high:
+        raise BusError(f"spacing {spacing!r} s of packets: {low} to {high} allowed")
+    if not math.isfinite(time):
+        raise BusError(f"time {time!r} s of a long message: a finite number is wanted")
+
+
 class Failure(enum.Enum):
-    """Why a transfer, or a frame of one, came to nothing."""
+    """Why a transfer, or a frame of one, failed."""
 
     HEADER = "connection frame that cannot be"
     NO_SESSION = "frame of a transfer whose start was not seen"
@@ -69,13 +157,13 @@ class LongMessage:
 
 @dataclass(slots=True)
 class _Session:
+    """A transfer under way; `wanted` is the number of the next packet."""
+
     pgn: int
     length: int
-    packets: int
     started: float
     last: float
     patience: float
-    # Number of the next packet that is wanted.
     wanted: int = 1
     data: bytearray = field(default_factory=bytearray)
 
@@ -83,20 +171,24 @@ class _Session:
     def whole(self) -> bool:
         return len(self.data) >= self.length
 
+    def silent(self, time: float) -> bool:
+        # Also backwards, or with a time that is no number: the frames are another recording's.
+        return not abs(time - self.last) <= self.patience + _RESOLUTION
+
 
 class Reassembler:
     """Puts long messages together from all frames of a bus, in the frames' own time.
 
-    Never raises and never waits; a message with any doubt is dropped and counted. A packet that is
-    the same as the one before is taken for a repetition and does no harm.
+    Never raises and never waits; a doubtful message is dropped and counted. A packet that equals
+    the one before is taken for a repetition and does no harm.
 
     Args:
       max_sessions: transfers at the same time; beyond, the one that is silent the longest goes.
 
     Attributes:
       messages: number of messages put together.
-      failures: how often what went wrong. `SEQUENCE`, `TIME_OUT`, `ABORTED`, `REPLACED` and
-        `CROWDED` are lost messages, the others single frames.
+      failures: count of each failure. `SEQUENCE`, `TIME_OUT`, `ABORTED`, `REPLACED` and `CROWDED`
+        are lost messages, the others single frames.
     """
 
     def __init__(self, max_sessions: int = 256) -> None:
@@ -118,13 +210,13 @@ class Reassembler:
         return None
 
     def finish(self) -> None:
-        """Counts what is still under way as timed out: the frames have come to their end."""
+        """Counts open transfers as timed out; to be called after the last frame."""
         for key in list(self._sessions):
             self._drop(key, Failure.TIME_OUT)
 
     def _connection(self, frame: Frame) -> None:
         kind = frame.data[0] if len(frame.data) == 8 else None
-        begins = kind == BAM if frame.destination == GLOBAL_ADDRESS else kind == _RTS
+        begins = kind == _BAM if frame.destination == GLOBAL_ADDRESS else kind == _RTS
         if begins:
             self._begin(frame)
         elif kind in (_CTS, _END, _ABORT) and frame.destination != GLOBAL_ADDRESS:
@@ -135,7 +227,8 @@ class Reassembler:
     def _begin(self, frame: Frame) -> None:
         length = int.from_bytes(frame.data[1:3], "little")
         packets, pgn = frame.data[3], _pgn_in(frame)
-        if not 1 <= length <= MAX_LENGTH or packets != -(-length // PACKET_LENGTH) or pgn is None:
+        right = 1 <= length <= _MAX_LENGTH and packets == -(-length // _PACKET_LENGTH)
+        if not right or pgn is None:
             self.failures[Failure.HEADER] += 1
             return
         self._expire(frame.time)
@@ -143,11 +236,11 @@ class Reassembler:
         self._drop(key, Failure.REPLACED)
         if len(self._sessions) >= self._max_sessions:
             self._drop(next(iter(self._sessions)), Failure.CROWDED)
-        patience = _PACKET_TIME_OUT if frame.data[0] == BAM else _ANSWER_TIME_OUT
-        self._sessions[key] = _Session(pgn, length, packets, frame.time, frame.time, patience)
+        patience = _PACKET_TIME_OUT if frame.data[0] == _BAM else _ANSWER_TIME_OUT
+        self._sessions[key] = _Session(pgn, length, frame.time, frame.time, patience)
 
     def _answer(self, frame: Frame, kind: int) -> None:
-        """What the receiver of a transfer says to its sender, or an abort by either of them."""
+        """A CTS or acknowledgment of a transfer's receiver, or an abort by either side."""
         self._expire(frame.time)
         keys = [(frame.destination, frame.source)]
         if kind == _ABORT:
@@ -158,28 +251,26 @@ class Reassembler:
             self.failures[Failure.NO_SESSION] += 1
         elif kind == _CTS:
             self._clear_to_send(key, frame)
-        elif kind == _END:
-            # What is not whole by now was lost on the way to us only.
-            self._drop(key, Failure.SEQUENCE)
         else:
-            self._drop(key, Failure.ABORTED)
+            # A message that ends incomplete was lost on the way to us only.
+            self._drop(key, Failure.SEQUENCE if kind == _END else Failure.ABORTED)
 
     def _clear_to_send(self, key: tuple[int, int], frame: Frame) -> None:
         session = self._sessions[key]
         count, number = frame.data[1], frame.data[2]
-        # No packets for now: the receiver keeps the transfer open.
+        # A count of zero keeps the transfer open without packets.
         if count and not session.whole:
             if not 1 <= number <= session.wanted:
                 self._drop(key, Failure.SEQUENCE)
                 return
             session.wanted = number
-            del session.data[(number - 1) * PACKET_LENGTH :]
+            del session.data[(number - 1) * _PACKET_LENGTH :]
         self._heard(key, frame.time, _ANSWER_TIME_OUT)
 
     def _packet(self, frame: Frame) -> LongMessage | None:
         key = (frame.source, frame.destination)
         session = self._sessions.get(key)
-        if session is not None and _silent(session, frame.time):
+        if session is not None and session.silent(frame.time):
             self._drop(key, Failure.TIME_OUT)
             session = None
         if session is None or len(frame.data) != 8:
@@ -202,9 +293,9 @@ class Reassembler:
     def _unwanted(
         self, key: tuple[int, int], session: _Session, number: int, content: bytes
     ) -> None:
-        """A packet out of turn: once more what we have, or the transfer is lost."""
-        start = (number - 1) * PACKET_LENGTH
-        known = number >= 1 and bytes(session.data[start : start + PACKET_LENGTH]) == content
+        """Counts a packet out of turn: a repetition, or the transfer is lost."""
+        start = (number - 1) * _PACKET_LENGTH
+        known = number >= 1 and bytes(session.data[start : start + _PACKET_LENGTH]) == content
         if session.whole or (number == session.wanted - 1 and known):
             self.failures[Failure.REPEATED] += 1
         else:
@@ -216,7 +307,7 @@ class Reassembler:
         self._sessions[key] = session
 
     def _expire(self, time: float) -> None:
-        for key in [k for k, session in self._sessions.items() if _silent(session, time)]:
+        for key in [k for k, session in self._sessions.items() if session.silent(time)]:
             self._drop(key, Failure.TIME_OUT)
 
     def _drop(self, key: tuple[int, int], why: Failure) -> None:
@@ -230,8 +321,3 @@ def _pgn_in(frame: Frame) -> int | None:
     """The message's PGN in the last bytes of a connection frame."""
     number = int.from_bytes(frame.data[5:8], "little")
     return Frame(number << 8, b"").pgn if number < 1 << 18 else None
-
-
-def _silent(session: _Session, time: float) -> bool:
-    # Backwards as well, and a time that is no number: the frames are another recording's.
-    return not abs(time - session.last) <= session.patience + _RESOLUTION

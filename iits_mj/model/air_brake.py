@@ -1,4 +1,9 @@
-"""Air brakes: the truck's parameters as attributes of the plugin `iits.air_brake`."""
+"""Air brakes: attributes and sensors of the plugin `iits.air_brake`, and the brake distribution.
+
+The braking force is shared between the circuits by tables for a light and a heavy truck: by axle
+load, so that every axle uses the same friction, as an EBS with load sensing aims at; or in
+proportion to the pressures of the published tables.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +15,29 @@ from numpy.typing import ArrayLike
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.units import GRAVITY
+from iits_mj.model.attributes import PLUGIN_DIGITS, plugin_attributes, text
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import group_center, laden_trailer
 
-# --- How the braking force is shared between the circuits, as tables for a light and a heavy truck
-# Either by axle load, so that every axle uses the same friction, as an EBS with load sensing aims
-# at; or in proportion to the pressures of the release's tables.
-
-# Decelerations of the table by axle loads [m/s2]: friction allows no more.
+# Names of the truck's sensors, in the order of the model. The plural ones have one number for each
+# wheel end, axle by axle, left before right.
+SIGNALS = (
+    "brake_pressure_front_left",
+    "brake_pressure_front_right",
+    "brake_pressure_rear_left",
+    "brake_pressure_rear_right",
+    "brake_pressure_trailer",
+    "xbr_active",
+    "abs_active",
+    "brake_pressures",
+    "brake_torques",
+    "wheel_speeds",
+    *(f"reservoir_pressure_{circuit}" for circuit in ("front", "rear", "trailer")),
+    "compressor_active",
+    "brake_work",
+    "endurance_torque_demand",
+)
+# Decelerations of the table by axle loads [m/s2]; friction allows no more.
 _DEMAND = np.arange(0.0, 11.0)
 
 
@@ -26,7 +46,7 @@ class Distribution:
     """Shares of the braking force.
 
     Attributes:
-      mass_light, mass_heavy: gross masses that the tables are for [kg].
+      mass_light, mass_heavy: gross masses of the two tables [kg].
       demand: deceleration [m/s2], shape (n,).
       light, heavy: shares of (front, drive, trailer) circuits, sum 1, shape (n, 3).
     """
@@ -39,16 +59,16 @@ class Distribution:
 
 
 def circuits(parameters: TruckParameters) -> list[int]:
-    """Circuit of each axle, front to rear: 0 front, 1 drive, 2 trailer."""
+    """Returns the circuit of each axle, front to rear: 0 front, 1 drive, 2 trailer."""
     rear = len(parameters.tractor.axles) - 1
     return [0] + [1] * rear + [2] * len(parameters.semitrailer.axles)
 
 
 def distribution(parameters: TruckParameters) -> Distribution:
-    """The tables that `parameters.air_brake.distribution` names.
+    """Returns the distribution that `parameters.air_brake.distribution` names.
 
     Raises:
-      InputError: there is none of that name.
+      InputError: the name is unknown.
     """
     name = parameters.air_brake.distribution
     if name == "axle_loads":
@@ -61,11 +81,11 @@ def distribution(parameters: TruckParameters) -> Distribution:
 
 
 def group_loads(parameters: TruckParameters, payload: float, deceleration: float) -> FloatArray:
-    """Loads of steer axle, tandem and tri-axle in braking on the level [N], shape (3,).
+    """Returns loads of steer axle, tandem and tri-axle while braking on the level [N], shape (3,).
 
-    Statics with inertia forces of two rigid units, when every axle brakes in proportion to its load
-    (friction used z = a / g). About the kingpin, on the road below it the brake force of the
-    tri-axle; about the steer axle's contact, the trailer's push at the height of the kingpin.
+    Statics with inertia forces of two rigid units, where every axle brakes in proportion to its
+    load (friction used z = a / g). The moments about the kingpin include the tri-axle's brake force
+    at the road; those about the steer axle's contact include the trailer's push at the kingpin.
     """
     tractor, coupling = parameters.tractor, parameters.fifth_wheel
     trailer = laden_trailer(parameters, payload)
@@ -114,111 +134,43 @@ def _by_table(parameters: TruckParameters) -> Distribution:
     )
 
 
-# --- Air brakes: the truck's parameters as attributes of the plugin `iits.air_brake` ---
-
-# Local names of the truck's sensors, in the order of the model. The plural ones have a number for
-# each wheel end, axle by axle, left before right.
-SIGNALS = (
-    "brake_pressure_front_left",
-    "brake_pressure_front_right",
-    "brake_pressure_rear_left",
-    "brake_pressure_rear_right",
-    "brake_pressure_trailer",
-    "xbr_active",
-    "abs_active",
-    "brake_pressures",
-    "brake_torques",
-    "wheel_speeds",
-    *(f"reservoir_pressure_{circuit}" for circuit in ("front", "rear", "trailer")),
-    "compressor_active",
-    "brake_work",
-    "endurance_torque_demand",
-)
-
-_PLAIN = (
-    "dead_time",
-    "trailer_line_delay",
-    "build_up_time_constant",
-    "release_time_constant",
-    "supply_rise_rate",
-    "supply_fall_rate",
-    "push_out_pressure",
-    "hysteresis_pressure",
-    "pressure_max",
-    "chamber_volume",
-    "abs_release_slip",
-    "abs_reapply_slip",
-    "abs_speed_min",
-    "abs_time_constant",
-    "abs_yaw_rise_rate",
-    "abs_slip_lag",
-    "abs_slip_lead",
-    "abs_speed_low",
-    "stiffness",
-    "parking_time_constant",
-    "release_rate",
-    "pedal_deceleration",
-    "filter_time_constant",
-    "trim_gain",
-    "trim_max",
-    "trim_share",
-    "trim_speed_min",
-    "hysteresis_time_constant",
-    "endurance_speed_off",
-    "endurance_speed_on",
-    "endurance_rate",
-    "hold_speed",
-    "hold_deceleration",
-    "hold_release_speed",
-    "hill_hold_time",
-    "hill_hold_min",
-    "reservoir_volume",
-    "compressor_displacement",
-    "governor_cut_in",
-    "governor_cut_out",
-    "spring_begin_pressure",
-    "spring_full_pressure",
-)
-
-
 def config(parameters: TruckParameters) -> dict[str, str]:
-    """Attributes of the plugin instance `air_brake`, as text.
+    """Returns the attributes of the plugin instance `air_brake`.
 
-    The vehicle's mass is not among them: the plugin asks the model for it.
+    A parameter of the section `air_brake` is passed on by its name, unless it is replaced here. The
+    plugin reads the vehicle's mass from the model.
 
     Raises:
-      InputError: `distribution` is not one of those that are known.
+      InputError: the name of the distribution is unknown.
     """
     brake = parameters.air_brake
     circuit = circuits(parameters)
     radius = [parameters.tires[axle.tire].rolling_radius for axle in parameters.axles]
     shares = distribution(parameters)
-    attributes = {name: _text(getattr(brake, name)) for name in _PLAIN}
-    attributes |= {
-        "torque_per_pressure": _text(torque_slope(parameters)),
-        "parking_torque": _text([brake.parking_torque if c else 0.0 for c in circuit]),
-        "wheel_radius": _text(radius),
-        "circuit": _text(circuit),
-        "rolling_resistance": _text(parameters.tire_common.rolling_resistance),
-        "mass_light": _text(shares.mass_light),
-        "mass_heavy": _text(shares.mass_heavy),
-        "demand": _text(shares.demand),
-        "share_light": _text(shares.light),
-        "share_heavy": _text(shares.heavy),
+    replaced = ("anchor_pressure", "distribution", "pressure_light", "pressure_heavy")
+    values: dict[str, ArrayLike] = {
+        "torque_per_pressure": torque_slope(parameters),
+        "parking_torque": [brake.parking_torque if c else 0.0 for c in circuit],
+        "wheel_radius": radius,
+        "circuit": circuit,
+        "rolling_resistance": parameters.tire_common.rolling_resistance,
+        "mass_light": shares.mass_light,
+        "mass_heavy": shares.mass_heavy,
+        "demand": shares.demand,
+        "share_light": shares.light,
+        "share_heavy": shares.heavy,
     }
-    return attributes
+    return plugin_attributes(brake, *replaced, digits=PLUGIN_DIGITS) | {
+        name: text(value, digits=PLUGIN_DIGITS) for name, value in values.items()
+    }
 
 
 def torque_slope(parameters: TruckParameters) -> FloatArray:
-    """Torque per pressure above push-out, per wheel end of each axle [N m/Pa].
+    """Returns torque per pressure above push-out, per wheel end of each axle [N m/Pa].
 
-    The torque per pressure of the release is a line through zero; above a push-out pressure the
-    same torque is met at one pressure only, that of the XBR test: -1.5 m/s2 at 50 t.
+    The published torque per pressure is a line through zero. With a push-out pressure the torque is
+    the same at one pressure only, that of the XBR test: -1.5 m/s2 at 50 t.
     """
     brake = parameters.air_brake
     secant = brake.anchor_pressure / (brake.anchor_pressure - brake.push_out_pressure)
     return np.asarray(brake.torque_per_pressure) * secant
-
-
-def _text(values: ArrayLike) -> str:
-    return " ".join(f"{value:.9g}" for value in np.ravel(values))

@@ -1,8 +1,8 @@
-"""Writes the truck as MJCF from its parameters.
+"""Builds the truck's MJCF from its parameters.
 
-Frames: `tractor` has its origin at the steer axle's centre projected to the ground at rest,
-`trailer` at the kingpin; x forward, y left, z up. Every element is named, with axle and side.
-At `qpos0` all springs and tires carry their static loads: the truck stands still on a level road.
+Frames: the origin of `tractor` is the steer axle's centre projected to the ground at rest, that of
+`trailer` is the kingpin; x forward, y left, z up. Every element is named, with axle and side. At
+`qpos0` all springs and tires carry their static loads, so that the truck rests on a level road.
 """
 
 from __future__ import annotations
@@ -10,9 +10,11 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 
 import mujoco
+from numpy.typing import ArrayLike
 
 from iits_mj.core.units import GRAVITY
 from iits_mj.model import visuals
+from iits_mj.model.attributes import text
 from iits_mj.model.connections import (
     SIDES,
     add_actuators,
@@ -20,11 +22,15 @@ from iits_mj.model.connections import (
     add_sensors,
     add_tendons,
     equalized_share,
-    text,
 )
 from iits_mj.model.statics import beam_inertia, sprung, wheel_height, wheel_inertia
 from iits_mj.parameters import Axle, TruckParameters
-from iits_mj.parameters.mass_state import axle_loads_by_name, laden_trailer, payload_inertial
+from iits_mj.parameters.mass_state import (
+    axle_loads_by_name,
+    group_center,
+    laden_trailer,
+    payload_inertial,
+)
 
 # Contact bits: the truck's hulls meet the ground (bit 0) and traffic (bit 2), never each other.
 TRUCK_CONTYPE, TRUCK_CONAFFINITY = 2, 5
@@ -32,10 +38,10 @@ HEAVE_TRAVEL = 0.15  # [m], bump stop to rebound stop from ride height
 
 
 def truck_spec(parameters: TruckParameters, payload: float) -> mujoco.MjSpec:
-    """The truck with its visual geoms, as an editable specification.
+    """Returns the truck with its visual geoms, as an editable specification.
 
     Args:
-      parameters: of the truck; `with_payload_height` moves the load up or down.
+      parameters: of the truck; `with_payload_height` changes the height of the load.
       payload: [kg], 0 to `parameters.payload.mass_max`.
 
     Raises:
@@ -47,7 +53,7 @@ def truck_spec(parameters: TruckParameters, payload: float) -> mujoco.MjSpec:
 
 
 def truck_xml(parameters: TruckParameters, payload: float) -> str:
-    """MJCF text of the truck's mechanics, without visual geoms."""
+    """Returns the MJCF text of the truck's mechanics, without visual geoms."""
     payload = parameters.check_payload(payload)
     root = ET.Element("mujoco", model="iits_truck")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
@@ -61,7 +67,7 @@ def truck_xml(parameters: TruckParameters, payload: float) -> str:
     add_tendons(root, parameters, payload)
     add_actuators(root, parameters)
     add_sensors(root, parameters)
-    # Standing on a level road: what MuJoCo makes of a keyframe without figures.
+    # A keyframe without numbers is `qpos0`: standing on a level road.
     ET.SubElement(ET.SubElement(root, "keyframe"), "key", name="home")
     ET.indent(root)
     return ET.tostring(root, encoding="unicode")
@@ -69,64 +75,57 @@ def truck_xml(parameters: TruckParameters, payload: float) -> str:
 
 def _defaults(root: ET.Element) -> None:
     top = ET.SubElement(ET.SubElement(root, "default"), "default", {"class": "truck"})
-    hull = ET.SubElement(top, "default", {"class": "hull"})
-    ET.SubElement(
-        hull,
-        "geom",
-        type="box",
-        group="3",
-        mass="0",
-        contype=str(TRUCK_CONTYPE),
-        conaffinity=str(TRUCK_CONAFFINITY),
-        rgba="0.2 0.4 0.8 0.3",
-    )
-    heave = ET.SubElement(top, "default", {"class": "heave"})
-    ET.SubElement(
-        heave, "joint", type="slide", axis="0 0 1", range=text(-HEAVE_TRAVEL, HEAVE_TRAVEL)
-    )
-    roll = ET.SubElement(top, "default", {"class": "roll"})
-    ET.SubElement(roll, "joint", type="hinge", axis="1 0 0")
-    wheel = ET.SubElement(top, "default", {"class": "wheel"})
-    ET.SubElement(wheel, "joint", type="hinge", axis="0 1 0")
-    knuckle = ET.SubElement(top, "default", {"class": "knuckle"})
-    ET.SubElement(knuckle, "joint", type="hinge", axis="0 0 1", range="-0.9 0.9")
+
+    def add(name: str, kind: str, **values: str) -> None:
+        ET.SubElement(ET.SubElement(top, "default", {"class": name}), kind, values)
+
+    contact = {"contype": str(TRUCK_CONTYPE), "conaffinity": str(TRUCK_CONAFFINITY)}
+    add("hull", "geom", type="box", group="3", mass="0", **contact, rgba="0.2 0.4 0.8 0.3")
+    travel = text(-HEAVE_TRAVEL, HEAVE_TRAVEL)
+    add("heave", "joint", type="slide", axis="0 0 1", range=travel)
+    add("roll", "joint", type="hinge", axis="1 0 0")
+    add("wheel", "joint", type="hinge", axis="0 1 0")
+    add("knuckle", "joint", type="hinge", axis="0 0 1", range="-0.9 0.9")
 
 
 def _inertial(
-    body: ET.Element, mass: float, at: tuple[float, float, float], inertia: object
+    body: ET.Element, mass: float, at: ArrayLike, inertia: tuple[float, float, float]
 ) -> None:
-    ET.SubElement(
-        body,
-        "inertial",
-        mass=text(mass),
-        pos=text(*at),
-        diaginertia=text(*inertia),  # type: ignore[misc]
-    )
+    values = {"mass": text(mass), "pos": text(at), "diaginertia": text(inertia)}
+    ET.SubElement(body, "inertial", values)
+
+
+def _hull(
+    body: ET.Element, name: str, size: tuple[float, float, float], at: tuple[float, float, float]
+) -> None:
+    """Adds a box that meets traffic and, after an upset, the ground; `size` is half of it [m]."""
+    shape = {"name": name, "class": "hull", "size": text(size), "pos": text(at)}
+    ET.SubElement(body, "geom", shape)
+
+
+def _site(body: ET.Element, name: str, at: tuple[float, float, float]) -> None:
+    ET.SubElement(body, "site", name=name, pos=text(at), size="0.05", group="4")
 
 
 def _tractor(world: ET.Element, p: TruckParameters, payload: float) -> None:
     body = ET.SubElement(world, "body", name="tractor", childclass="truck")
     ET.SubElement(body, "freejoint", name="tractor_free")
-    figures = sprung(p, p.tractor, payload)
-    _inertial(body, figures.mass, (-figures.cg_position, 0, figures.cg_height), figures.inertia)
+    chassis = sprung(p, p.tractor, payload)
+    _inertial(body, chassis.mass, (-chassis.cg_position, 0, chassis.cg_height), chassis.inertia)
     t = p.tractor
-    # The hull of the cab and chassis, for contact with traffic and, upset, with the ground.
     cab_length, low = 2.3, 0.45
-    cab = {
-        "size": text(0.5 * cab_length, 0.5 * t.width, 0.5 * (t.height - low)),
-        "pos": text(t.front_overhang - 0.5 * cab_length, 0, 0.5 * (t.height + low)),
-    }
-    ET.SubElement(body, "geom", {"name": "tractor_cab_hull", "class": "hull", **cab})
+    _hull(
+        body,
+        "tractor_cab_hull",
+        (0.5 * cab_length, 0.5 * t.width, 0.5 * (t.height - low)),
+        (t.front_overhang - 0.5 * cab_length, 0, 0.5 * (t.height + low)),
+    )
     rear = t.axles[-1].position + 0.9
-    chassis_length = rear + t.front_overhang - cab_length
-    chassis = {
-        "size": text(0.5 * chassis_length, 0.5 * t.width, 0.25),
-        "pos": text(t.front_overhang - cab_length - 0.5 * chassis_length, 0, 0.75),
-    }
-    ET.SubElement(body, "geom", {"name": "tractor_chassis_hull", "class": "hull", **chassis})
-    ET.SubElement(body, "site", name="tractor_imu", pos=text(0, 0, 0), size="0.05", group="4")
-    cg = text(-t.cg_position, 0, t.cg_height)
-    ET.SubElement(body, "site", name="tractor_cg", pos=cg, size="0.05", group="4")
+    length = rear + t.front_overhang - cab_length
+    middle = t.front_overhang - cab_length - 0.5 * length
+    _hull(body, "tractor_chassis_hull", (0.5 * length, 0.5 * t.width, 0.25), (middle, 0, 0.75))
+    _site(body, "tractor_imu", (0, 0, 0))
+    _site(body, "tractor_cg", (-t.cg_position, 0, t.cg_height))
     _pressure_center(body, "tractor", (t.front_overhang, 0, p.aerodynamics.pressure_height))
     loads = axle_loads_by_name(p, payload)
     for axle in t.axles:
@@ -148,44 +147,34 @@ def _trailer(
     for name, axis, limit in joints:
         joint = ET.SubElement(body, "joint", name=f"fifth_wheel_{name}", type="hinge", axis=axis)
         if limit:
-            joint.set("range", text(*limit))
-    figures = sprung(p, t, payload)
-    center = (-figures.cg_position, 0.0, figures.cg_height - f.height)
-    _inertial(body, figures.mass, center, figures.inertia)
+            joint.set("range", text(limit))
+    chassis = sprung(p, t, payload)
+    center = (-chassis.cg_position, 0.0, chassis.cg_height - f.height)
+    _inertial(body, chassis.mass, center, chassis.inertia)
     ET.SubElement(body, "plugin", plugin="iits.fifth_wheel", instance="fifth_wheel")
-    low = 1.05
-    box = {
-        "size": text(0.5 * t.length, 0.5 * t.width, 0.5 * (t.height - low)),
-        "pos": text(t.front_overhang - 0.5 * t.length, 0, 0.5 * (t.height + low) - f.height),
-    }
-    ET.SubElement(body, "geom", {"name": "trailer_body_hull", "class": "hull", **box})
-    axles_middle = sum(axle.position for axle in t.axles) / len(t.axles)
-    under = {
-        "size": text(0.5 * (t.axles[-1].position - t.axles[0].position) + 0.5, 0.5 * t.width, 0.2),
-        "pos": text(-axles_middle, 0, 0.8 - f.height),
-    }
-    ET.SubElement(body, "geom", {"name": "trailer_bogie_hull", "class": "hull", **under})
-    ET.SubElement(body, "site", name="trailer_kingpin", pos="0 0 0", size="0.05", group="4")
+    low, middle = 1.05, t.front_overhang - 0.5 * t.length
+    size = (0.5 * t.length, 0.5 * t.width, 0.5 * (t.height - low))
+    _hull(body, "trailer_body_hull", size, (middle, 0, 0.5 * (t.height + low) - f.height))
+    group = group_center(t.axles)
+    size = (0.5 * (t.axles[-1].position - t.axles[0].position) + 0.5, 0.5 * t.width, 0.2)
+    _hull(body, "trailer_bogie_hull", size, (-group, 0, 0.8 - f.height))
+    _site(body, "trailer_kingpin", (0, 0, 0))
     laden = laden_trailer(p, payload)
-    cg = text(-laden.cg_position, 0, laden.cg_height - f.height)
-    ET.SubElement(body, "site", name="trailer_cg", pos=cg, size="0.05", group="4")
-    rear = text(-axles_middle, 0, -f.height)
-    ET.SubElement(body, "site", name="trailer_axle_center", pos=rear, size="0.05", group="4")
-    middle = t.front_overhang - 0.5 * t.length
+    _site(body, "trailer_cg", (-laden.cg_position, 0, laden.cg_height - f.height))
+    _site(body, "trailer_axle_center", (-group, 0, -f.height))
     _pressure_center(body, "trailer", (middle, 0, p.aerodynamics.pressure_height - f.height))
     load = payload_inertial(p, payload)
     block = ET.SubElement(body, "body", name="payload")
-    at_load = (-load.cg_position, 0.0, load.cg_height - f.height)
+    center = (-load.cg_position, 0.0, load.cg_height - f.height)
     if payload > 0:
-        _inertial(block, load.mass, at_load, load.inertia)
-    cg = text(*at_load)
-    ET.SubElement(block, "site", name="payload_cg", pos=cg, size="0.05", group="4")
+        _inertial(block, load.mass, center, load.inertia)
+    _site(block, "payload_cg", center)
     for axle in t.axles:
         _axle(body, p, axle, loads[axle.name], f.height, steered=False)
 
 
 def _pressure_center(body: ET.Element, unit: str, at: tuple[float, float, float]) -> None:
-    point = ET.SubElement(body, "body", name=f"{unit}_pressure_center", pos=text(*at))
+    point = ET.SubElement(body, "body", name=f"{unit}_pressure_center", pos=text(at))
     ET.SubElement(point, "plugin", plugin="iits.aerodynamics", instance=f"aerodynamics_{unit}")
 
 
@@ -198,13 +187,13 @@ def _axle(
     *,
     steered: bool,
 ) -> None:
-    """A rigid axle: heave and roll about its roll centre, then two hubs with their wheels."""
+    """Adds a rigid axle: heave and roll about its roll centre, two hubs, their wheels."""
     height = wheel_height(p, axle, load)
     body = ET.SubElement(
         unit, "body", name=axle.name, pos=text(-axle.position, 0, height - origin_height)
     )
     arm = 0.5 * axle.spring_spacing**2
-    # Spring forces are found so that the axle carries its static load at ride height.
+    # The spring's preload carries the axle's static load at ride height.
     rate = 2 * axle.spring_rate * (1 - equalized_share(p, axle))
     heave = {"name": f"{axle.name}_heave", "class": "heave", "damping": text(2 * axle.damping)}
     if rate > 0:

@@ -1,4 +1,4 @@
-"""What connects the truck's bodies: plugin instances, tendons, controls and sensors of the MJCF."""
+"""Plugin instances, tendons, controls and sensors of the truck's MJCF."""
 
 from __future__ import annotations
 
@@ -7,16 +7,12 @@ from collections.abc import Mapping
 
 from iits_mj.core.units import GRAVITY
 from iits_mj.model import air_brake, powertrain
+from iits_mj.model.attributes import plugin_attributes, text
 from iits_mj.parameters import Axle, TruckParameters
-from iits_mj.parameters.mass_state import axle_loads_by_name, kingpin_load
+from iits_mj.parameters.mass_state import axle_loads_by_name, group_center, kingpin_load
 from iits_mj.parameters.tire_law import nominal_cornering_coefficient
 
 SIDES = ("left", "right")
-
-
-def text(*numbers: float) -> str:
-    """Numbers as an MJCF attribute."""
-    return " ".join(f"{number:.10g}" for number in numbers)
 
 
 def _instance(plugin: ET.Element, name: str, config: Mapping[str, str]) -> None:
@@ -26,7 +22,7 @@ def _instance(plugin: ET.Element, name: str, config: Mapping[str, str]) -> None:
 
 
 def tire_config(p: TruckParameters, kind: str) -> dict[str, float]:
-    """Attributes of the tire plugin for one kind of tire; its coefficient is at nominal load."""
+    """Returns the attributes of the tire plugin for one kind of tire, at nominal load."""
     tire = p.tires[kind]
     config = {**vars(tire), **vars(p.tire_common)}
     del config["cornering_load"]
@@ -35,7 +31,7 @@ def tire_config(p: TruckParameters, kind: str) -> dict[str, float]:
 
 
 def add_extension(root: ET.Element, p: TruckParameters, payload: float) -> None:
-    """Declares every plugin instance with its configuration."""
+    """Adds every plugin instance with its configuration."""
     extension = ET.SubElement(root, "extension")
 
     def plugin(name: str) -> ET.Element:
@@ -43,16 +39,16 @@ def add_extension(root: ET.Element, p: TruckParameters, payload: float) -> None:
 
     tire = plugin("tire")
     for kind in p.tires:
-        figures = tire_config(p, kind)
-        _instance(tire, f"tire_{kind}", {key: text(value) for key, value in figures.items()})
+        values = tire_config(p, kind)
+        _instance(tire, f"tire_{kind}", {key: text(value) for key, value in values.items()})
     steer, tandem = p.tractor.axles[0], p.tractor.axles[1:]
-    wheelbase = sum(axle.position for axle in tandem) / len(tandem) - steer.position
-    of_steering = ("ratio", "dead_band", "angle_max", "rate_max", "stiffness", "time_constant")
-    steering = {name: text(getattr(p.steering, name)) for name in of_steering}
+    wheelbase = group_center(tandem) - steer.position
+    # The other parameters of a section belong to MuJoCo's joints.
+    steering = plugin_attributes(p.steering, "damping", "knuckle_inertia")
     steering |= {"wheelbase": text(wheelbase), "track": text(steer.track)}
     _instance(plugin("steering"), "steering", steering)
-    of_coupling = ("roll_stiffness", "roll_damping", "roll_lash", "plate_width", "yaw_friction")
-    fifth_wheel = {name: text(getattr(p.fifth_wheel, name)) for name in of_coupling}
+    of_joints = ("position", "height", "yaw_limit", "pitch_min", "pitch_max")
+    fifth_wheel = plugin_attributes(p.fifth_wheel, *of_joints)
     fifth_wheel["kingpin_load"] = text(kingpin_load(p, payload))
     _instance(plugin("fifth_wheel"), "fifth_wheel", fifth_wheel)
     air = plugin("aerodynamics")
@@ -69,14 +65,14 @@ def add_extension(root: ET.Element, p: TruckParameters, payload: float) -> None:
 
 
 def equalized_share(p: TruckParameters, axle: Axle) -> float:
-    """Share of the axle's spring that acts through the group's load compensation."""
+    """Returns the share of the axle's spring that acts through load compensation."""
     if axle is p.tractor.axles[0]:
         return 0.0
     return (p.tractor if axle in p.tractor.axles else p.semitrailer).load_equalization
 
 
 def add_tendons(root: ET.Element, p: TruckParameters, payload: float) -> None:
-    """Propeller shaft, steering linkage and the load compensation of the axle groups."""
+    """Adds propeller shaft, steering linkage and load compensation of the axle groups."""
     tendon = ET.SubElement(root, "tendon")
     drive = [axle for axle in p.tractor.axles if axle.tire == "drive"]
     shaft = ET.SubElement(tendon, "fixed", name="propeller_shaft")
@@ -90,7 +86,7 @@ def add_tendons(root: ET.Element, p: TruckParameters, payload: float) -> None:
         ET.SubElement(
             linkage, "joint", joint=f"{p.tractor.axles[0].name}_{side}_knuckle", coef="0.5"
         )
-    # Load compensation: a spring on the sum of the group's heave pushes every axle alike.
+    # Load compensation: a spring on the sum of the group's heave acts equally on every axle.
     loads = axle_loads_by_name(p, payload)
     for name, axles in (("tandem", p.tractor.axles[1:]), ("triaxle", p.semitrailer.axles)):
         share = equalized_share(p, axles[0])
@@ -107,7 +103,7 @@ def add_tendons(root: ET.Element, p: TruckParameters, payload: float) -> None:
 
 
 def add_actuators(root: ET.Element, p: TruckParameters) -> None:
-    """The controls, in the order of `VehicleCommand`."""
+    """Adds the controls, in the order of `VehicleCommand`."""
     actuator = ET.SubElement(root, "actuator")
     angle = p.steering.angle_max
     rows = (
@@ -135,7 +131,7 @@ def add_actuators(root: ET.Element, p: TruckParameters) -> None:
 
 
 def add_sensors(root: ET.Element, p: TruckParameters) -> None:
-    """What the truck reports, one named sensor a signal."""
+    """Adds one named sensor per signal."""
     sensor = ET.SubElement(root, "sensor")
 
     def plugin(name: str, instance: str, **more: str) -> None:

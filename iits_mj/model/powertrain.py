@@ -1,18 +1,16 @@
-"""Engine, clutch, gearbox, driveline: parameters as attributes of the plugin `iits.powertrain`."""
+"""Engine, clutch, gearbox and driveline: attributes and sensors of the plugin `iits.powertrain`."""
 
 from __future__ import annotations
-
-import dataclasses
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from iits_mj.core.arrays import FloatArray
+from iits_mj.model.attributes import PLUGIN_DIGITS, plugin_attributes, text
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.powertrain import Clutch, EngineScalars, Retarder
 
-# Local names of the sensors of the truck, in the order of the model. The plugin knows a few more,
-# see its manual; every sensor costs MuJoCo about 0.02 us a step.
+# Names of the truck's sensors, in the order of the model. The plugin has a few more, see its
+# manual; each sensor costs MuJoCo about 0.02 us a step.
 SIGNALS = (
     "gear",
     "shift_in_process",
@@ -40,72 +38,46 @@ SIGNALS = (
     "powertrain_report",
 )
 
-# Attributes of the plugin that carry the prefix here but not in the truck's sections.
-_PREFIXES = {"retarder": Retarder, "clutch": Clutch}
-_GEARBOX_SCALARS = (
-    "final_drive",
-    "efficiency",
-    "driveline_efficiency",
-    "start_gear",
-    "reverse_ratio",
-    "shift_cut_time",
-    "synchronization_time",
-    "synchronization_time_max",
-    "synchronized_difference",
-    "clutch_engagement_time",
-    "clutch_close_time",
-    "clutch_torque_max",
-    "driveline_stiffness",
-    "driveline_damping",
-    "loss_reversal_speed",
-    "downshift_delay",
-    "downshift_margin",
-    "min_gear_time",
-)
-
 
 def config(parameters: TruckParameters) -> dict[str, str]:
-    """Attributes of the plugin instance `powertrain`, as text."""
+    """Returns the attributes of the plugin instance `powertrain`.
+
+    A parameter of the sections `engine`, `retarder`, `clutch`, `gearbox` and `gearbox.shifting` is
+    passed on by its name; those of retarder and clutch get the section's name as prefix.
+    """
     engine, gearbox = parameters.engine, parameters.gearbox
     driven = next(axle for axle in parameters.tractor.axles if axle.tire == "drive")
-    attributes = {
-        f"engine_{name}" if name == "inertia" else name: _text(getattr(engine, name))
-        for name in _names(EngineScalars)
-    }
-    for prefix, kind in _PREFIXES.items():
-        section = getattr(parameters, prefix)
-        attributes |= {f"{prefix}_{name}": _text(getattr(section, name)) for name in _names(kind)}
-    attributes |= {name: _text(getattr(gearbox, name)) for name in _GEARBOX_SCALARS}
-    attributes |= {name: _text(value) for name, value in vars(gearbox.shifting).items()}
     speed, torque = full_load(parameters)
-    attributes |= {
-        "full_load_speed": _text(speed),
-        "full_load_torque": _text(torque),
-        "pedal_map_speed": _text(engine.pedal_map.rows),
-        "pedal_map_pedal": _text(engine.pedal_map.columns),
-        "pedal_map_torque": _text(engine.pedal_map.values),
-        "fuel_map_torque": _text(engine.fuel_map.rows),
-        "fuel_map_speed": _text(engine.fuel_map.columns),
-        "fuel_map_consumption": _text(engine.fuel_map.values),
-        "ratios": _text(gearbox.ratios),
-        "gear_inertias": _text(gearbox.inertias),
-        "shift_strategy": gearbox.shift_strategy,
-        "wheel_radius": _text(parameters.tires[driven.tire].rolling_radius),
+    found = plugin_attributes(engine, "inertia", digits=PLUGIN_DIGITS)
+    for name in ("retarder", "clutch"):
+        section = plugin_attributes(getattr(parameters, name), digits=PLUGIN_DIGITS)
+        found |= {f"{name}_{key}": value for key, value in section.items()}
+    found |= plugin_attributes(gearbox, "inertias", digits=PLUGIN_DIGITS)
+    found |= plugin_attributes(gearbox.shifting, digits=PLUGIN_DIGITS)
+    arrays: dict[str, ArrayLike] = {
+        "engine_inertia": engine.inertia,
+        "full_load_speed": speed,
+        "full_load_torque": torque,
+        "gear_inertias": gearbox.inertias,
+        "wheel_radius": parameters.tires[driven.tire].rolling_radius,
     }
-    for name, table in (("upshift", gearbox.upshift), ("downshift", gearbox.downshift)):
-        attributes |= {
-            f"{name}_gear": _text(table.rows),
-            f"{name}_pedal": _text(table.columns),
-            f"{name}_speed": _text(table.values),
-        }
-    return attributes
+    for table, rows, columns, values, name in (
+        (engine.pedal_map, "speed", "pedal", "torque", "pedal_map"),
+        (engine.fuel_map, "torque", "speed", "consumption", "fuel_map"),
+        (gearbox.upshift, "gear", "pedal", "speed", "upshift"),
+        (gearbox.downshift, "gear", "pedal", "speed", "downshift"),
+    ):
+        arrays[f"{name}_{rows}"] = table.rows
+        arrays[f"{name}_{columns}"] = table.columns
+        arrays[f"{name}_{values}"] = table.values
+    return found | {name: text(value, digits=PLUGIN_DIGITS) for name, value in arrays.items()}
 
 
 def full_load(parameters: TruckParameters) -> tuple[FloatArray, FloatArray]:
-    """Full-load curve [rad/s], [N m] from idle to governed speed.
+    """Returns the full-load curve [rad/s], [N m] from idle to governed speed.
 
-    The measured curve ends at 700 and 1800 rpm. Below it is continued in a straight line, above
-    with constant power, as its last 200 rpm are.
+    The measured curve covers 700 to 1800 rpm. It is extended below by a straight line, and above at
+    constant power, like its last 200 rpm.
     """
     engine = parameters.engine
     speed, torque = list(engine.full_load_speed), list(engine.full_load_torque)
@@ -119,11 +91,3 @@ def full_load(parameters: TruckParameters) -> tuple[FloatArray, FloatArray]:
             speed.append(float(point))
             torque.append(power / float(point))
     return np.array(speed), np.array(torque)
-
-
-def _names(kind: type) -> list[str]:
-    return [field.name for field in dataclasses.fields(kind)]
-
-
-def _text(values: ArrayLike) -> str:
-    return " ".join(f"{value:.9g}" for value in np.ravel(values))

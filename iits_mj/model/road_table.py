@@ -1,4 +1,4 @@
-"""Hands the road to the tire plugin: a numeric of the model, read by `plugin/road.cc`."""
+"""Adds the road's surface to the model as a numeric, which `plugin/road.cc` reads."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ def add_road_table(spec: mujoco.MjSpec, route: Route, step: float = TABLE_STEP) 
     """Adds the route's surface as numeric `iits_road`; heights are C1 between its rows.
 
     Args:
-      spec: of the scene; replaces nothing, so it must not hold a road yet.
-      route: what the tires stand on.
-      step: row distance wanted [m]; the table spans the route in equal steps.
+      spec: of the scene, without a road.
+      route: the road under the tires.
+      step: approximate distance of the rows [m]; the table spans the route in equal steps.
 
     Raises:
       MapError: the route's table holds a number that is not finite.

@@ -13,11 +13,11 @@ _PERCENT, _PASCAL, _NEWTON_METER = "%", "Pa", "N m"
 
 @dataclass(frozen=True)
 class SensorUnit:
-    """What the numbers of a sensor are.
+    """Description of a sensor's numbers.
 
     Attributes:
       unit: SI unit, "1" for pure numbers, "%" for SAE J1939's percent of a reference.
-      components: a name for each number, () where there is one, or where they are the wheels.
+      components: a name for each number, () for a single one or one per wheel.
       meaning: in words.
     """
 
@@ -26,7 +26,7 @@ class SensorUnit:
     meaning: str = ""
 
 
-# Patterns of whole names; the first that matches counts.
+# Patterns of whole names; the first match applies.
 _TABLE: tuple[tuple[str, SensorUnit], ...] = (
     (r"gear", SensorUnit("1", (), "1 to 12, 0 in neutral, -1 in reverse")),
     (r"shift_in_process|clutch_engagement", SensorUnit("1")),
@@ -73,7 +73,7 @@ _TABLE: tuple[tuple[str, SensorUnit], ...] = (
 
 
 def sensor_unit(name: str) -> SensorUnit:
-    """What a sensor's numbers are.
+    """Returns the description of a sensor's numbers.
 
     Raises:
       InputError: the truck has no such sensor.

@@ -1,4 +1,4 @@
-"""How the truck stands at rest: wheel heights, and the mass of a unit less its axles."""
+"""The truck at rest: wheel heights, and the sprung mass of each unit."""
 
 from __future__ import annotations
 
@@ -17,33 +17,33 @@ _CASING_RADIUS = 0.15
 
 
 def tire_deflection(parameters: TruckParameters, axle: Axle, load: float) -> float:
-    """Deflection of the axle's tires [m] under this axle load [N]."""
+    """Returns the deflection of an axle's tires [m] under an axle load [N]."""
     tire = parameters.tires[axle.tire]
     return load / (2 * tire.count * tire.vertical_stiffness)
 
 
 def wheel_height(parameters: TruckParameters, axle: Axle, load: float) -> float:
-    """Height of the wheel centre above the road at rest [m]."""
+    """Returns the height of the wheel centre above the road at rest [m]."""
     radius = parameters.tires[axle.tire].free_radius
     return radius - tire_deflection(parameters, axle, load)
 
 
 def wheel_inertia(parameters: TruckParameters, axle: Axle) -> tuple[float, float, float]:
-    """Inertia of one wheel end about x, y (spin), z [kg m2]: a thick ring of the tires' width."""
+    """Returns the inertia of a wheel end about x, y (spin), z [kg m2], as a thick ring."""
     width = _TIRE_WIDTH * parameters.tires[axle.tire].count
     diametral = 0.5 * axle.wheel_inertia_spin + axle.wheel_mass * width**2 / 12
     return diametral, axle.wheel_inertia_spin, diametral
 
 
 def beam_inertia(axle: Axle) -> tuple[float, float, float]:
-    """Inertia of the axle without its wheels [kg m2]: a slender beam with a round casing."""
+    """Returns the inertia of an axle without wheels [kg m2], as a slender beam."""
     mass = axle.unsprung_mass - 2 * axle.wheel_mass
     long = mass * axle.track**2 / 12
     return long, mass * _CASING_RADIUS**2, long
 
 
 def axle_inertial(parameters: TruckParameters, axle: Axle, height: float) -> Inertial:
-    """The whole axle, wheels at rest."""
+    """Returns an axle with its wheels as a rigid body."""
     shift = axle.wheel_mass * (0.5 * axle.track) ** 2
     x, y, z = wheel_inertia(parameters, axle)
     wheels = Inertial(
@@ -54,10 +54,10 @@ def axle_inertial(parameters: TruckParameters, axle: Axle, height: float) -> Ine
 
 
 def sprung(parameters: TruckParameters, unit: Tractor | Semitrailer, payload: float) -> Inertial:
-    """The unit less its axles: what the chassis body of the model weighs.
+    """Returns a unit less its axles, which is the chassis body of the model.
 
-    The figures of a unit include its axles and wheels; they are taken off by Steiner's theorem. The
-    semitrailer's are without the payload, which is a body of its own.
+    The parameters of a unit include axles and wheels, which are subtracted with Steiner's theorem.
+    The semitrailer is without payload, which is a separate body.
     """
     loads = axle_loads_by_name(parameters, payload)
     axles = [

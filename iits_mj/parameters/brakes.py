@@ -1,4 +1,4 @@
-"""Numbers of the air brakes, as `mjcf/truck.toml` and its table give them."""
+"""Parameters of the air brakes: `mjcf/truck.toml` and its pressure table."""
 
 from __future__ import annotations
 
@@ -8,31 +8,35 @@ from iits_mj.core.arrays import FloatArray
 
 
 @dataclass(frozen=True)
-class AirBrakeScalars:
-    """Scalar and per-axle figures of the air brakes (six axles, front to rear); SI units.
+class AirBrake:
+    """Air brakes of six axles, front to rear; SI units.
 
     Attributes:
-      dead_time: from supply valve to chamber, per axle; `trailer_line_delay` is added for the
-        trailer's, whose valve follows a control line.
+      dead_time: from supply valve to chamber, per axle; `trailer_line_delay` is added on the
+        trailer, whose valve follows a control line.
       build_up_time_constant, release_time_constant: of the chambers, per axle.
       supply_rise_rate, supply_fall_rate, pressure_max: of the supply valves.
-      torque_per_pressure: a line through zero, per axle, for one wheel end; with a push-out
-        pressure the same torque is met at `anchor_pressure`.
+      torque_per_pressure: slope through zero, per axle, of one wheel end; with a push-out pressure
+        the torque is the same at `anchor_pressure`.
       chamber_volume: of one chamber, per axle.
-      distribution: "axle_loads": every axle has the friction that its load allows; "table": the
-        pressure tables give the shares.
-      release_rate: of the XBR demand, when it ends.
-      pedal_deceleration: what the fully pressed pedal asks for.
+      distribution: "axle_loads": every axle uses the same friction; "table": shares follow the
+        pressure table.
+      release_rate: at which the XBR demand falls when it ends.
+      pedal_deceleration: demanded by the fully pressed pedal.
       filter_time_constant, trim_gain, trim_max, trim_share, trim_speed_min,
-        hysteresis_time_constant: deceleration control.
-      endurance_speed_off, endurance_speed_on: between them engine brake and retarder hand over to
-        friction, where integration is allowed; `endurance_rate`: at which they are asked for more.
-      hold_speed, hold_deceleration, hold_release_speed, hill_hold_time, hill_hold_min: holding.
+        hysteresis_time_constant: of the deceleration control.
+      endurance_speed_off, endurance_speed_on: speeds between which engine brake and retarder hand
+        over to friction; `endurance_rate`: at which their torque demand rises.
+      hold_speed, hold_deceleration, hold_release_speed, hill_hold_time, hill_hold_min: of holding
+        at standstill.
       reservoir_volume: of the front, drive and trailer circuit.
-      compressor_displacement: of free air, per angle of the crankshaft.
-      spring_begin_pressure, spring_full_pressure: reservoir pressure below which the spring brakes
-        begin to act, and are fully on.
+      compressor_displacement: volume of free air per angle of the crankshaft.
+      spring_begin_pressure, spring_full_pressure: reservoir pressures below which the spring
+        brakes begin to act, and act fully.
       mass_light, mass_heavy: of the two columns of the pressure table.
+      demand: demanded deceleration, positive and rising [m/s2], shape (n,).
+      pressure_light, pressure_heavy: pressure [Pa] of (front, drive, trailer) circuits at the two
+        masses, shape (n, 3).
     """
 
     dead_time: tuple[float, ...]
@@ -83,17 +87,6 @@ class AirBrakeScalars:
     spring_full_pressure: float
     mass_light: float
     mass_heavy: float
-
-
-@dataclass(frozen=True)
-class AirBrake(AirBrakeScalars):
-    """Air brakes with the pressure table.
-
-    Attributes:
-      demand: demanded deceleration, positive and increasing [m/s2], shape (n,).
-      pressure_light, pressure_heavy: pressure [Pa] of (front, drive, trailer) circuits at the two
-        masses, shape (n, 3).
-    """
 
     demand: FloatArray
     pressure_light: FloatArray

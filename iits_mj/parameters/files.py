@@ -1,15 +1,13 @@
-"""Reading of the truck's files: TOML with provenance, CSV tables, checked dataclasses.
+"""Reads the truck's files: TOML with provenance and CSV tables, into checked dataclasses.
 
-Errors name the file or the parameter, its value and what is wanted.
+Errors name the file or the parameter, its value and what is needed.
 """
 
 from __future__ import annotations
 
 import csv
 import dataclasses
-import math
 import tomllib
-import types
 import typing
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -20,6 +18,7 @@ import numpy as np
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.assets import mjcf_dir
+from iits_mj.core.checks import is_number
 from iits_mj.core.errors import InputError
 from iits_mj.core.units import KMH, RPM
 
@@ -34,7 +33,7 @@ class Table2D:
 
 
 def provenance(path: str | Path | None = None) -> list[tuple[str, str, str, str, str]]:
-    """Rows (name, value, unit, grade, source) of every quantity in the truck's TOML."""
+    """Returns (name, value, unit, grade, source) of every quantity in the truck's TOML."""
     file = Path(path) if path is not None else mjcf_dir() / "truck.toml"
     return list(_provenance_rows(read_toml(file), ""))
 
@@ -51,7 +50,7 @@ def _provenance_rows(node: Any, prefix: str) -> Iterator[tuple[str, str, str, st
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The tree of a TOML file. Raises InputError when it cannot be read."""
+    """Returns the content of a TOML file; raises InputError if it cannot be read."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
@@ -59,7 +58,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def plain(node: Any) -> Any:
-    """The tree with every `{ value, unit, grade, source }` replaced by its value."""
+    """Returns the tree with every `{ value, unit, grade, source }` replaced by its value."""
     if isinstance(node, Mapping):
         if "value" in node:
             return node["value"]
@@ -70,7 +69,7 @@ def plain(node: Any) -> Any:
 
 
 def merge(base: Any, extra: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """`base` with the values of `extra` in place; axles are matched by their name."""
+    """Returns `base` overlaid with the values of `extra`; axles are matched by name."""
     merged = dict(base)
     for key, value in extra.items():
         name = f"{where}{key}"
@@ -95,7 +94,7 @@ def _merge_named(base: list[Any], extra: list[Any], where: str) -> list[Any]:
 
 
 def section(tree: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    """A table of the tree. Raises InputError when it is not there."""
+    """Returns a table of the tree; raises InputError if it is missing."""
     found = tree.get(name)
     if not isinstance(found, Mapping):
         raise InputError(f"the truck's parameters lack the section [{name}]")
@@ -103,32 +102,28 @@ def section(tree: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 
 
 def build(kind: Any, node: Any, where: str) -> Any:
-    """Makes `kind` (a dataclass, tuple, dict or number type) from a plain tree, checked."""
+    """Builds `kind` (a dataclass, tuple, dict or number type) from a plain tree, with checks."""
     origin = typing.get_origin(kind)
     if dataclasses.is_dataclass(kind):
         return _build_dataclass(kind, node, where)
     if origin is tuple:
         item = typing.get_args(kind)[0]
         if not isinstance(node, (list, tuple)):
-            raise InputError(f"parameter {where} = {node!r}: a list is wanted")
+            raise InputError(f"parameter {where} = {node!r}: a list is needed")
         return tuple(build(item, child, f"{where}[{i}]") for i, child in enumerate(node))
     if origin is dict:
         item = typing.get_args(kind)[1]
         return {key: build(item, child, f"{where}.{key}") for key, child in node.items()}
     if origin is np.ndarray:
         return _array(node, where)
-    if kind is str or origin is types.UnionType:
-        return node
-    if kind in (int, float):
-        return _number(kind, node, where)
-    return node
+    return _number(kind, node, where) if kind in (int, float) else node
 
 
 def _build_dataclass(kind: Any, node: Any, where: str) -> Any:
     if dataclasses.is_dataclass(node):
         return node
     if not isinstance(node, Mapping):
-        raise InputError(f"parameter {where} = {node!r}: a table is wanted")
+        raise InputError(f"parameter {where} = {node!r}: a table is needed")
     hints = typing.get_type_hints(kind)
     names = [f.name for f in dataclasses.fields(kind)]
     unknown = sorted(set(node) - set(names))
@@ -141,28 +136,26 @@ def _build_dataclass(kind: Any, node: Any, where: str) -> Any:
 
 
 def _number(kind: type, node: Any, where: str) -> int | float:
-    if isinstance(node, bool) or not isinstance(node, (int, float)):
-        raise InputError(f"parameter {where} = {node!r}: a number is wanted")
-    if not math.isfinite(node):
-        raise InputError(f"parameter {where} = {node!r}: a finite number is wanted")
+    if not is_number(node):
+        raise InputError(f"parameter {where} = {node!r}: a finite number is needed")
     if kind is int and node != int(node):
-        raise InputError(f"parameter {where} = {node!r}: a whole number is wanted")
+        raise InputError(f"parameter {where} = {node!r}: a whole number is needed")
     return kind(node)
 
 
 def _array(node: Any, where: str) -> FloatArray:
-    """A table's numbers, which an overlay may give as lists."""
+    """Returns a table's numbers, which an overlay may give as lists."""
     try:
         values = np.asarray(node, dtype=float)
     except (TypeError, ValueError):
-        raise InputError(f"parameter {where} = {node!r}: a table of numbers is wanted") from None
+        raise InputError(f"parameter {where} = {node!r}: a table of numbers is needed") from None
     if not values.size or not np.isfinite(values).all():
-        raise InputError(f"parameter {where}: a table of finite numbers is wanted")
+        raise InputError(f"parameter {where}: a table of finite numbers is needed")
     return values
 
 
 def _read_csv(path: Path) -> tuple[list[str], FloatArray]:
-    """Header and numbers of a CSV table whose first lines may be `#` comments."""
+    """Returns header and numbers of a CSV table; lines that begin with `#` are comments."""
     try:
         lines = [row for row in path.read_text(encoding="utf-8").splitlines() if row[:1] != "#"]
         rows = list(csv.reader(lines))
@@ -180,44 +173,35 @@ def _table(path: Path, row_unit: float, column_unit: float, value_unit: float) -
     return Table2D(values[:, 0] * row_unit, columns, values[:, 1:] * value_unit)
 
 
-def engine_tables(folder: Path) -> dict[str, Any]:
-    """The engine's maps in SI units, by the names of `Engine`'s fields."""
+def csv_tables(folder: Path) -> dict[str, dict[str, Any]]:
+    """Returns the CSV tables of a truck in SI units, by section and field of `TruckParameters`."""
     _, full = _read_csv(folder / "engine_full_load.csv")
-    return {
-        "full_load_speed": full[:, 0] * RPM,
-        "full_load_torque": full[:, 1],
-        "pedal_map": _table(folder / "engine_pedal_map.csv", RPM, 0.01, 1.0),
-        "fuel_map": _table(folder / "engine_fuel_map.csv", 1.0, RPM, 1e-3 / 3.6e6),
-    }
-
-
-def gearbox_tables(folder: Path) -> dict[str, Any]:
-    """Ratios, inertias and shift speeds in SI units, by the names of `Gearbox`'s fields."""
     _, gears = _read_csv(folder / "gearbox.csv")
     forward = gears[gears[:, 0] >= 1]
-    return {
-        "ratios": forward[:, 1],
-        "inertias": forward[:, 2],
-        "upshift": _table(folder / "gearbox_upshift.csv", 1.0, 1.0, KMH),
-        "downshift": _table(folder / "gearbox_downshift.csv", 1.0, 1.0, KMH),
-    }
-
-
-def air_brake_tables(folder: Path) -> dict[str, Any]:
-    """Pressure over demanded deceleration in SI units, by the names of `AirBrake`'s fields."""
-    header, rows = _read_csv(folder / "air_brake_pressure_demand.csv")
-    rows = rows[::-1]
-    column = {name: i for i, name in enumerate(header)}
-    kpa = 1e3
+    header, pressures = _read_csv(folder / "air_brake_pressure_demand.csv")
+    pressures = pressures[::-1]
 
     def circuits(mass: str) -> FloatArray:
-        front = rows[:, column[f"front_wheel_cmd_{mass}(x0.3)"]]
-        rear = rows[:, column[f"rear_wheel_cmd_{mass}(x0.7)"]]
-        trailer = rows[:, column[f"trailer_cmd_{mass}(rear x1.1)"]]
-        return np.column_stack([front, rear, trailer]) * kpa
+        """Pressures of the front, drive and trailer circuit [Pa], shape (n, 3)."""
+        names = ("front_wheel_cmd_{}(x0.3)", "rear_wheel_cmd_{}(x0.7)", "trailer_cmd_{}(rear x1.1)")
+        return pressures[:, [header.index(name.format(mass)) for name in names]] * 1e3
 
     return {
-        "demand": -rows[:, 0],
-        "pressure_light": circuits("18t"),
-        "pressure_heavy": circuits("50t"),
+        "engine": {
+            "full_load_speed": full[:, 0] * RPM,
+            "full_load_torque": full[:, 1],
+            "pedal_map": _table(folder / "engine_pedal_map.csv", RPM, 0.01, 1.0),
+            "fuel_map": _table(folder / "engine_fuel_map.csv", 1.0, RPM, 1e-3 / 3.6e6),
+        },
+        "gearbox": {
+            "ratios": forward[:, 1],
+            "inertias": forward[:, 2],
+            "upshift": _table(folder / "gearbox_upshift.csv", 1.0, 1.0, KMH),
+            "downshift": _table(folder / "gearbox_downshift.csv", 1.0, 1.0, KMH),
+        },
+        "air_brake": {
+            "demand": -pressures[:, 0],
+            "pressure_light": circuits("18t"),
+            "pressure_heavy": circuits("50t"),
+        },
     }

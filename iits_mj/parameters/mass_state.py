@@ -1,13 +1,13 @@
-"""What the truck weighs and where: both units with any payload, and their static loads.
+"""Masses, centres of gravity, inertias and static axle loads of the truck with any payload.
 
-Plain statics of two rigid units on three supports. Positions are metres behind the steer axle
-(tractor) or behind the kingpin (semitrailer and payload), heights are above the road. The axles of
-the tandem share their group's load equally, those of the tri-axle too, so that each group acts at
-its centre.
+Statics of two rigid units on three supports. Positions are metres behind the steer axle (tractor)
+or behind the kingpin (semitrailer and payload), heights are above the road. The axles of tandem and
+tri-axle share their group's load equally, so that each group acts at its centre.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,7 +38,7 @@ class Inertial:
       cg_position: of its centre of gravity, behind the unit's origin [m].
       cg_height: above the road [m].
       inertia: about x, y, z through its own CG [kg m2]. The product Ixz of joined bodies (less than
-        1 % of Iz) is left out; the MJCF has it, as there the load is a body of its own.
+        1 % of Iz) is neglected; the MJCF includes it, because there the load is a separate body.
     """
 
     mass: float
@@ -57,13 +57,13 @@ class Inertial:
         return self.inertia[2]
 
     def about(self, position: float, height: float) -> FloatArray:
-        """Inertia about the axes through another point of the middle plane, (3,), by Steiner."""
+        """Returns the inertia about another point of the middle plane, (3,), by Steiner."""
         dx, dz = self.cg_position - position, self.cg_height - height
         return np.array(self.inertia) + self.mass * np.array([dz**2, dx**2 + dz**2, dx**2])
 
 
 def joined(*parts: Inertial) -> Inertial:
-    """The parts as one rigid body."""
+    """Returns the parts as one rigid body."""
     mass = sum(part.mass for part in parts)
     position = sum(part.mass * part.cg_position for part in parts) / mass
     height = sum(part.mass * part.cg_height for part in parts) / mass
@@ -72,17 +72,16 @@ def joined(*parts: Inertial) -> Inertial:
 
 
 def without(whole: Inertial, *parts: Inertial) -> Inertial:
-    """What remains of the whole when the parts are taken off."""
-    return joined(whole, *(_negative(part) for part in parts))
-
-
-def _negative(part: Inertial) -> Inertial:
-    x, y, z = part.inertia
-    return Inertial(-part.mass, part.cg_position, part.cg_height, (-x, -y, -z))
+    """Returns a rigid body less some of its parts."""
+    negative = [
+        Inertial(-part.mass, part.cg_position, part.cg_height, tuple(-i for i in part.inertia))  # type: ignore[arg-type]
+        for part in parts
+    ]
+    return joined(whole, *negative)
 
 
 def unit_inertial(unit: Tractor | Semitrailer) -> Inertial:
-    """A unit with its axles and wheels; the semitrailer without its load."""
+    """Returns a unit with its axles and wheels; the semitrailer without payload."""
     inertia = (unit.inertia_x, unit.inertia_y, unit.inertia_z)
     return Inertial(unit.mass, unit.cg_position, unit.cg_height, inertia)
 
@@ -90,7 +89,7 @@ def unit_inertial(unit: Tractor | Semitrailer) -> Inertial:
 def payload_inertial(
     parameters: TruckParameters, payload: float, payload_height: float | None = None
 ) -> Inertial:
-    """The payload as a rigid block; radii of gyration and place change not with its mass.
+    """Returns the payload as a rigid block, whose place and radii of gyration are constant.
 
     Args:
       parameters: of the truck.
@@ -110,40 +109,82 @@ def payload_inertial(
 def laden_trailer(
     parameters: TruckParameters, payload: float, payload_height: float | None = None
 ) -> Inertial:
-    """The semitrailer with its payload; arguments and errors as of `payload_inertial`."""
+    """Returns the semitrailer with its payload; arguments as of `payload_inertial`."""
     return joined(
         unit_inertial(parameters.semitrailer),
         payload_inertial(parameters, payload, payload_height),
     )
 
 
-def group_center(axles: tuple[Axle, ...]) -> float:
-    """Mean position of an axle group [m]."""
+def group_center(axles: Sequence[Axle]) -> float:
+    """Returns the mean position of an axle group [m]."""
     return float(np.mean([axle.position for axle in axles]))
 
 
 def kingpin_load(parameters: TruckParameters, payload: float) -> float:
-    """Vertical load on the fifth wheel at rest on level ground [N]."""
+    """Returns the vertical load on the fifth wheel at rest on level ground [N]."""
     trailer = laden_trailer(parameters, payload)
     group = group_center(parameters.semitrailer.axles)
     return trailer.mass * GRAVITY * (1.0 - trailer.cg_position / group)
 
 
 def static_axle_loads(parameters: TruckParameters, payload: float) -> FloatArray:
-    """Axle loads at rest on level ground [N], shape (6,), front to rear."""
+    """Returns axle loads at rest on level ground [N], shape (6,), front to rear."""
     tractor, trailer_axles = parameters.tractor, parameters.semitrailer.axles
     front, *drive = tractor.axles
     kingpin, origin = kingpin_load(parameters, payload), front.position
     moment = tractor.mass * GRAVITY * (tractor.cg_position - origin)
     moment += kingpin * (parameters.fifth_wheel.position - origin)
-    rear = moment / (group_center(tuple(drive)) - origin)
+    rear = moment / (group_center(drive) - origin)
     steer = tractor.mass * GRAVITY + kingpin - rear
     on_trailer = laden_trailer(parameters, payload).mass * GRAVITY - kingpin
     loads = [steer, *([rear / len(drive)] * len(drive))]
     return np.array(loads + [on_trailer / len(trailer_axles)] * len(trailer_axles))
 
 
+def cruise_axle_loads(parameters: TruckParameters, payload: float, speed: float) -> FloatArray:
+    """Returns axle loads at constant speed [m/s] on a level road [N], shape (6,), front to rear.
+
+    Statics of the two units with air drag at its height, the pull at the fifth wheel's, rolling
+    resistance as a forward shift of each wheel's load, and the drive force at the ground: the drive
+    axles carry more and the steer axle less than at rest. At speed 0 the loads are those at rest.
+    """
+    if speed <= 0.0:
+        return static_axle_loads(parameters, payload)
+    air, tires = parameters.aerodynamics, parameters.tires
+    rolling = parameters.tire_common.rolling_resistance
+    drag = 0.5 * air.density * air.drag_area * speed**2
+    drag_tractor, drag_trailer = air.tractor_share * drag, (1.0 - air.tractor_share) * drag
+    tractor, fifth = parameters.tractor, parameters.fifth_wheel
+    trailer = laden_trailer(parameters, payload)
+    front, *drive = tractor.axles
+
+    def lever(axles: Sequence[Axle]) -> float:
+        shift = rolling * tires[axles[0].tire].rolling_radius
+        return group_center(axles) - shift
+
+    weight = trailer.mass * GRAVITY
+    # Moments about the kingpin: the trailer's rolling resistance pulls at the ground, below it.
+    group = (weight * trailer.cg_position + drag_trailer * (air.pressure_height - fifth.height)) / (
+        lever(parameters.semitrailer.axles) + rolling * fifth.height
+    )
+    kingpin = weight - group
+    pull = drag_trailer + rolling * group
+    moment = (
+        tractor.mass * GRAVITY * (tractor.cg_position - front.position)
+        + kingpin * (fifth.position - front.position)
+        + pull * fifth.height
+        + drag_tractor * air.pressure_height
+    )
+    total = tractor.mass * GRAVITY + kingpin
+    front_lever, rear_lever = lever([front]) - front.position, lever(drive) - front.position
+    rear = (moment - total * front_lever) / (rear_lever - front_lever)
+    number = len(parameters.semitrailer.axles)
+    loads = [total - rear, *([rear / len(drive)] * len(drive)), *([group / number] * number)]
+    return np.array(loads)
+
+
 def axle_loads_by_name(parameters: TruckParameters, payload: float) -> dict[str, float]:
-    """`static_axle_loads` [N] by the axles' names."""
+    """Returns `static_axle_loads` [N] by the axles' names."""
     loads = static_axle_loads(parameters, payload)
     return {axle.name: float(load) for axle, load in zip(parameters.axles, loads, strict=True)}

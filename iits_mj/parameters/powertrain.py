@@ -1,19 +1,28 @@
-"""Numbers of engine, retarder, gearbox and driveline: `mjcf/truck.toml` and its tables."""
+"""Parameters of engine, retarder, clutch and gearbox: `mjcf/truck.toml` and its CSV tables.
+
+The TOML gives meaning, unit and source of each number; all are in SI units.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.errors import InputError
+from iits_mj.core.checks import one_of
 from iits_mj.parameters.files import Table2D
 
 SHIFT_STRATEGIES = ("tables", "adaptive")
 
 
 @dataclass(frozen=True)
-class EngineScalars:
-    """Scalar figures of the engine; the maps are in `Engine`."""
+class Engine:
+    """The identified engine.
+
+    Attributes:
+      full_load_speed, full_load_torque: [rad/s], [N m], shape (n,).
+      pedal_map: torque [N m] over engine speed [rad/s] (rows) and pedal 0..1 (columns).
+      fuel_map: BSFC [kg/J] over torque [N m] (rows) and engine speed [rad/s] (columns).
+    """
 
     idle_speed: float
     governed_speed: float
@@ -51,18 +60,6 @@ class EngineScalars:
     engine_brake_lag: float
     engine_brake_release_lag: float
     idle_fuel_rate: float
-
-
-@dataclass(frozen=True)
-class Engine(EngineScalars):
-    """The identified engine.
-
-    Attributes:
-      full_load_speed, full_load_torque: [rad/s], [N m], shape (n,).
-      pedal_map: torque [N m] over engine speed [rad/s] (rows) and pedal 0..1 (columns).
-      fuel_map: BSFC [kg/J] over torque [N m] (rows) and engine speed [rad/s] (columns).
-    """
-
     full_load_speed: FloatArray
     full_load_torque: FloatArray
     pedal_map: Table2D
@@ -85,7 +82,7 @@ class Retarder:
 
 @dataclass(frozen=True)
 class Clutch:
-    """How the clutch is moved; its capacity and times of engagement are the gearbox's."""
+    """Motion of the clutch; its capacity and engagement times are in `Gearbox`."""
 
     opening_time: float
     launch_range: float
@@ -97,40 +94,8 @@ class Clutch:
 
 
 @dataclass(frozen=True)
-class GearboxScalars:
-    """Scalar figures of gearbox, clutch and driveline."""
-
-    final_drive: float
-    efficiency: float
-    driveline_efficiency: float
-    start_gear: int
-    reverse_ratio: float
-    shift_cut_time: float
-    synchronization_time: float
-    synchronization_time_max: float
-    synchronized_difference: float
-    clutch_engagement_time: float
-    clutch_close_time: float
-    clutch_torque_max: float
-    driveline_stiffness: float
-    driveline_damping: float
-    loss_reversal_speed: float
-    downshift_delay: float
-    downshift_margin: float
-    min_gear_time: float
-    shift_strategy: str
-
-    def __post_init__(self) -> None:
-        if self.shift_strategy not in SHIFT_STRATEGIES:
-            raise InputError(
-                f"parameter gearbox.shift_strategy = {self.shift_strategy!r}: use one of "
-                f"{', '.join(SHIFT_STRATEGIES)}"
-            )
-
-
-@dataclass(frozen=True)
 class Shifting:
-    """When the gearbox controller shifts, beside the tables. Meaning and unit: mjcf/truck.toml."""
+    """Parameters of the gearbox controller beside the shift tables."""
 
     acceleration_lag: float
     load_lag: float
@@ -172,19 +137,41 @@ class Shifting:
 
 
 @dataclass(frozen=True)
-class Gearbox(GearboxScalars):
-    """The 12-speed automated gearbox.
+class Gearbox:
+    """The automated 12-speed gearbox with clutch times and driveline.
 
     Attributes:
       ratios: of gears 1 to 12, shape (12,).
       inertias: at the gearbox input, per gear [kg m2], shape (12,).
       upshift: vehicle speed [m/s] over from-gear 1..11 (rows) and pedal (columns).
       downshift: vehicle speed [m/s] over from-gear 2..12 (rows) and pedal (columns).
-      shifting: what the controller needs beside the tables.
+      shifting: parameters of the gearbox controller beside the tables.
     """
 
+    final_drive: float
+    efficiency: float
+    driveline_efficiency: float
+    start_gear: int
+    reverse_ratio: float
+    shift_cut_time: float
+    synchronization_time: float
+    synchronization_time_max: float
+    synchronized_difference: float
+    clutch_engagement_time: float
+    clutch_close_time: float
+    clutch_torque_max: float
+    driveline_stiffness: float
+    driveline_damping: float
+    loss_reversal_speed: float
+    downshift_delay: float
+    downshift_margin: float
+    min_gear_time: float
+    shift_strategy: str
     ratios: FloatArray
     inertias: FloatArray
     upshift: Table2D
     downshift: Table2D
     shifting: Shifting
+
+    def __post_init__(self) -> None:
+        one_of("parameter gearbox.shift_strategy", self.shift_strategy, SHIFT_STRATEGIES)

@@ -1,17 +1,16 @@
-"""Domain randomization: draws trucks from what is not known of the truck's figures.
+"""Domain randomization: draws trucks from the uncertainty of the truck's parameters.
 
     spread = Spread.load()
     drawn = spread.draw(np.random.default_rng(1))
     truck = Truck.load(24_000.0, parameters=drawn.overlay)
     scenario = Scenario(route=road, payload=24_000.0, parameters=drawn.overlay)   # for roll_out
 
-The figures' spread lies in `mjcf/spread.toml`, or in a file of yours of the same form.
+The uncertainties are in `mjcf/spread.toml`, or in a file of the same form.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,22 +19,21 @@ from typing import Any
 import numpy as np
 
 from iits_mj.core.assets import mjcf_path
+from iits_mj.core.checks import is_number
 from iits_mj.core.errors import InputError
 from iits_mj.parameters.files import read_toml
 from iits_mj.parameters.truck import TruckParameters
 
-_KEYS = {"parameters", "low", "high", "grade", "source"}
-
 
 @dataclass(frozen=True)
 class Quantity:
-    """One quantity that is not known exactly.
+    """An uncertain quantity.
 
     Attributes:
       name: of the quantity.
-      parameters: that are multiplied, all by the same factor; `*` stands for every axle.
+      parameters: that are multiplied by the same factor; `*` means every axle.
       low, high: bounds of the factor, which is uniform between them.
-      grade, source: as of the truck's figures.
+      grade, source: as those of the truck's parameters.
     """
 
     name: str
@@ -47,17 +45,38 @@ class Quantity:
 
     def __post_init__(self) -> None:
         if not self.parameters:
-            raise InputError(f"spread of {self.name}: at least one parameter is wanted")
-        if not (math.isfinite(self.high) and 0.0 <= self.low <= self.high):
+            raise InputError(f"spread of {self.name}: at least one parameter is needed")
+        if not (is_number(self.low) and is_number(self.high) and 0.0 <= self.low <= self.high):
             raise InputError(
                 f"spread of {self.name}: factors {self.low!r} to {self.high!r} are not allowed; "
                 "use finite ones, 0 or more, low first"
             )
 
+    @classmethod
+    def from_table(cls, name: str, table: Any) -> Quantity:
+        """Reads a quantity from its TOML table.
+
+        Raises:
+          InputError: it is not a table, or a key or value is wrong.
+        """
+        if not isinstance(table, Mapping):
+            raise InputError(f"spread {name!r} is not a table")
+        allowed = {field.name for field in dataclasses.fields(cls)} - {"name"}
+        unknown, missing = set(table) - allowed, {"parameters", "low", "high"} - set(table)
+        if unknown or missing:
+            raise InputError(
+                f"spread of {name}: unknown {sorted(unknown)}, missing {sorted(missing)}; allowed "
+                f"are {sorted(allowed)}"
+            )
+        try:
+            return cls(name, **{**table, "parameters": tuple(map(str, table["parameters"]))})
+        except TypeError as error:
+            raise InputError(f"spread of {name}: {error}") from error
+
 
 @dataclass(frozen=True)
 class Drawn:
-    """One truck.
+    """A truck that was drawn.
 
     Attributes:
       factors: by quantity.
@@ -69,14 +88,14 @@ class Drawn:
 
 
 class Spread:
-    """What is drawn from.
+    """The uncertain quantities of a truck.
 
     Args:
       quantities: of different names.
       base: parameters that are multiplied; default: the shipped truck's.
 
     Raises:
-      InputError: a parameter does not exist or is no number, or two quantities share one.
+      InputError: a parameter does not exist or is not a number, or two quantities share one.
     """
 
     def __init__(
@@ -99,63 +118,42 @@ class Spread:
         Raises:
           InputError: unreadable file, unknown key, or see `Spread`.
         """
-        file = Path(path) if path is not None else mjcf_path("spread.toml")
-        return cls(tuple(_quantity(name, told) for name, told in read_toml(file).items()), base)
+        tables = read_toml(Path(path) if path is not None else mjcf_path("spread.toml"))
+        return cls(tuple(Quantity.from_table(*entry) for entry in tables.items()), base)
 
     def draw(self, generator: np.random.Generator) -> Drawn:
-        """A truck; the generator alone decides which."""
+        """Draws a truck."""
         factors = {q.name: float(generator.uniform(q.low, q.high)) for q in self.quantities}
         return Drawn(factors, self._overlay(factors))
 
     def nominal(self) -> Drawn:
-        """The truck as it is: all factors 1."""
-        factors = {quantity.name: 1.0 for quantity in self.quantities}
-        return Drawn(factors, {})
+        """Returns the truck with all factors 1."""
+        return Drawn({quantity.name: 1.0 for quantity in self.quantities}, {})
 
     def _overlay(self, factors: Mapping[str, float]) -> dict[str, Any]:
-        found: dict[str, Any] = {}
+        overlay: dict[str, Any] = {}
         for quantity in self.quantities:
             for path in quantity.parameters:
-                _put(found, self._tree, path.split("."), factors[quantity.name], path)
-        return found
+                _multiply(overlay, self._tree, path.split("."), factors[quantity.name], path)
+        return overlay
 
 
-def _quantity(name: str, told: Any) -> Quantity:
-    if not isinstance(told, Mapping):
-        raise InputError(f"spread {name!r} is no table")
-    unknown, missing = set(told) - _KEYS, {"parameters", "low", "high"} - set(told)
-    if unknown or missing:
-        raise InputError(
-            f"spread of {name}: unknown {sorted(unknown)}, missing {sorted(missing)}; allowed are "
-            f"{sorted(_KEYS)}"
-        )
-    try:
-        return Quantity(
-            name,
-            tuple(map(str, told["parameters"])),
-            float(told["low"]),
-            float(told["high"]),
-            str(told.get("grade", "J")),
-            str(told.get("source", "")),
-        )
-    except (TypeError, ValueError) as error:
-        raise InputError(f"spread of {name}: {error}") from error
-
-
-def _put(found: dict[str, Any], tree: Any, keys: list[str], factor: float, path: str) -> None:
-    """Writes one parameter, multiplied, into an overlay."""
+def _multiply(
+    overlay: dict[str, Any], tree: Any, keys: list[str], factor: float, path: str
+) -> None:
+    """Writes the parameter at `keys` of a tree, multiplied, into an overlay."""
     first, *rest = keys
     if not isinstance(tree, Mapping) or first not in tree:
         raise InputError(f"spread of {path}: there is no such parameter")
     part = tree[first]
     if rest[:1] == ["*"] and isinstance(part, (list, tuple)):
-        rows = found.setdefault(first, [{"name": row["name"]} for row in part])
+        rows = overlay.setdefault(first, [{"name": row["name"]} for row in part])
         for row, original in zip(rows, part, strict=True):
-            _put(row, original, rest[1:], factor, path)
+            _multiply(row, original, rest[1:], factor, path)
     elif rest:
-        _put(found.setdefault(first, {}), part, rest, factor, path)
+        _multiply(overlay.setdefault(first, {}), part, rest, factor, path)
     else:
         values = np.asarray(part)
         if values.dtype.kind not in "fi":
-            raise InputError(f"spread of {path}: {part!r} is no number")
-        found[first] = (values * factor).tolist()
+            raise InputError(f"spread of {path}: {part!r} is not a number")
+        overlay[first] = (values * factor).tolist()

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.parameters.truck import Tire, TireCommon
+from iits_mj.parameters.truck import Tire, TireCommon, TruckParameters
 
 
 def cornering_stiffness(load: ArrayLike, tire: Tire, common: TireCommon) -> FloatArray:
-    """Cornering stiffness of one tire [N/rad] at vertical load [N], any shape.
+    """Returns the cornering stiffness of one tire [N/rad] at vertical load [N], any shape.
 
     `K_y(Fz) = c Fz1 f(Fz) / f(Fz1)` with `f(Fz) = sin(2 atan(Fz / (s Fz0)))` and `Fz1` the load at
     which the coefficient `c` holds; zero for a lifted tire.
@@ -25,8 +25,19 @@ def cornering_stiffness(load: ArrayLike, tire: Tire, common: TireCommon) -> Floa
     return np.asarray(scale * shape / _load_shape(tire.cornering_load, common))
 
 
+def axle_cornering_stiffness(parameters: TruckParameters, loads: FloatArray) -> FloatArray:
+    """Returns the cornering stiffness of each axle [N/rad], (6,), at axle loads [N], (6,)."""
+    stiffness = []
+    for axle, load in zip(parameters.axles, loads, strict=True):
+        tire = parameters.tires[axle.tire]
+        tires = 2 * tire.count
+        one = cornering_stiffness(load / tires, tire, parameters.tire_common)
+        stiffness.append(tires * float(one))
+    return np.array(stiffness)
+
+
 def nominal_cornering_coefficient(tire: Tire, common: TireCommon) -> float:
-    """`K_y / Fz0` of a tire at the nominal load `Fz0` [1/rad], as the tire plugin wants it."""
+    """Returns `K_y / Fz0` at the nominal load `Fz0` [1/rad], as the tire plugin takes it."""
     return float(cornering_stiffness(common.nominal_load, tire, common)) / common.nominal_load
 
 
@@ -36,7 +47,7 @@ def _load_shape(load: ArrayLike, common: TireCommon) -> FloatArray:
 
 
 def lateral_shape(stretch: ArrayLike, common: TireCommon) -> FloatArray:
-    """Magic Formula of the side force over its peak, any shape (Pacejka, eq. 4.6).
+    """Returns the side force of the Magic Formula over its peak, any shape (Pacejka, eq. 4.6).
 
     Args:
       stretch: `B tan(alpha)`, which is `K_y tan(alpha) / (C mu Fz)`.
@@ -48,7 +59,7 @@ def lateral_shape(stretch: ArrayLike, common: TireCommon) -> FloatArray:
 
 
 def friction(load: ArrayLike, nominal_friction: float, common: TireCommon) -> FloatArray:
-    """Peak friction coefficient `mu0 (1 - slope (Fz / Fz0 - 1))` at load [N], not below 0.
+    """Returns peak friction `mu0 (1 - slope (Fz / Fz0 - 1))` at load [N], not below 0.
 
     Args:
       load: vertical load of one tire [N], any shape.

@@ -1,14 +1,13 @@
-"""The truck's numbers: frozen dataclasses, from `mjcf/truck.toml` and the CSV tables beside it.
+"""The truck's parameters as frozen dataclasses, read from `mjcf/truck.toml` and its CSV tables.
 
-Every quantity of the TOML is `{ value, unit, grade, source }`; an overlay (a file of identified
-parameters, say) may give plain values. Positions are metres behind the steer axle (tractor) or
-behind the kingpin (semitrailer), heights are above the road, masses of a unit include its axles.
+Every quantity of the TOML is `{ value, unit, grade, source }`; an overlay (for instance a file of
+identified parameters) may give plain values. Positions are metres behind the steer axle (tractor)
+or behind the kingpin (semitrailer), heights are above the road, masses of a unit include its axles.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
 import typing
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,13 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from iits_mj.core.assets import mjcf_dir
-from iits_mj.core.errors import InputError
+from iits_mj.core.checks import in_range
 from iits_mj.parameters.brakes import AirBrake
 from iits_mj.parameters.files import (
-    air_brake_tables,
     build,
-    engine_tables,
-    gearbox_tables,
+    csv_tables,
     merge,
     plain,
     read_toml,
@@ -86,7 +83,7 @@ class Semitrailer:
 
 @dataclass(frozen=True)
 class Payload:
-    """The load at its greatest mass; a smaller load keeps CG and radii of gyration.
+    """The payload at its greatest mass; a smaller one keeps CG and radii of gyration.
 
     `cg_height` may lie between `cg_height_min` and `cg_height_max`, see `with_payload_height`.
     """
@@ -119,7 +116,7 @@ class FifthWheel:
 
 @dataclass(frozen=True)
 class Steering:
-    """From steering wheel to road wheels."""
+    """Steering from steering wheel to road wheels."""
 
     ratio: float
     dead_band: float
@@ -147,7 +144,7 @@ class Tire:
 
 @dataclass(frozen=True)
 class TireCommon:
-    """Magic Formula figures that all tires share."""
+    """Magic Formula parameters that all tires share."""
 
     nominal_load: float
     friction_lateral: float
@@ -178,7 +175,7 @@ class Aerodynamics:
 
 @dataclass(frozen=True)
 class TruckParameters:
-    """Everything that makes the truck this truck. `load` reads it, `replace` varies it."""
+    """All parameters of a truck; `load` reads them, `dataclasses.replace` changes them."""
 
     tractor: Tractor
     semitrailer: Semitrailer
@@ -200,10 +197,11 @@ class TruckParameters:
         path: str | Path | None = None,
         overlay: str | Path | Mapping[str, Any] | None = None,
     ) -> TruckParameters:
-        """Reads the truck's TOML and CSV tables.
+        """Reads the TOML and CSV tables of a truck.
 
         Args:
-          path: a complete truck file; its CSV tables lie beside it. Default: the shipped truck.
+          path: a complete truck file, with its CSV tables in the same folder; default: the shipped
+            truck.
           overlay: a TOML file or a nested mapping with the values to change, for instance
             `{"engine": {"boost_lag": 0.5}, "tires": {"steer": {"free_radius": 0.54}}}`.
 
@@ -215,38 +213,25 @@ class TruckParameters:
         if overlay is not None:
             extra = overlay if isinstance(overlay, Mapping) else read_toml(Path(overlay))
             tree = merge(tree, plain(extra), "")
-        folder = file.resolve().parent
-        tables = {
-            "engine": engine_tables(folder),
-            "gearbox": gearbox_tables(folder),
-            "air_brake": air_brake_tables(folder),
-        }
-        for name, content in tables.items():
-            scalars = dict(section(tree, name))
-            scalars.update({k: v for k, v in content.items() if k not in scalars})
-            tree[name] = scalars
+        for name, tables in csv_tables(file.resolve().parent).items():
+            tree[name] = tables | dict(section(tree, name))
         return typing.cast(TruckParameters, build(cls, tree, "truck"))
 
     @property
     def axles(self) -> tuple[Axle, ...]:
-        """All six axles, front to rear."""
+        """Axles of both units, front to rear."""
         return self.tractor.axles + self.semitrailer.axles
 
     def gross_mass(self, payload: float) -> float:
-        """Mass of the combination [kg] with this payload [kg]."""
+        """Returns the mass of the combination [kg] with a payload [kg]."""
         return self.tractor.mass + self.semitrailer.mass + self.check_payload(payload)
 
     def check_payload(self, payload: float) -> float:
-        """The payload as float; InputError outside [0, mass_max]."""
-        value = float(payload)
-        if not math.isfinite(value) or not 0.0 <= value <= self.payload.mass_max:
-            raise InputError(
-                f"payload {payload!r} kg is not allowed: use 0 to {self.payload.mass_max:g} kg"
-            )
-        return value
+        """Returns the payload [kg] as float; raises InputError outside [0, mass_max]."""
+        return in_range("payload", payload, 0.0, self.payload.mass_max, "kg")
 
     def with_payload_height(self, height: float | None) -> TruckParameters:
-        """The same truck with the payload's CG at this height above the road [m].
+        """Returns the truck with the payload's CG at this height above the road [m].
 
         None changes nothing. The load keeps its inertia about its own CG.
 
@@ -255,10 +240,6 @@ class TruckParameters:
         """
         if height is None:
             return self
-        value, load = float(height), self.payload
-        if not load.cg_height_min <= value <= load.cg_height_max:
-            raise InputError(
-                f"payload_height {height!r} m is not allowed: use {load.cg_height_min:g} to "
-                f"{load.cg_height_max:g} m above the road"
-            )
+        load = self.payload
+        value = in_range("payload_height", height, load.cg_height_min, load.cg_height_max, "m")
         return dataclasses.replace(self, payload=dataclasses.replace(load, cg_height=value))

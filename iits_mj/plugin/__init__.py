@@ -1,4 +1,4 @@
-"""Finds the compiled MuJoCo engine plugin and registers it, once per process."""
+"""Finds the compiled MuJoCo engine plugin and registers it once per process."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _registered: Path | None = None
 
 
 def library_path() -> Path:
-    """Path of the compiled plugin library.
+    """Returns the path of the compiled plugin library.
 
     Raises:
-      PluginError: it is not there (the package was not built).
+      PluginError: it is missing (the package was not built).
     """
-    # In an editable install the library lies in site-packages, not beside the sources.
+    # In an editable install the library is in site-packages, not beside the sources.
     spec = importlib.util.find_spec("iits_mj")
     folders = list(spec.submodule_search_locations or []) if spec else []
     for folder in folders:

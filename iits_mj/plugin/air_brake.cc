@@ -1,263 +1,444 @@
-#include "plugin/air_brake.h"
+// Air brake plugin `iits.air_brake`. Hubs (the bodies that do not spin) reference the instance: in
+// body order, left and right of each axle, each with one child body on one hinge, the wheel.
+// Actuators, by local name: `xbr_demand`, `xbr_mode` and optionally `parking_brake`, `brake_pedal`,
+// `xbr_ebi_mode`; they exert no force themselves. Where the transmission of `xbr_demand` is a fixed
+// tendon over driven wheels, that is the propeller shaft, and an `iits.powertrain` beside it helps
+// to brake.
+#include "plugin/laws/air_brake.h"
 
-#include <mujoco/mujoco.h>
-
-#include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <cstdint>
-#include <cstring>
+#include <string>
 
-#include "plugin/registration.h"
+#include "plugin/plugin.h"
 #include "plugin/spatial.h"
 
 namespace iits {
 namespace {
 
-const char* const kAttributes[] = {
-    // axles
-    "circuit", "dead_time", "build_up_time_constant", "release_time_constant",
-    "torque_per_pressure", "parking_torque", "wheel_radius", "chamber_volume",
-    // wheel ends and lines
-    "push_out_pressure", "hysteresis_pressure", "abs_release_slip", "abs_reapply_slip",
-    "abs_speed_min", "abs_time_constant", "abs_yaw_rise_rate", "abs_slip_lag", "abs_slip_lead",
-    "abs_speed_low", "stiffness", "trailer_line_delay", "parking_time_constant",
-    // control
-    "supply_rise_rate", "supply_fall_rate", "pressure_max", "release_rate", "pedal_deceleration",
-    "rolling_resistance", "filter_time_constant", "trim_gain", "trim_max", "trim_share",
-    "trim_speed_min", "hysteresis_time_constant", "endurance_speed_off", "endurance_speed_on",
-    "endurance_rate", "hold_speed", "hold_deceleration", "hold_release_speed", "hill_hold_time",
-    "hill_hold_min",
-    // distribution
-    "mass_light", "mass_heavy", "demand", "share_light", "share_heavy",
-    // air supply
-    "reservoir_volume", "compressor_displacement", "governor_cut_in", "governor_cut_out",
-    "spring_begin_pressure", "spring_full_pressure"};
+using Demand = BrakeDemand<double>;
+using Wheel = WheelBrake<double>;
+
+const char* const kCircuitNames[kCircuits] = {"front", "rear", "trailer"};
+const char* const kPressures = "brake_pressures";
+const char* const kTorques = "brake_torques";
+const char* const kSpeeds = "wheel_speeds";
+const char* const kSides[2] = {"_left", "_right"};
 
 // Of SPN 2920 [m/s2]: resolution and range.
 constexpr double kDemandMin = 1. / 2048, kDemandMax = 15.687;
 
-}  // namespace
+class AirBrakePlugin : public PluginBase {
+ public:
+  using State = AirBrakeState<double>;
 
-// Speed of the hub along its own x axis.
-double AirBrake::HubSpeed(const mjModel* m, const mjData* d, int hub) const {
-  mjtNum linear[3], angular[3];
-  PointVelocity(m, d, hub, d->xpos + 3 * hub, linear, angular);
-  const mjtNum* frame = d->xmat + 9 * hub;
-  return frame[0] * linear[0] + frame[3] * linear[1] + frame[6] * linear[2];
-}
-
-// Control value within its range; 0 where there is none, or not a number.
-double AirBrake::Control(const mjModel* m, const mjData* d, int actuator, double low,
-                         double high) const {
-  if (actuator < 0) return 0;
-  double value = d->ctrl[m->actuator_ctrladr[actuator]];
-  return std::isfinite(value) ? std::clamp(value, low, high) : 0;
-}
-
-BrakeDemand AirBrake::ReadDemand(const mjModel* m, const mjData* d, const State& s) const {
-  BrakeDemand demand;
-  demand.xbr = -Control(m, d, demand_, -kDemandMax, 0);
-  if (demand.xbr < kDemandMin) demand.xbr = 0;
-  // The fourth value of both two-bit fields is not defined: as if off, friction only.
-  long mode = std::lround(Control(m, d, mode_, 0, 3));
-  long ebi_mode = std::lround(Control(m, d, ebi_mode_, 0, 3));
-  demand.xbr_mode = static_cast<BrakeDemand::XbrMode>(mode < 3 ? mode : 0);
-  demand.ebi_mode = static_cast<BrakeDemand::EbiMode>(ebi_mode < 3 ? ebi_mode : 0);
-  demand.pedal = Control(m, d, pedal_, 0, 1);
-  demand.speed = 0.5 * (HubSpeed(m, d, wheels_[0].hub) + HubSpeed(m, d, wheels_[1].hub));
-  // Of the model as it is now, which may have been varied since it was made.
-  demand.mass = m->body_subtreemass[m->body_rootid[wheels_[0].hub]];
-  demand.gravity = mju_norm3(m->opt.gravity);
-  demand.abs_active = demand.abs_on_drive = false;
-  demand.uphill_torque = 0;
-  for (size_t i = 0; i < wheels_.size(); ++i) {
-    const bool abs = s.now.wheel[i].abs_active != 0;
-    demand.abs_active = demand.abs_active || abs;
-    demand.abs_on_drive = demand.abs_on_drive || (abs && wheels_[i].circuit == kDrive);
-    demand.uphill_torque -= s.wind_up.torque[i];
+  // One number, or one of every wheel: each sensor costs MuJoCo time, whatever it shows.
+  static int SensorSize(const mjModel* m, int instance, int sensor) {
+    const std::string name = LocalName(mj_id2name(m, mjOBJ_SENSOR, sensor));
+    const bool every = name == kPressures || name == kTorques || name == kSpeeds;
+    return every ? static_cast<int>(BodiesOfInstance(m, instance).size()) : 1;
   }
-  EnduranceState shaft = ReadPartner<EnduranceState>(m, d, powertrain_);
-  demand.shaft_force = shaft_ratio_ * shaft.shaft_torque;
-  demand.shaft_force_max = shaft_ratio_ * shaft.shaft_torque_max;
-  demand.reservoir = s.next.reservoir.pressure;
-  return demand;
+
+  Attributes Table();
+  bool Bind(const mjModel* m, int instance);
+  void Passive(const mjModel* m, mjData* d, State* s) const;
+  void Actuator(const mjModel* m, mjData* d, State* s) const;
+  void Sensors(const mjModel* m, mjData* d, const State* s) const;
+
+  void Advance(const mjModel* m, mjData* d, State* s) const {
+    law_.Commit(m->opt.timestep, [this, d](size_t i) { return d->qvel[dofs_[i]]; }, s);
+  }
+
+ private:
+  // A sensor's value is the mean of some numbers of the state; 0 of none.
+  struct Sensor {
+    int address;
+    int begin, end;  // of their places in the state, in places_
+    double share;    // of each
+  };
+
+  bool FindHubs(const mjModel* m, int instance);
+  bool FindActuators(const mjModel* m, int instance);
+  void FindShaft(const mjModel* m);
+  bool FindSensors(const mjModel* m, int instance);
+  bool FindSignal(const std::string& name);
+  bool Check(const mjModel* m, int instance) const;
+
+  // Speed of the hub along its own x axis.
+  double HubSpeed(const mjModel* m, const mjData* d, size_t i) const {
+    const int hub = hubs_[i];
+    mjtNum linear[3], angular[3];
+    PointVelocity(m, d, hub, d->xpos + 3 * hub, linear, angular);
+    const mjtNum* frame = d->xmat + 9 * hub;
+    return frame[0] * linear[0] + frame[3] * linear[1] + frame[6] * linear[2];
+  }
+
+  AirBrake<double> law_;
+  std::vector<int> hubs_, dofs_;  // of each wheel: body that does not spin, degree of freedom
+  double trailer_delay_ = 0;
+  int demand_ = -1, mode_ = -1, parking_ = -1, pedal_ = -1, ebi_mode_ = -1;  // actuators
+  int powertrain_ = -1;                                                      // instance
+  std::vector<Sensor> sensors_;
+  std::vector<int> places_;
+  int speeds_ = -1;  // place of the sensor `wheel_speeds` in sensordata
+};
+
+Attributes AirBrakePlugin::Table() {
+  // One number an axle, one for all wheels.
+  auto per_axle = [this](const char* name, double low, double high, auto member) -> Attribute {
+    return {name, [=](const mjModel* m, int instance, const char* key) {
+              const size_t axles = law_.wheels.size() / 2;
+              std::vector<double> values;
+              if (!ReadNumbers(m, instance, key, axles, axles, low, high, &values)) return false;
+              for (size_t i = 0; i < 2 * axles; ++i) law_.wheels[i].*member = values[i / 2];
+              return true;
+            }};
+  };
+  auto common = [this](const char* name, double low, double high,
+                       double Wheel::* member) -> Attribute {
+    return {name, [=](const mjModel* m, int instance, const char* key) {
+              double value;
+              if (!Number(key, low, high, &value).read(m, instance, key)) return false;
+              for (Wheel& wheel : law_.wheels) wheel.*member = value;
+              return true;
+            }};
+  };
+  BrakeControl<double>& c = law_.control;
+  BrakeDistribution<double>& d = c.distribution;
+  Reservoirs<double>& r = law_.reservoirs;
+  return {
+      // Axles.
+      per_axle("circuit", 0, kCircuits - 1, &Wheel::circuit),
+      per_axle("dead_time", 0, 2, &Wheel::dead_time),
+      per_axle("build_up_time_constant", 0.001, 10, &Wheel::build_up_time_constant),
+      per_axle("release_time_constant", 0.001, 10, &Wheel::release_time_constant),
+      per_axle("torque_per_pressure", 0, 10, &Wheel::torque_per_pressure),
+      per_axle("parking_torque", 0, 1e6, &Wheel::parking_torque),
+      per_axle("wheel_radius", 0.05, 5, &Wheel::wheel_radius),
+      per_axle("chamber_volume", 0, 1, &Wheel::chamber_volume),
+      // Wheel ends and lines.
+      common("push_out_pressure", 1, 1e6, &Wheel::push_out_pressure),
+      common("hysteresis_pressure", 1, 1e6, &Wheel::hysteresis_pressure),
+      common("abs_release_slip", 0.01, 1, &Wheel::abs_release_slip),
+      common("abs_reapply_slip", 0, 1, &Wheel::abs_reapply_slip),
+      common("abs_speed_min", 0.1, 100, &Wheel::abs_speed_min),
+      common("abs_time_constant", 0.001, 10, &Wheel::abs_time_constant),
+      common("abs_yaw_rise_rate", 1, 1e9, &Wheel::abs_yaw_rise_rate),
+      common("abs_slip_lag", 0.001, 1, &Wheel::abs_slip_lag),
+      common("abs_slip_lead", 0, 1, &Wheel::abs_slip_lead),
+      common("abs_speed_low", 0.1, 100, &Wheel::abs_speed_low),
+      common("stiffness", 1, 1e9, &Wheel::stiffness),
+      Number("trailer_line_delay", 0, 2, &trailer_delay_),
+      Number("parking_time_constant", 0.001, 10, &law_.parking_time_constant),
+      // Control.
+      Number("supply_rise_rate", 1, 1e9, &c.rise_rate),
+      Number("supply_fall_rate", 1, 1e9, &c.fall_rate),
+      Number("pressure_max", 1, 1e8, &c.pressure_max),
+      Number("release_rate", 0.01, 1e6, &c.release_rate),
+      Number("pedal_deceleration", 0, 100, &c.pedal_deceleration),
+      Number("rolling_resistance", 0, 1, &c.rolling_resistance),
+      Number("filter_time_constant", 0.001, 10, &c.filter_time),
+      Number("trim_gain", 0, 10, &c.trim_gain),
+      Number("trim_max", 0, 10, &c.trim_max),
+      Number("trim_share", 0, 1, &c.trim_share),
+      Number("trim_speed_min", 0, 100, &c.trim_speed_min),
+      Number("hysteresis_time_constant", 0.001, 10, &c.hysteresis_time),
+      Number("endurance_speed_off", 0, 100, &c.shaft_speed_off),
+      Number("endurance_speed_on", 0, 100, &c.shaft_speed_on),
+      Number("endurance_rate", 0.01, 1e6, &c.endurance_rate),
+      Number("hold_speed", 0, 10, &c.hold_speed),
+      Number("hold_deceleration", 0, 10, &c.hold_deceleration),
+      Number("hold_release_speed", 0, 10, &c.hold_release_speed),
+      Number("hill_hold_time", 0, 60, &c.hold_time_max),
+      Number("hill_hold_min", 0, 10, &c.hold_uphill),
+      // Distribution.
+      Number("mass_light", 1, 1e6, &d.mass_light),
+      Number("mass_heavy", 1, 1e6, &d.mass_heavy),
+      Ordered("demand", 1, 2, 1000, 0, 1000, &d.demand),
+      Values("share_light", 0, 1, &d.light, {&d.demand}, kCircuits),
+      Values("share_heavy", 0, 1, &d.heavy, {&d.demand}, kCircuits),
+      // Air supply.
+      {"reservoir_volume",
+       [&r](const mjModel* m, int instance, const char* name) {
+         std::vector<double> volume;
+         if (!ReadNumbers(m, instance, name, kCircuits, kCircuits, 1e-4, 100, &volume)) {
+           return false;
+         }
+         std::copy(volume.begin(), volume.end(), r.volume);
+         return true;
+       }},
+      Number("compressor_displacement", 0, 1, &r.displacement),
+      Number("governor_cut_in", 0, 1e8, &r.cut_in),
+      Number("governor_cut_out", 1, 1e8, &r.cut_out),
+      Number("spring_begin_pressure", 1, 1e8, &r.spring_begin),
+      Number("spring_full_pressure", 0, 1e8, &r.spring_full),
+  };
 }
 
-// Brake torque from the committed pressures.
-void AirBrake::Passive(const mjModel* m, mjData* d, int instance) const {
-  State* s = reinterpret_cast<State*>(d->plugin_state + m->plugin_stateadr[instance]);
-  const double h = m->opt.timestep;
-  double power = 0;
-  for (size_t i = 0; i < wheels_.size(); ++i) {
-    const WheelBrake& wheel = wheels_[i];
-    double capacity = wheel.Torque(s->now.wheel[i], s->now.parking[wheel.circuit]);
-    if (capacity == 0) {
-      s->next_wind_up.angle[i] = s->next_wind_up.torque[i] = 0;
+bool AirBrakePlugin::Bind(const mjModel* m, int instance) {
+  if (!FindActuators(m, instance) || !FindHubs(m, instance)) return false;
+  if (!ReadAttributes(m, instance, Table()) || !Check(m, instance)) return false;
+  for (Wheel& wheel : law_.wheels) {
+    if (wheel.circuit == kTrailer) wheel.dead_time += trailer_delay_;
+  }
+  law_.control.distribution.push_out = law_.wheels[0].push_out_pressure;
+  law_.control.hysteresis = law_.wheels[0].hysteresis_pressure;
+  law_.Prepare(m->opt.timestep);
+  FindShaft(m);
+  return FindSensors(m, instance);
+}
+
+// Bounds that depend on other attributes.
+bool AirBrakePlugin::Check(const mjModel* m, int instance) const {
+  const Wheel& wheel = law_.wheels[0];
+  const BrakeControl<double>& c = law_.control;
+  const BrakeDistribution<double>& d = c.distribution;
+  const Reservoirs<double>& r = law_.reservoirs;
+  if (wheel.abs_reapply_slip >= wheel.abs_release_slip) {
+    return Refuse(m, instance, "abs_reapply_slip %g must be less than abs_release_slip %g",
+                  wheel.abs_reapply_slip, wheel.abs_release_slip);
+  }
+  if (c.shaft_speed_on <= c.shaft_speed_off) {
+    return Refuse(m, instance, "endurance_speed_on %g must exceed endurance_speed_off %g",
+                  c.shaft_speed_on, c.shaft_speed_off);
+  }
+  if (d.mass_heavy <= d.mass_light) {
+    return Refuse(m, instance, "mass_heavy %g must exceed mass_light %g", d.mass_heavy,
+                  d.mass_light);
+  }
+  if (r.cut_in >= r.cut_out || r.spring_full >= r.spring_begin || r.spring_begin >= r.cut_in) {
+    return Refuse(m, instance,
+                  "attributes must have spring_full_pressure < spring_begin_pressure < "
+                  "governor_cut_in < governor_cut_out; they are %g, %g, %g, %g",
+                  r.spring_full, r.spring_begin, r.cut_in, r.cut_out);
+  }
+  return true;
+}
+
+bool AirBrakePlugin::FindHubs(const mjModel* m, int instance) {
+  hubs_ = BodiesOfInstance(m, instance);
+  if (hubs_.size() < 2 || hubs_.size() > kWheelsMax || hubs_.size() % 2) {
+    return Refuse(m, instance, "%zu hub bodies reference it; allowed are 2 to %d, two an axle",
+                  hubs_.size(), kWheelsMax);
+  }
+  for (int hub : hubs_) {
+    int children = 0, dof = -1;
+    for (int body = 1; body < m->nbody; ++body) {
+      if (m->body_parentid[body] != hub) continue;
+      ++children;
+      const int joint = m->body_jntadr[body];
+      if (m->body_jntnum[body] == 1 && m->jnt_type[joint] == mjJNT_HINGE) {
+        dof = m->jnt_dofadr[joint];
+      }
+    }
+    if (dof < 0 || children != 1) {
+      const char* name = mj_id2name(m, mjOBJ_BODY, hub);
+      return Refuse(m, instance, "hub body '%s' must have one child, a wheel on one hinge",
+                    name ? name : "");
+    }
+    dofs_.push_back(dof);
+    law_.wheels.emplace_back().inertia = m->dof_M0[dof];
+  }
+  return true;
+}
+
+bool AirBrakePlugin::FindActuators(const mjModel* m, int instance) {
+  for (int i : ActuatorsOfInstance(m, instance)) {
+    const std::string name = LocalName(mj_id2name(m, mjOBJ_ACTUATOR, i));
+    int* slot = name == "xbr_demand"      ? &demand_
+                : name == "xbr_mode"      ? &mode_
+                : name == "parking_brake" ? &parking_
+                : name == "brake_pedal"   ? &pedal_
+                : name == "xbr_ebi_mode"  ? &ebi_mode_
+                                          : nullptr;
+    if (!slot || *slot >= 0) {
+      return Refuse(m, instance,
+                    "actuator '%s' is not one of xbr_demand, xbr_mode, parking_brake, brake_pedal, "
+                    "xbr_ebi_mode, each at most once",
+                    name.c_str());
+    }
+    *slot = i;
+  }
+  if (demand_ < 0 || mode_ < 0) {
+    return Refuse(m, instance, "needs the actuators xbr_demand and xbr_mode");
+  }
+  powertrain_ = PartnerInstance(m, demand_, "iits.powertrain");
+  return true;
+}
+
+// The shaft's speed is the sum of the wheels' times their coefficients: the final drive.
+void AirBrakePlugin::FindShaft(const mjModel* m) {
+  if (powertrain_ < 0 || m->actuator_trntype[demand_] != mjTRN_TENDON) return;
+  const int tendon = m->actuator_trnid[2 * demand_];
+  const int begin = m->tendon_adr[tendon];
+  for (int i = begin; i < begin + m->tendon_num[tendon]; ++i) {
+    if (m->wrap_type[i] != mjWRAP_JOINT) continue;
+    const int dof = m->jnt_dofadr[m->wrap_objid[i]];
+    for (size_t k = 0; k < dofs_.size(); ++k) {
+      if (dofs_[k] == dof) law_.shaft_ratio += m->wrap_prm[i] / law_.wheels[k].wheel_radius;
+    }
+  }
+}
+
+// --- sensors -------------------------------------------------------------------------------------
+
+int Place(size_t offset) { return static_cast<int>(offset / sizeof(mjtNum)); }
+
+using State = AirBrakePlugin::State;
+using Pneumatics = BrakePneumatics<double>;
+using Air = ReservoirState<double>;
+using Chamber = WheelBrakeState<double>;
+
+// Place of a chamber's pressure in the state.
+int Pressure(size_t wheel) {
+  return Place(offsetof(State, now) + offsetof(Pneumatics, wheel) + wheel * sizeof(Chamber) +
+               offsetof(Chamber, pressure));
+}
+
+constexpr size_t kReservoir = offsetof(State, now) + offsetof(Pneumatics, reservoir);
+
+int ReservoirPressure(size_t circuit) {
+  return Place(kReservoir + offsetof(Air, pressure) + circuit * sizeof(mjtNum));
+}
+
+// Of the step that is being taken, as the other forces that sensors show.
+int Torque(size_t wheel) {
+  return Place(offsetof(State, next_wind_up) + offsetof(BrakeWindUp<double>, torque) +
+               wheel * sizeof(mjtNum));
+}
+
+const struct {
+  const char* name;
+  size_t offset;
+} kSingles[] = {
+    {"xbr_active", offsetof(State, xbr_active)},
+    {"abs_active", offsetof(State, abs_active)},
+    {"brake_work", offsetof(State, work)},
+    {"endurance_torque_demand", offsetof(State, endurance)},
+    {"compressor_active", kReservoir + offsetof(Air, pumping)},
+};
+static_assert(offsetof(EnduranceDemand<double>, shaft_torque) == 0,
+              "endurance_torque_demand shows it");
+
+// Appends places by the sensor's local name; false when there is no signal of that name.
+bool AirBrakePlugin::FindSignal(const std::string& name) {
+  for (const auto& single : kSingles) {
+    if (name != single.name) continue;
+    places_.push_back(Place(single.offset));
+    return true;
+  }
+  for (int i = 0; i < kCircuits; ++i) {
+    if (name != std::string("reservoir_pressure_") + kCircuitNames[i]) continue;
+    places_.push_back(ReservoirPressure(i));
+    return true;
+  }
+  const std::string stem = "brake_pressure_";
+  bool found[kCircuits] = {};  // the first axle of a circuit stands for it
+  for (size_t i = 0; i < hubs_.size(); ++i) {
+    const int circuit = law_.wheels[i].circuit;
+    const std::string axle = "axle" + std::to_string(i / 2 + 1) + kSides[i % 2];
+    const bool first = !found[circuit] && name == stem + kCircuitNames[circuit] + kSides[i % 2];
+    if (first || name == stem + axle) {
+      places_.push_back(Pressure(i));
+      return true;
+    }
+    if (i % 2) found[circuit] = true;
+  }
+  if (name != stem + "trailer") return false;
+  for (size_t i = 0; i < hubs_.size(); ++i) {
+    if (law_.wheels[i].circuit == kTrailer) places_.push_back(Pressure(i));
+  }
+  return true;
+}
+
+bool AirBrakePlugin::FindSensors(const mjModel* m, int instance) {
+  for (int i : SensorsOfInstance(m, instance)) {
+    const std::string name = LocalName(mj_id2name(m, mjOBJ_SENSOR, i));
+    if (name == kPressures || name == kTorques) {
+      for (int k = 0; k < static_cast<int>(hubs_.size()); ++k) {
+        const int begin = static_cast<int>(places_.size());
+        places_.push_back(name == kPressures ? Pressure(k) : Torque(k));
+        sensors_.push_back({m->sensor_adr[i] + k, begin, begin + 1, 1});
+      }
       continue;
     }
-    double speed = d->qvel[wheel.dof];
-    double angle = s->wind_up.angle[i];
-    double torque = WheelBrake::Grip(Rates(i, h), capacity, speed, &angle);
-    s->next_wind_up.angle[i] = angle;
-    s->next_wind_up.torque[i] = torque;
-    d->qfrc_passive[wheel.dof] -= torque;
-    power += torque * speed;
+    if (name == kSpeeds) {
+      speeds_ = m->sensor_adr[i];
+      continue;
+    }
+    const size_t begin = places_.size();
+    if (!FindSignal(name)) {
+      std::string known;
+      for (const auto& single : kSingles) known += std::string(single.name) + ", ";
+      return Refuse(m, instance,
+                    "sensor '%s' is unknown; known are %s"
+                    "reservoir_pressure_{front,rear,trailer}, "
+                    "brake_pressure_{front,rear}_{left,right}, brake_pressure_trailer, "
+                    "brake_pressure_axle{1..%zu}_{left,right}, %s, %s, %s",
+                    name.c_str(), known.c_str(), hubs_.size() / 2, kPressures, kTorques, kSpeeds);
+    }
+    const size_t count = places_.size() - begin;
+    sensors_.push_back({m->sensor_adr[i], static_cast<int>(begin), static_cast<int>(places_.size()),
+                        count ? 1. / count : 0});
+  }
+  return true;
+}
+
+void AirBrakePlugin::Sensors(const mjModel*, mjData* d, const State* s) const {
+  const mjtNum* state = reinterpret_cast<const mjtNum*>(s);
+  for (const Sensor& sensor : sensors_) {
+    double sum = 0;
+    for (int i = sensor.begin; i < sensor.end; ++i) sum += state[places_[i]];
+    d->sensordata[sensor.address] = sum * sensor.share;
+  }
+  if (speeds_ < 0) return;
+  for (size_t i = 0; i < dofs_.size(); ++i) d->sensordata[speeds_ + i] = d->qvel[dofs_[i]];
+}
+
+// --- forces --------------------------------------------------------------------------------------
+
+// Brake torque from the committed pressures.
+void AirBrakePlugin::Passive(const mjModel* m, mjData* d, State* s) const {
+  const double h = m->opt.timestep;
+  double power = 0;
+  for (size_t i = 0; i < dofs_.size(); ++i) {
+    d->qfrc_passive[dofs_[i]] -= law_.Torque(i, d->qvel[dofs_[i]], h, s, &power);
   }
   s->next_work = 0.5 * h * power;
   s->next_wind_up_is_fresh = 1;
 }
 
-// No pressure in valves, lines and chambers: most of the time.
-bool AirBrake::Quiet(const State& s, double h) const {
-  double pressure = 0;
-  for (double supply : s.next.control.supply) pressure += supply;
-  for (size_t i = 0; i < wheels_.size(); ++i) pressure += s.now.wheel[i].effective;
-  return pressure == 0 && s.line.clock + h - s.line.last_used > dead_time_max_;
-}
-
-void AirBrake::Copy(const Pneumatics& from, Pneumatics* to) const {
-  const size_t size = offsetof(Pneumatics, wheel) + wheels_.size() * sizeof(WheelBrakeState);
-  std::memcpy(to, &from, size);
-}
-
-// From the supply valves to the chambers.
-void AirBrake::Brake(const mjModel* m, const mjData* d, State* s) const {
-  const double h = m->opt.timestep;
-  const Pneumatics& now = s->now;
-  Pneumatics* next = &s->next;
-  if (Quiet(*s, h)) return;
-  double supplies[kWheelsMax];
-  for (size_t i = 0; i < lines_.size(); ++i) {
-    const Line& line = lines_[i];
-    const double current = next->control.supply[line.circuit];
-    supplies[i] = s->line.Look(line.circuit, line.dead_time, h, current);
-  }
-  double duty[kWheelsMax];
-  for (size_t i = 0; i < wheels_.size(); ++i) {
-    const WheelBrake& wheel = wheels_[i];
-    const bool braked = now.wheel[i].pressure > wheel.push_out_pressure;
-    const double speed = braked ? HubSpeed(m, d, wheel.hub) : 0;
-    duty[i] =
-        wheel.Duty(Rates(i, h), now.wheel[i], speed, d->qvel[wheel.dof], &next->wheel[i].slip);
-  }
-  for (size_t i = 0; i < wheels_.size(); i += 2) {  // axle by axle
-    // Driven axles by the wheel with less grip (select low), the others each wheel for itself.
-    if (wheels_[i].circuit == kDrive) duty[i] = duty[i + 1] = std::min(duty[i], duty[i + 1]);
-    for (size_t j : {i, i + 1}) {
-      const double supply = supplies[line_of_wheel_[j]];
-      next->wheel[j].abs_active = wheels_[j].Active(supply, duty[j], now.wheel[j]);
-    }
-  }
-  for (size_t i = 0; i < wheels_.size(); ++i) {
-    const WheelBrake& wheel = wheels_[i];
-    const double supply = supplies[line_of_wheel_[i]];
-    WheelBrakeState* chamber = &next->wheel[i];
-    if (supply == 0 && chamber->pressure == 0) continue;
-    const WheelBrakeRates rates = Rates(i, h);
-    const size_t other = i ^ 1;  // wheel of the axle
-    const bool other_active = next->wheel[other].abs_active != 0;
-    const double rise_max = wheel.RiseMax(rates, now.wheel[i], now.wheel[other], other_active);
-    const double before = wheel.Air(*chamber);
-    wheel.Update(rates, supply, rise_max, duty[i], chamber);
-    const double drawn = wheel.Air(*chamber) - before;
-    if (drawn > 0) reservoirs_.Draw(wheel.circuit, drawn, &next->reservoir);
-  }
-}
-
-// Spring brakes by the driver's wish, or because the air that holds them off is gone.
-void AirBrake::Park(double wanted, double h, Pneumatics* next) const {
-  for (int i = 0; i < kCircuits; ++i) {
-    double target = std::max(wanted, reservoirs_.Springs(i, next->reservoir));
-    if (next->parking[i] == target) continue;
-    double change = LagShare(h, parking_time_constant_) * (target - next->parking[i]);
-    next->parking[i] += change;
-    if (std::abs(target - next->parking[i]) < 1e-6) next->parking[i] = target;
-    if (change < 0) {  // air fills the chambers, which holds the springs off
-      double air = spring_volume_[i] * (next->reservoir.pressure[i] + kAtmosphere);
-      reservoirs_.Draw(i, -change * air, &next->reservoir);
-    }
-  }
-}
-
 // Pressures of the next step from the controls of this one.
-void AirBrake::Actuator(const mjModel* m, mjData* d, int instance) const {
-  State* s = reinterpret_cast<State*>(d->plugin_state + m->plugin_stateadr[instance]);
-  const double h = m->opt.timestep;
-  Pneumatics* next = &s->next;
-  Copy(s->now, next);
-  if (next->control.initialized == 0) reservoirs_.Fill(&next->reservoir);
-  const BrakeDemand demand = ReadDemand(m, d, *s);
-  const BrakeEffort effort = control_.Update(demand, h, &next->control);
-  Brake(m, d, s);
-  Park(Control(m, d, parking_, 0, 1), h, next);
-  const double engine_speed = ReadPartner<EnduranceState>(m, d, powertrain_).engine_speed;
-  reservoirs_.Pump(engine_speed, h, &next->reservoir);
-  s->next_endurance.shaft_torque = shaft_ratio_ > 0 ? effort.shaft_force / shaft_ratio_ : 0;
-  if (demand.abs_on_drive) s->next_endurance.shaft_torque = EnduranceDemand::kLetGo;
-  s->next_endurance.cut_traction = effort.active;
-  s->next_is_fresh = 1;
-  s->xbr_active = demand.xbr > 0 && demand.xbr_mode != BrakeDemand::kOff;
-  s->abs_active = demand.abs_active;
+void AirBrakePlugin::Actuator(const mjModel* m, mjData* d, State* s) const {
+  auto hub_speed = [this, m, d](size_t i) { return HubSpeed(m, d, i); };
+  auto wheel_speed = [this, d](size_t i) { return d->qvel[dofs_[i]]; };
+  // The fourth value of both two-bit fields is not defined: it acts as off, friction only.
+  auto field = [m, d](int actuator) {
+    const long value = std::lround(Control(m, d, actuator, 0, 3));
+    return value < 3 ? value : 0;
+  };
+  Demand demand = {};
+  demand.xbr = -Control(m, d, demand_, -kDemandMax, 0);
+  if (demand.xbr < kDemandMin) demand.xbr = 0;
+  demand.xbr_mode = static_cast<Demand::XbrMode>(field(mode_));
+  demand.ebi_mode = static_cast<Demand::EbiMode>(field(ebi_mode_));
+  demand.pedal = Control(m, d, pedal_, 0, 1);
+  demand.speed = 0.5 * (hub_speed(0) + hub_speed(1));
+  // Of the model as it is now: its masses may have been varied since it was made.
+  demand.mass = m->body_subtreemass[m->body_rootid[hubs_[0]]];
+  demand.gravity = mju_norm3(m->opt.gravity);
+  law_.Step(demand, ReadPartner<EnduranceState<double>>(m, d, powertrain_),
+            Control(m, d, parking_, 0, 1), m->opt.timestep, hub_speed, wheel_speed, s);
   for (int actuator : {demand_, mode_, parking_, pedal_, ebi_mode_}) {
     if (actuator >= 0) d->actuator_force[m->actuator_outadr[actuator]] = 0;
   }
 }
 
-// Commits what the last `compute` found; nothing for a part of the engine that is disabled.
-void AirBrake::Advance(const mjModel* m, mjData* d, int instance) const {
-  State* s = reinterpret_cast<State*>(d->plugin_state + m->plugin_stateadr[instance]);
-  if (s->next_is_fresh != 0) {
-    Copy(s->next, &s->now);
-    s->line.Push(s->now.control.supply, m->opt.timestep, sample_spacing_);
-    s->endurance = s->next_endurance;
-  }
-  if (s->next_wind_up_is_fresh != 0) {
-    // Torque times the mean of the wheel's speed before and after the step: what it took from the
-    // kinetic energy. The velocities are the new ones by now.
-    double power = 0;
-    for (size_t i = 0; i < wheels_.size(); ++i) {
-      s->wind_up.angle[i] = s->next_wind_up.angle[i];
-      s->wind_up.torque[i] = s->next_wind_up.torque[i];
-      power += s->wind_up.torque[i] * d->qvel[wheels_[i].dof];
-    }
-    s->work += s->next_work + 0.5 * m->opt.timestep * power;
-  }
-  s->next_is_fresh = s->next_wind_up_is_fresh = 0;
-}
+}  // namespace
 
 void RegisterAirBrake() {
-  mjpPlugin plugin;
-  mjp_defaultPlugin(&plugin);
-  plugin.name = "iits.air_brake";
-  plugin.capabilityflags = mjPLUGIN_ACTUATOR | mjPLUGIN_PASSIVE | mjPLUGIN_SENSOR;
-  plugin.nattribute = sizeof(kAttributes) / sizeof(kAttributes[0]);
-  plugin.attributes = kAttributes;
-  plugin.needstage = mjSTAGE_ACC;
-  plugin.nstate = +[](const mjModel*, int) { return AirBrake::kStateSize; };
-  plugin.nsensordata = AirBrake::SensorSize;
-  plugin.init = +[](const mjModel* m, mjData* d, int instance) {
-    AirBrake* air_brake = AirBrake::Create(m, instance);
-    d->plugin_data[instance] = reinterpret_cast<uintptr_t>(air_brake);
-    return air_brake ? 0 : -1;
-  };
-  plugin.destroy = +[](mjData* d, int instance) {
-    delete reinterpret_cast<AirBrake*>(d->plugin_data[instance]);
-    d->plugin_data[instance] = 0;
-  };
-  plugin.reset = +[](const mjModel*, mjtNum* plugin_state, void*, int) {
-    mju_zero(plugin_state, AirBrake::kStateSize);
-  };
-  plugin.compute = +[](const mjModel* m, mjData* d, int instance, int capability_bit) {
-    const AirBrake* air_brake = reinterpret_cast<AirBrake*>(d->plugin_data[instance]);
-    if (capability_bit & mjPLUGIN_PASSIVE) air_brake->Passive(m, d, instance);
-    if (capability_bit & mjPLUGIN_ACTUATOR) air_brake->Actuator(m, d, instance);
-    if (capability_bit & mjPLUGIN_SENSOR) air_brake->Sensors(m, d, instance);
-  };
-  plugin.advance = +[](const mjModel* m, mjData* d, int instance) {
-    reinterpret_cast<AirBrake*>(d->plugin_data[instance])->Advance(m, d, instance);
-  };
-  mjp_registerPlugin(&plugin);
+  RegisterPlugin<AirBrakePlugin>("iits.air_brake",
+                                 mjPLUGIN_ACTUATOR | mjPLUGIN_PASSIVE | mjPLUGIN_SENSOR);
 }
 
 }  // namespace iits

@@ -1,299 +1,394 @@
-#include "plugin/powertrain.h"
+// Powertrain plugin `iits.powertrain`. Actuators, by local name: `accelerator_pedal` (force:
+// propeller-shaft torque; transmission: a fixed tendon over the driven wheels with coefficients
+// final_drive / n), and optionally `engine_brake`, `retarder` and `transmission_mode` (force: 0).
+#include "plugin/laws/powertrain.h"
 
-#include <mujoco/mujoco.h>
-
-#include <algorithm>
-#include <cmath>
-#include <cstdint>
-#include <memory>
+#include <cstddef>
 #include <string>
+#include <utility>
 
-#include "plugin/config.h"
-#include "plugin/registration.h"
+#include "plugin/plugin.h"
 
 namespace iits {
 namespace {
 
-const char* const kAttributes[] = {
-    // engine
-    "idle_speed", "governed_speed", "governor_droop", "reference_torque", "engine_inertia",
-    "pedal_up", "pedal_fade", "torque_rise_rate", "torque_rise_rate_low", "torque_rise_threshold",
-    "torque_fall_rate", "torque_fall_rate_low", "torque_fall_threshold", "torque_cut_time",
-    "boost_lag", "spool_time", "idle_gain", "idle_integral_gain", "idle_band", "idle_integral_min",
-    "idle_integral_max", "idle_forget_time", "synchronization_lag", "synchronization_torque_share",
-    "synchronization_brake_share", "engine_brake_power", "engine_brake_speed",
-    "engine_brake_exponent", "engine_brake_speed_min", "engine_brake_fade", "engine_brake_lag",
-    "engine_brake_release_lag", "idle_fuel_rate", "full_load_speed", "full_load_torque",
-    "drag_speed", "drag_torque", "pedal_map_speed", "pedal_map_pedal", "pedal_map_torque",
-    "fuel_map_torque", "fuel_map_speed", "fuel_map_consumption",
-    // retarder and what the brakes take from the engine
-    "retarder_torque_max", "retarder_full_torque_speed", "retarder_power_max",
-    "retarder_power_continuous", "retarder_heat_time", "retarder_derate_heat", "retarder_fill_time",
-    "retarder_empty_time", "pedal_return_time",
-    // gearbox
-    "ratios", "gear_inertias", "reverse_ratio", "final_drive", "efficiency", "wheel_radius",
-    "shift_cut_time", "synchronization_time", "synchronization_time_max", "synchronized_difference",
-    "clutch_close_time",
-    // shift strategy
-    "shift_strategy", "start_gear", "downshift_delay", "downshift_margin", "min_gear_time",
-    "reversal_time", "upshift_gear", "upshift_pedal", "upshift_speed", "downshift_gear",
-    "downshift_pedal", "downshift_speed", "acceleration_lag", "load_lag", "pedal_lag",
-    "lowest_speed", "lowest_speed_pedal", "rolling_speed", "recovery_horizon", "recovery_speed",
-    "recovery_time", "upshift_speed_margin", "downshift_speed_margin", "downshift_speed_max",
-    "power_speed", "overspeed", "overspeed_braking", "torque_reserve", "failed_reserve",
-    "failed_load", "built_up_torque", "stuck_acceleration", "first_gear_delay", "engage_speed_max",
-    "floored_pedal", "kick_down_pedal", "kick_down_rise", "kick_down_speed", "skip_up_max",
-    "skip_down_max", "braking_speed_low", "braking_speed_high", "braking_deceleration",
-    "adaptive_period", "adaptive_reserve", "adaptive_gain", "adaptive_speed_max",
-    "adaptive_horizon",
-    // clutch and driveline
-    "clutch_engagement_time", "clutch_opening_time", "clutch_torque_max", "clutch_launch_range",
-    "clutch_alike_range", "clutch_release_share", "clutch_release_share_coast",
-    "clutch_stall_share", "clutch_stall_range", "driveline_efficiency", "driveline_stiffness",
-    "driveline_damping", "loss_reversal_speed"};
+using Output = PowertrainOutput<double>;
 
-}  // namespace
+#define IITS_SIGNAL(name) {#name, offsetof(Output, name) / sizeof(mjtNum)}
+const struct {
+  const char* name;
+  size_t place;
+} kSignals[] = {
+    IITS_SIGNAL(gear),
+    IITS_SIGNAL(gear_engaged),
+    IITS_SIGNAL(shift_in_process),
+    IITS_SIGNAL(engine_speed),
+    IITS_SIGNAL(engine_torque),
+    IITS_SIGNAL(engine_torque_percent),
+    IITS_SIGNAL(torque_loss_percent),
+    IITS_SIGNAL(engine_torque_percent_driver),
+    IITS_SIGNAL(engine_load_percent),
+    IITS_SIGNAL(engine_torque_mode),
+    IITS_SIGNAL(fuel_rate),
+    IITS_SIGNAL(fuel_used),
+    IITS_SIGNAL(clutch_engagement),
+    IITS_SIGNAL(input_shaft_speed),
+    IITS_SIGNAL(propeller_shaft_torque),
+    IITS_SIGNAL(propeller_shaft_speed),
+    IITS_SIGNAL(accelerator_pedal_position),
+    IITS_SIGNAL(engine_brake_torque),
+    IITS_SIGNAL(engine_brake_torque_percent),
+    IITS_SIGNAL(engine_brake_torque_percent_intended),
+    IITS_SIGNAL(engine_brake_torque_percent_available),
+    IITS_SIGNAL(retarder_torque),
+    IITS_SIGNAL(retarder_torque_percent),
+    IITS_SIGNAL(retarder_torque_percent_intended),
+    IITS_SIGNAL(retarder_torque_percent_available),
+    IITS_SIGNAL(retarder_heat),
+    IITS_SIGNAL(engine_work),
+    IITS_SIGNAL(driveline_loss),
+    IITS_SIGNAL(clutch_loss),
+    IITS_SIGNAL(retarder_work),
+    IITS_SIGNAL(driveline_energy),
+};
+#undef IITS_SIGNAL
 
-Powertrain* Powertrain::Create(const mjModel* m, int instance) {
-  std::unique_ptr<Powertrain> p(new Powertrain());
-  if (!p->FindActuators(m, instance) || !p->FindSensors(m, instance)) return nullptr;
-  p->FindWheels(m);
-  const Attribute pedal[] = {{"pedal_return_time", 0.001, 60, &p->endurance_.return_time}};
-  const Engine& engine = p->engine_;
-  if (!p->engine_.Read(m, instance) || !p->gearbox_.Read(m, instance) ||
-      !p->retarder_.Read(m, instance) || !ReadAttributes(m, instance, pedal) ||
-      !p->driveline_.Read(m, instance, p->gearbox_.final_drive(), engine.idle_speed(),
-                          engine.pedal_up(), engine.reference_torque())) {
-    return nullptr;
+// One sensor of several numbers, since each sensor costs MuJoCo time: from gear_engaged on.
+const char* const kReport = "powertrain_report";
+constexpr int kReportSize = 5;
+constexpr int kReportPlace = offsetof(Output, gear_engaged) / sizeof(mjtNum);
+static_assert(offsetof(Output, engine_load_percent) - offsetof(Output, gear_engaged) ==
+                  (kReportSize - 1) * sizeof(mjtNum),
+              "the numbers of powertrain_report are adjacent");
+
+class PowertrainPlugin : public PluginBase {
+ public:
+  using State = PowertrainState<double>;
+
+  static int SensorSize(const mjModel* m, int, int sensor) {
+    return LocalName(mj_id2name(m, mjOBJ_SENSOR, sensor)) == kReport ? kReportSize : 1;
   }
-  p->endurance_.pedal_up = engine.pedal_up();
-  return p.release();
+
+  Attributes Table();
+  bool Bind(const mjModel* m, int instance);
+  void Actuator(const mjModel* m, mjData* d, State* s) const;
+
+  void Sensors(const mjModel*, mjData* d, const State* s) const {
+    const mjtNum* output = reinterpret_cast<const mjtNum*>(&s->output);
+    for (const auto& [address, place] : sensors_) d->sensordata[address] = output[place];
+  }
+
+  // Commits the last computed step; nothing when actuation is disabled.
+  void Advance(const mjModel* m, mjData* d, State* s) const {
+    s->Commit(ShaftSpeed(d), m->opt.timestep);
+  }
+
+ private:
+  bool FindActuators(const mjModel* m, int instance);
+  bool FindSensors(const mjModel* m, int instance);
+  void FindWheels(const mjModel* m);
+  bool Check(const mjModel* m, int instance) const;
+  void Prepare();
+
+  // From the wheels as they are now; `actuator_velocity` is of before the step when `advance` runs.
+  double ShaftSpeed(const mjData* d) const {
+    double speed = 0;
+    for (const auto& [dof, share] : wheels_) speed += share * d->qvel[dof];
+    return std::isfinite(speed) ? speed : 0;
+  }
+
+  Powertrain<double> law_;
+  std::string shift_strategy_;
+  double wheel_radius_;
+  int pedal_ = -1, engine_brake_ = -1, mode_ = -1, retarder_lever_ = -1;  // actuators
+  int air_brake_ = -1;                                                    // instance
+  int body_ = -1;                                                         // of a driven wheel
+  std::vector<std::pair<int, double>> wheels_;  // degree of freedom, its share of the shaft's speed
+  std::vector<std::pair<int, int>> sensors_;    // place in sensordata, place in Output
+};
+
+Attributes PowertrainPlugin::Table() {
+  Engine<double>& e = law_.engine;
+  Retarder<double>& r = law_.retarder;
+  Gearbox<double>& b = law_.gearbox;
+  Gears<double>& g = b.gears;
+  ShiftParameters<double>& s = b.strategy;
+  Driveline<double>& d = law_.driveline;
+  ClutchControl<double>& c = d.control;
+  auto text = [](std::string* out) {
+    return [out](const mjModel* m, int instance, const char* name) {
+      const char* value = mj_getPluginConfig(m, instance, name);
+      *out = value ? value : "";
+      return true;
+    };
+  };
+  return {
+      // Engine.
+      Number("idle_speed", 20, 200, &e.idle_speed),
+      Number("governed_speed", 50, 1000, &e.governed_speed),
+      Number("governor_droop", 0.001, 0.5, &e.governor_droop),
+      Number("reference_torque", 1, 1e5, &e.reference_torque),
+      Number("engine_inertia", 0.01, 1000, &e.inertia),
+      Number("pedal_up", 0, 0.5, &e.pedal_up),
+      Number("pedal_fade", 0.001, 1, &e.pedal_fade),
+      Number("torque_rise_rate", 1, 1e6, &e.rise_rate),
+      Number("torque_rise_rate_low", 1, 1e6, &e.rise_rate_low),
+      Number("torque_rise_threshold", 0, 1e5, &e.rise_threshold),
+      Number("torque_fall_rate", 1, 1e6, &e.fall_rate),
+      Number("torque_fall_rate_low", 1, 1e6, &e.fall_rate_low),
+      Number("torque_fall_threshold", 0, 1e5, &e.fall_threshold),
+      Number("torque_cut_time", 0.001, 10, &e.cut_time),
+      Number("boost_lag", 0.001, 10, &e.boost_lag),
+      Number("spool_time", 0.01, 100, &e.spool_time),
+      Number("idle_gain", 0, 1e4, &e.idle_gain),
+      Number("idle_integral_gain", 0, 1e4, &e.idle_integral_gain),
+      Number("idle_band", 0, 1000, &e.idle_band),
+      Number("idle_integral_min", -1e5, 0, &e.idle_integral_min),
+      Number("idle_integral_max", 0, 1e5, &e.idle_integral_max),
+      Number("idle_forget_time", 0.001, 100, &e.idle_forget_time),
+      Number("synchronization_lag", 0.001, 10, &e.sync_lag),
+      Number("synchronization_torque_share", 0, 1, &e.sync_torque_share),
+      Number("synchronization_brake_share", 0, 1, &e.sync_brake_share),
+      Number("engine_brake_power", 0, 1e7, &e.brake_power),
+      Number("engine_brake_speed", 50, 1000, &e.brake_speed),
+      Number("engine_brake_exponent", 0, 4, &e.brake_exponent),
+      Number("engine_brake_speed_min", 0, 1000, &e.brake_speed_min),
+      Number("engine_brake_fade", 0.1, 1000, &e.brake_fade),
+      Number("engine_brake_lag", 0.001, 10, &e.brake_lag),
+      Number("engine_brake_release_lag", 0.001, 10, &e.brake_release_lag),
+      Number("idle_fuel_rate", 0, 1, &e.idle_fuel_rate),
+      Axis("full_load_speed", &e.full_load.x),
+      Values("full_load_torque", 0, 1e5, &e.full_load.y, {&e.full_load.x}),
+      Axis("drag_speed", &e.drag.x),
+      Values("drag_torque", 0, 1e5, &e.drag.y, {&e.drag.x}),
+      Axis("pedal_map_speed", &e.pedal_map.rows),
+      Axis("pedal_map_pedal", &e.pedal_map.columns),
+      Values("pedal_map_torque", 0, 1e5, &e.pedal_map.values,
+             {&e.pedal_map.rows, &e.pedal_map.columns}),
+      Axis("fuel_map_torque", &e.fuel_map.rows),
+      Axis("fuel_map_speed", &e.fuel_map.columns),
+      Values("fuel_map_consumption", 0, 1, &e.fuel_map.values,
+             {&e.fuel_map.rows, &e.fuel_map.columns}),
+      // Retarder, and the brakes' cut of the accelerator.
+      Number("retarder_torque_max", 0, 1e5, &r.torque_max),
+      Number("retarder_full_torque_speed", 1, 1000, &r.full_torque_speed),
+      Number("retarder_power_max", 1, 1e7, &r.power_max),
+      Number("retarder_power_continuous", 1, 1e7, &r.power_continuous),
+      Number("retarder_heat_time", 0.1, 1e4, &r.heat_time),
+      Number("retarder_derate_heat", 0, 0.99, &r.derate_heat),
+      Number("retarder_fill_time", 0.001, 10, &r.fill_time),
+      Number("retarder_empty_time", 0.001, 10, &r.empty_time),
+      Number("pedal_return_time", 0.001, 60, &law_.endurance.return_time),
+      // Gearbox.
+      Ordered("ratios", -1, 2, 32, 0.05, 200, &g.ratios),
+      Values("gear_inertias", 0, 100, &g.inertias, {&g.ratios}),
+      Number("reverse_ratio", 0.1, 100, &g.reverse_ratio),
+      Number("final_drive", 0.1, 20, &g.final_drive),
+      Number("efficiency", 0.5, 1, &g.gear_efficiency),
+      Number("wheel_radius", 0.05, 5, &wheel_radius_),
+      Number("shift_cut_time", 0.001, 5, &b.cut_time),
+      Number("synchronization_time", 0.001, 5, &b.synchronization_time),
+      Number("synchronization_time_max", 0.001, 5, &b.synchronization_limit),
+      Number("synchronized_difference", 0.1, 100, &b.synchronized_difference),
+      Number("clutch_close_time", 0.001, 5, &b.close_time),
+      // Shift strategy.
+      {"shift_strategy", text(&shift_strategy_)},
+      Number("start_gear", 1, 32, &s.start_gear),
+      Number("downshift_delay", 0, 10, &s.downshift_delay),
+      Number("downshift_margin", 0, 20, &s.downshift_margin),
+      Number("min_gear_time", 0, 20, &s.min_gear_time),
+      Number("reversal_time", 0, 60, &s.reversal_time),
+      Axis("upshift_gear", &s.upshift.rows),
+      Axis("upshift_pedal", &s.upshift.columns),
+      Values("upshift_speed", 0, 200, &s.upshift.values, {&s.upshift.rows, &s.upshift.columns}),
+      Axis("downshift_gear", &s.downshift.rows),
+      Axis("downshift_pedal", &s.downshift.columns),
+      Values("downshift_speed", 0, 200, &s.downshift.values,
+             {&s.downshift.rows, &s.downshift.columns}),
+      Number("acceleration_lag", 0.001, 10, &s.acceleration_lag),
+      Number("load_lag", 0.001, 10, &s.load_lag),
+      Number("pedal_lag", 0.001, 20, &s.pedal_lag),
+      Number("lowest_speed", 1, 3, &s.lowest_speed),
+      Number("lowest_speed_pedal", 0, 3, &s.lowest_speed_pedal),
+      Number("rolling_speed", 1, 4, &s.rolling_speed),
+      Number("recovery_horizon", 0, 10, &s.recovery_horizon),
+      Number("recovery_speed", 0.5, 3, &s.recovery_speed),
+      Number("recovery_time", 0, 10, &s.recovery_time),
+      Number("upshift_speed_margin", 1, 2, &s.upshift_speed),
+      Number("downshift_speed_margin", 1, 2, &s.downshift_speed),
+      Number("downshift_speed_max", 0.1, 1, &s.downshift_speed_max),
+      Number("power_speed", 1, 5, &s.power_speed),
+      Number("overspeed", 1, 2, &s.overspeed),
+      Number("overspeed_braking", 1, 2, &s.overspeed_braking),
+      Number("torque_reserve", 1, 3, &s.torque_reserve),
+      Number("failed_reserve", 1, 3, &s.failed_reserve),
+      Number("failed_load", 0, 1, &s.failed_load),
+      Number("built_up_torque", 0, 1, &s.built_up_torque),
+      Number("stuck_acceleration", 0, 5, &s.stuck_acceleration),
+      Number("first_gear_delay", 0, 20, &s.first_gear_delay),
+      Number("engage_speed_max", 0, 20, &s.engage_speed_max),
+      Number("floored_pedal", 0.1, 1, &s.floored_pedal),
+      Number("kick_down_pedal", 0.1, 1, &s.kick_down_pedal),
+      Number("kick_down_rise", 0, 1, &s.kick_down_rise),
+      Number("kick_down_speed", 0.1, 1, &s.kick_down_speed),
+      Number("skip_up_max", 1, 32, &s.skip_up_max),
+      Number("skip_down_max", 1, 32, &s.skip_down_max),
+      Number("braking_speed_low", 0.1, 1, &s.braking_speed_low),
+      Number("braking_speed_high", 0.1, 1, &s.braking_speed_high),
+      Number("braking_deceleration", 0, 20, &s.braking_deceleration),
+      Number("adaptive_period", 0, 5, &s.adaptive_period),
+      Number("adaptive_reserve", 1, 3, &s.adaptive_reserve),
+      Number("adaptive_gain", 0, 1, &s.adaptive_gain),
+      Number("adaptive_speed_max", 0.1, 1, &s.adaptive_speed_max),
+      Number("adaptive_horizon", 1, 120, &s.adaptive_horizon),
+      // Clutch and driveline.
+      Number("clutch_engagement_time", 0.01, 10, &c.engagement_time),
+      Number("clutch_opening_time", 0.01, 10, &c.opening_time),
+      Number("clutch_torque_max", 1, 1e6, &d.torque_max),
+      Number("clutch_launch_range", 0.1, 1000, &c.launch_range),
+      Number("clutch_alike_range", 0, 1000, &c.alike_range),
+      Number("clutch_release_share", 0, 2, &c.release_share),
+      Number("clutch_release_share_coast", 0, 2, &c.release_share_coast),
+      Number("clutch_stall_share", 0, 1, &c.stall_share),
+      Number("clutch_stall_range", 0.001, 1, &c.stall_range),
+      Number("driveline_efficiency", 0.5, 1, &d.efficiency),
+      Number("driveline_stiffness", 1, 1e9, &d.stiffness),
+      Number("driveline_damping", 1, 1e9, &d.damping),
+      Number("loss_reversal_speed", 1e-3, 100, &d.loss_reversal_speed),
+  };
 }
 
-bool Powertrain::FindActuators(const mjModel* m, int instance) {
+bool PowertrainPlugin::Bind(const mjModel* m, int instance) {
+  if (!FindActuators(m, instance) || !FindSensors(m, instance)) return false;
+  if (!ReadAttributes(m, instance, Table()) || !Check(m, instance)) return false;
+  FindWheels(m);
+  Prepare();
+  return true;
+}
+
+// Bounds that depend on other attributes.
+bool PowertrainPlugin::Check(const mjModel* m, int instance) const {
+  const Engine<double>& e = law_.engine;
+  const Retarder<double>& r = law_.retarder;
+  const int start_gear = law_.gearbox.strategy.start_gear, gears = law_.gearbox.gears.count();
+  if (e.governed_speed <= 1.2 * e.idle_speed) {
+    return Refuse(m, instance, "governed_speed %g must exceed 1.2 times idle_speed %g",
+                  e.governed_speed, e.idle_speed);
+  }
+  if (r.power_continuous > r.power_max) {
+    return Refuse(m, instance, "retarder_power_continuous %g must not exceed retarder_power_max %g",
+                  r.power_continuous, r.power_max);
+  }
+  if (start_gear > gears) {
+    return Refuse(m, instance, "start_gear %d must not exceed the number of gears, %d", start_gear,
+                  gears);
+  }
+  if (shift_strategy_ != "tables" && shift_strategy_ != "adaptive") {
+    return Refuse(m, instance, "shift_strategy '%s' is not one of tables, adaptive",
+                  shift_strategy_.c_str());
+  }
+  return true;
+}
+
+// Computes what follows from the attributes.
+void PowertrainPlugin::Prepare() {
+  Engine<double>& engine = law_.engine;
+  Gearbox<double>& box = law_.gearbox;
+  Driveline<double>& line = law_.driveline;
+  engine.Prepare();
+  law_.endurance.pedal_up = engine.pedal_up;
+  box.gears.efficiency = box.gears.gear_efficiency * line.efficiency;
+  box.gears.meters_per_radian = wheel_radius_ / box.gears.final_drive;
+  box.strategy.change_time = box.cut_time + box.synchronization_time + box.close_time;
+  box.strategy.adaptive = shift_strategy_ == "adaptive";
+  line.control.idle_speed = engine.idle_speed;
+  line.control.pedal_up = engine.pedal_up;
+  line.control.launch_share = Min(1.0, engine.reference_torque / line.torque_max);
+  // The attributes are those at the wheels.
+  line.stiffness /= box.gears.final_drive * box.gears.final_drive;
+  line.damping /= box.gears.final_drive * box.gears.final_drive;
+}
+
+bool PowertrainPlugin::FindActuators(const mjModel* m, int instance) {
   for (int i : ActuatorsOfInstance(m, instance)) {
-    std::string name = LocalName(mj_id2name(m, mjOBJ_ACTUATOR, i));
+    const std::string name = LocalName(mj_id2name(m, mjOBJ_ACTUATOR, i));
     int* slot = name == "accelerator_pedal"   ? &pedal_
                 : name == "engine_brake"      ? &engine_brake_
                 : name == "transmission_mode" ? &mode_
                 : name == "retarder"          ? &retarder_lever_
                                               : nullptr;
     if (!slot || *slot >= 0) {
-      mju_warning(
-          "plugin instance '%s': actuator '%s' is not one of accelerator_pedal, "
-          "engine_brake, retarder, transmission_mode, each at most once",
-          InstanceName(m, instance).c_str(), name.c_str());
-      return false;
+      return Refuse(m, instance,
+                    "actuator '%s' is not one of accelerator_pedal, engine_brake, retarder, "
+                    "transmission_mode, each at most once",
+                    name.c_str());
     }
     *slot = i;
   }
   if (pedal_ < 0 || m->actuator_trntype[pedal_] != mjTRN_TENDON) {
-    mju_warning(
-        "plugin instance '%s': needs the actuator accelerator_pedal with a fixed tendon "
-        "over the driven wheels as its transmission",
-        InstanceName(m, instance).c_str());
-    return false;
+    return Refuse(m, instance,
+                  "needs the actuator accelerator_pedal with a fixed tendon over the driven wheels "
+                  "as its transmission");
   }
   air_brake_ = PartnerInstance(m, pedal_, "iits.air_brake");
   return true;
 }
 
 // The driven wheels, through the tendon of the accelerator's transmission.
-void Powertrain::FindWheels(const mjModel* m) {
+void PowertrainPlugin::FindWheels(const mjModel* m) {
   const int tendon = m->actuator_trnid[2 * pedal_];
   const double gear = m->actuator_gear[6 * pedal_];
   for (int i = m->tendon_adr[tendon]; i < m->tendon_adr[tendon] + m->tendon_num[tendon]; ++i) {
     if (m->wrap_type[i] != mjWRAP_JOINT) continue;
     wheels_.emplace_back(m->jnt_dofadr[m->wrap_objid[i]], gear * m->wrap_prm[i]);
+    if (i == m->tendon_adr[tendon]) body_ = m->jnt_bodyid[m->wrap_objid[i]];
   }
 }
 
-// Mass of the kinematic tree that the first driven wheel belongs to. Read in every step: a model's
-// masses may be changed, and rollouts share one plugin object between models.
-double Powertrain::VehicleMass(const mjModel* m) const {
-  int wrap = m->tendon_adr[m->actuator_trnid[2 * pedal_]];
-  if (m->wrap_type[wrap] != mjWRAP_JOINT) return 0;
-  int body = m->jnt_bodyid[m->wrap_objid[wrap]];
-  return m->body_subtreemass[m->body_rootid[body]];
-}
-
-Powertrain::Controls Powertrain::ReadControls(const mjModel* m, const mjData* d) const {
-  auto control = [m, d](int actuator, double high) {
-    if (actuator < 0) return 0.0;
-    double value = d->ctrl[m->actuator_ctrladr[actuator]];
-    return std::isfinite(value) ? std::clamp(value, 0.0, high) : 0.0;
-  };
-  int mode = static_cast<int>(control(mode_, 2) + 0.5);  // rounded; lround is a call
-  return {{control(pedal_, 1), control(engine_brake_, 1), control(retarder_lever_, 1)},
-          static_cast<GearboxInput::Mode>(mode),
-          ReadPartner<EnduranceDemand>(m, d, air_brake_),
-          VehicleMass(m)};
-}
-
-// From the wheels as they are now; `actuator_velocity` is of before the step when `advance` runs.
-double Powertrain::ShaftSpeed(const mjData* d) const {
-  double speed = 0;
-  for (const auto& [dof, share] : wheels_) speed += share * d->qvel[dof];
-  return std::isfinite(speed) ? speed : 0;
-}
-
-// While a change synchronizes, the gearbox's input turns with the engine, as in the gear to come.
-GearData Powertrain::Gear(const GearboxState& gearbox) const {
-  const int gear = static_cast<int>(gearbox.gear);
-  const int turning = gear ? gear : static_cast<int>(gearbox.target);
-  return {gearbox_.Ratio(gear), engine_.inertia() + gearbox_.InputInertia(turning),
-          gearbox_.Efficiency()};
-}
-
-// An engine that is being taken out counts for nothing, so that the retarder fills in time.
-EnduranceGearing Powertrain::Gearing(const Core& core) const {
-  const bool closed = core.gearbox.phase == Gearbox::kInGear && core.driveline.engagement >= 1;
-  const double ratio = std::abs(gearbox_.Ratio(static_cast<int>(core.gearbox.gear)));
-  const double behind = 1 / driveline_.efficiency();
-  return {closed ? ratio * behind / gearbox_.Efficiency() : 0, behind};
-}
-
-// A vehicle that is found rolling is in the gear for its speed, clutch closed, no torque.
-void Powertrain::Initialize(double shaft_speed, Core* core) const {
-  *core = Core();
-  core->initialized = 1;
-  const double idle = engine_.idle_speed();
-  int gear = gearbox_.GearForSpeed(engine_, shaft_speed);
-  double input_speed = gearbox_.Ratio(gear) * shaft_speed;
-  bool rolling = input_speed > driveline_.control().release_share_coast * idle;
-  core->engine.speed = rolling ? std::min(input_speed, engine_.brake_speed()) : idle;
-  core->engine.torque = engine_.Drag(core->engine.speed);
-  core->gearbox.gear = core->gearbox.target = gear;
-  core->gearbox.gear_time = 0;
-  core->gearbox.shaft_speed = shaft_speed;
-  driveline_.SetGear(Gear(core->gearbox), &core->driveline);
-  core->driveline.engagement = rolling ? 1 : 0;
-}
-
-// Of the clutch, as the phase of a gear change or the launch wants it.
-double Powertrain::Engagement(const Core& core, const EngineRequest& request, double pedal,
-                              double input_speed, double h) const {
-  const double engagement = core.driveline.engagement;
-  const GearboxState& gearbox = core.gearbox;
-  if (gearbox.phase == Gearbox::kCut) {
-    // With the torque, so that a clutch that still slips does not drag the engine down.
-    return engagement - engagement * std::min(1.0, h / std::max(request.time_left, h));
+bool PowertrainPlugin::FindSensors(const mjModel* m, int instance) {
+  for (int i : SensorsOfInstance(m, instance)) {
+    const std::string name = LocalName(mj_id2name(m, mjOBJ_SENSOR, i));
+    const size_t before = sensors_.size();
+    std::string known = kReport;
+    for (int k = 0; k < (name == kReport ? kReportSize : 0); ++k) {
+      sensors_.emplace_back(m->sensor_adr[i] + k, kReportPlace + k);
+    }
+    for (const auto& signal : kSignals) {
+      known += ", " + std::string(signal.name);
+      if (name == signal.name) {
+        sensors_.emplace_back(m->sensor_adr[i], static_cast<int>(signal.place));
+      }
+    }
+    if (sensors_.size() == before) {
+      return Refuse(m, instance, "sensor '%s' is unknown; known are %s", name.c_str(),
+                    known.c_str());
+    }
   }
-  if (gearbox.phase == Gearbox::kClose) {
-    return std::min(1.0, gearbox.phase_time / gearbox_.close_time());
+  return true;
+}
+
+void PowertrainPlugin::Actuator(const mjModel* m, mjData* d, State* s) const {
+  PowertrainControls<double> controls;
+  controls.levers = {Control(m, d, pedal_, 0, 1), Control(m, d, engine_brake_, 0, 1),
+                     Control(m, d, retarder_lever_, 0, 1)};
+  // Rounded; std::lround is a function call.
+  const int mode = static_cast<int>(Control(m, d, mode_, 0, 2) + 0.5);
+  controls.mode = static_cast<GearboxInput<double>::Mode>(mode);
+  controls.demand = ReadPartner<EnduranceDemand<double>>(m, d, air_brake_);
+  // Mass of the kinematic tree that the first driven wheel belongs to. Read in every step: a
+  // model's masses may be changed, and rollouts share one plugin object between models.
+  controls.mass = body_ < 0 ? 0 : m->body_subtreemass[m->body_rootid[body_]];
+  law_.Step(controls, ShaftSpeed(d), m->opt.timestep, s);
+  for (int actuator : {engine_brake_, mode_, retarder_lever_}) {
+    if (actuator >= 0) d->actuator_force[m->actuator_outadr[actuator]] = 0;
   }
-  if (gearbox.phase != Gearbox::kInGear) return engagement;
-  return driveline_.control().Update(engagement, core.engine.speed, input_speed, pedal, h);
+  d->actuator_force[m->actuator_outadr[pedal_]] = s->next.shaft_torque;
 }
 
-void Powertrain::Step(const Controls& controls, double shaft_speed, double h, State* s) const {
-  Core* core = &s->next;
-  EngineState* engine = &core->engine;
-  GearboxState* gearbox = &core->gearbox;
-  const EnginePoint at = engine_.At(engine->speed);
-  ReportStart(*core, &s->output);
-  const double retarder_max = retarder_.Available(shaft_speed, core->retarder.heat);
-  const EnduranceGearing before = Gearing(*core);
-  const EnduranceCommand command =
-      endurance_.Update(controls.levers, controls.demand, before, at.drag, at.brake_max,
-                        retarder_max, h, &core->held_back);
-
-  const GearboxInput input = {controls.mode,
-                              command.pedal,
-                              command.engine_brake,
-                              shaft_speed,
-                              core->shaft_torque,
-                              engine->speed,
-                              core->driveline.engagement <= 0,
-                              controls.mass,
-                              controls.levers.pedal,
-                              controls.levers.engine_brake};
-  gearbox_.Update(engine_, input, h, gearbox);
-  EngineRequest request = gearbox_.Request(engine_, input, *gearbox);
-  request.limited = core->held_back > 0;
-  // Nearly always the driver's pedal is the one that counts: one look into the map serves both.
-  const double pedal = controls.levers.pedal;
-  const double driver_torque = engine_.PedalTorque(at, pedal);
-  request.torque = request.pedal == pedal ? driver_torque : engine_.PedalTorque(at, request.pedal);
-  if (core->driveline.engagement < 1) request.engine_brake = 0;
-  engine_.Update(request, at, h, engine);
-
-  const GearData gear = Gear(*gearbox);
-  if (gear.ratio != 0) {
-    core->driveline.engagement =
-        Engagement(*core, request, command.pedal, gear.ratio * shaft_speed, h);
-  }
-  core->retarder_torque =
-      retarder_.Update(command.retarder_torque, retarder_max, shaft_speed, h, &core->retarder);
-  driveline_.Step(gear, engine_.BrakeTorque(at, *engine), core->retarder_torque, shaft_speed, h,
-                  &core->driveline, &engine->speed, &s->work);
-  core->shaft_torque = s->work.shaft_torque;
-
-  ReportStep(at, request, command, retarder_max, pedal, driver_torque, s);
-  ReportGears(s);
-  core->fuel_used += h * s->output.fuel_rate;
-  const EnduranceGearing after = Gearing(*core);
-  s->next_endurance = {
-      gearbox->gear < 0 ? core->shaft_torque : -core->shaft_torque,
-      after.engine_factor * (at.drag + at.brake_max) + after.retarder_factor * retarder_max,
-      engine->speed};
-}
-
-void Powertrain::Actuator(const mjModel* m, mjData* d, int instance) const {
-  State* s = reinterpret_cast<State*>(d->plugin_state + m->plugin_stateadr[instance]);
-  int out = m->actuator_outadr[pedal_];
-  const double shaft_speed = ShaftSpeed(d);
-  s->next = s->now;
-  if (s->next.initialized == 0) Initialize(shaft_speed, &s->next);
-  Step(ReadControls(m, d), shaft_speed, m->opt.timestep, s);
-  s->next_is_fresh = 1;
-  d->actuator_force[out] = s->next.shaft_torque;
-  if (engine_brake_ >= 0) d->actuator_force[m->actuator_outadr[engine_brake_]] = 0;
-  if (mode_ >= 0) d->actuator_force[m->actuator_outadr[mode_]] = 0;
-  if (retarder_lever_ >= 0) d->actuator_force[m->actuator_outadr[retarder_lever_]] = 0;
-}
-
-// Commits what the last `compute` found; nothing when actuation is disabled.
-void Powertrain::Advance(const mjModel* m, mjData* d, int instance) const {
-  State* s = reinterpret_cast<State*>(d->plugin_state + m->plugin_stateadr[instance]);
-  if (s->next_is_fresh == 0) return;
-  s->now = s->next;
-  s->work.Book(ShaftSpeed(d), m->opt.timestep, &s->now.energy);
-  s->endurance = s->next_endurance;
-  s->next_is_fresh = 0;
-}
+}  // namespace
 
 void RegisterPowertrain() {
-  mjpPlugin plugin;
-  mjp_defaultPlugin(&plugin);
-  plugin.name = "iits.powertrain";
-  plugin.capabilityflags = mjPLUGIN_ACTUATOR | mjPLUGIN_SENSOR;
-  plugin.nattribute = sizeof(kAttributes) / sizeof(kAttributes[0]);
-  plugin.attributes = kAttributes;
-  plugin.needstage = mjSTAGE_ACC;
-  plugin.nstate = +[](const mjModel*, int) { return Powertrain::kStateSize; };
-  plugin.nsensordata = Powertrain::SensorSize;
-  plugin.init = +[](const mjModel* m, mjData* d, int instance) {
-    Powertrain* powertrain = Powertrain::Create(m, instance);
-    d->plugin_data[instance] = reinterpret_cast<uintptr_t>(powertrain);
-    return powertrain ? 0 : -1;
-  };
-  plugin.destroy = +[](mjData* d, int instance) {
-    delete reinterpret_cast<Powertrain*>(d->plugin_data[instance]);
-    d->plugin_data[instance] = 0;
-  };
-  plugin.reset = +[](const mjModel*, mjtNum* plugin_state, void*, int) {
-    mju_zero(plugin_state, Powertrain::kStateSize);
-  };
-  plugin.compute = +[](const mjModel* m, mjData* d, int instance, int capability_bit) {
-    const Powertrain* powertrain = reinterpret_cast<Powertrain*>(d->plugin_data[instance]);
-    if (capability_bit & mjPLUGIN_ACTUATOR) powertrain->Actuator(m, d, instance);
-    if (capability_bit & mjPLUGIN_SENSOR) powertrain->Sensors(m, d, instance);
-  };
-  plugin.advance = +[](const mjModel* m, mjData* d, int instance) {
-    reinterpret_cast<Powertrain*>(d->plugin_data[instance])->Advance(m, d, instance);
-  };
-  mjp_registerPlugin(&plugin);
+  RegisterPlugin<PowertrainPlugin>("iits.powertrain", mjPLUGIN_ACTUATOR | mjPLUGIN_SENSOR);
 }
 
 }  // namespace iits

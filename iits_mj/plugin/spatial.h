@@ -7,22 +7,9 @@
 
 #include <cstring>
 
-#include "plugin/pair.h"
+#include "plugin/laws/number.h"
 
 namespace iits {
-
-// `Number` is mjtNum, or a pair of them.
-template <class Number>
-Number Dot(const Number* a, const Number* b) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-template <class Number>
-void Cross(const Number* a, const Number* b, Number* out) {
-  out[0] = a[1] * b[2] - a[2] * b[1];
-  out[1] = a[2] * b[0] - a[0] * b[2];
-  out[2] = a[0] * b[1] - a[1] * b[0];
-}
 
 // Velocity of the point `at` of body `body`, world frame: linear[3], angular[3].
 inline void PointVelocity(const mjModel* m, const mjData* d, int body, const mjtNum at[3],

@@ -1,190 +1,221 @@
-#include "plugin/tire.h"
-
-#include <mujoco/mujoco.h>
+// Tire plugin `iits.tire`. Wheel bodies reference the instance; the road is the plane z = 0, or a
+// table in a custom numeric of the model named `iits_road` (any prefix of an attached model is
+// accepted), so that it lives in mjModel and costs nothing per mjData.
+#include "plugin/laws/tire.h"
 
 #include <algorithm>
-#include <memory>
 #include <string>
 
-#include "plugin/config.h"
-#include "plugin/registration.h"
+#include "plugin/laws/road.h"
+#include "plugin/plugin.h"
 #include "plugin/spatial.h"
 
 namespace iits {
 namespace {
 
-// Greatest stiffness of a wheel on its carcass spring, times step squared over inertia.
-constexpr double kCarry = 0.9;
-// Numbers of the sensors, and where slips begin in the state's signals.
-constexpr int kForceSize = 3, kSlipSize = 2, kSlipFirst = 4;
+class TirePlugin : public PluginBase {
+ public:
+  // Of one wheel: the committed bristles, their candidates, and what sensors read.
+  struct State {
+    TireBristles<double> bristles;
+    double station;  // hint for the road look-up [m]
+    TireBristles<double> next_bristles;
+    double next_station;
+    double signal[TireForces<Pair>::kSignals];
+  };
 
-const char* const kAttributes[] = {"count",
-                                   "free_radius",
-                                   "rolling_radius",
-                                   "vertical_stiffness",
-                                   "vertical_damping",
-                                   "cornering_coefficient",
-                                   "pneumatic_trail",
-                                   "nominal_load",
-                                   "friction_lateral",
-                                   "friction_longitudinal",
-                                   "friction_load_slope",
-                                   "shape_lateral",
-                                   "shape_longitudinal",
-                                   "curvature_lateral",
-                                   "curvature_longitudinal",
-                                   "load_saturation",
-                                   "slip_stiffness",
-                                   "relaxation_lateral",
-                                   "relaxation_load_exponent",
-                                   "relaxation_longitudinal",
-                                   "rolling_resistance"};
+  static int StateCount(const mjModel* m, int instance) {
+    return static_cast<int>(BodiesOfInstance(m, instance).size());
+  }
 
-bool EndsWith(const std::string& text, const std::string& tail) {
-  return text.size() >= tail.size() &&
-         text.compare(text.size() - tail.size(), tail.size(), tail) == 0;
-}
+  // Forces are (Fx, Fy, Fz), slips are (longitudinal slip, slip angle).
+  static int SensorSize(const mjModel* m, int, int sensor) {
+    return ReadsSlip(m, sensor) ? kSlipSize : kForceSize;
+  }
+
+  Attributes Table() {
+    Tire<double>& t = law_;
+    return {
+        Number("count", 1, 2, &t.count),
+        Number("free_radius", 0.05, 5, &t.free_radius),
+        Number("rolling_radius", 0.05, 5, &t.rolling_radius),
+        Number("vertical_stiffness", 1e3, 1e8, &t.vertical_stiffness),
+        Number("vertical_damping", 0, 1e6, &t.vertical_damping),
+        Number("cornering_coefficient", 0.1, 50, &t.cornering_coefficient),
+        Number("pneumatic_trail", 0, 0.5, &t.pneumatic_trail),
+        Number("nominal_load", 100, 1e6, &t.nominal_load),
+        Number("friction_lateral", 0.01, 3, &t.friction_lateral),
+        Number("friction_longitudinal", 0.01, 3, &t.friction_longitudinal),
+        Number("friction_load_slope", 0, 0.5, &t.friction_load_slope),
+        Number("shape_lateral", 1, 2, &t.shape_lateral),
+        Number("shape_longitudinal", 1, 2, &t.shape_longitudinal),
+        Number("curvature_lateral", -10, 1, &t.curvature_lateral),
+        Number("curvature_longitudinal", -10, 1, &t.curvature_longitudinal),
+        Number("load_saturation", 0.5, 20, &t.load_saturation),
+        Number("slip_stiffness", 1, 100, &t.slip_stiffness),
+        Number("relaxation_lateral", 0.05, 5, &t.relaxation_lateral),
+        Number("relaxation_load_exponent", 0, 2, &t.relaxation_load_exponent),
+        Number("relaxation_longitudinal", 0.05, 5, &t.relaxation_longitudinal),
+        Number("rolling_resistance", 0, 0.2, &t.rolling_resistance),
+    };
+  }
+
+  bool Bind(const mjModel* m, int instance) {
+    if (!ReadAttributes(m, instance, Table())) return false;
+    law_.Prepare();
+    for (int body : BodiesOfInstance(m, instance)) {
+      const int joint = m->body_jntadr[body];
+      if (m->body_jntnum[body] != 1 || m->jnt_type[joint] != mjJNT_HINGE) {
+        return Refuse(m, instance, "wheel body '%s' must have exactly one hinge joint",
+                      m->names + m->name_bodyadr[body]);
+      }
+      const int dof = m->jnt_dofadr[joint];
+      wheels_.push_back(
+          {body, m->body_parentid[body], m->body_rootid[body], dof, law_.Carry(m->dof_M0[dof])});
+      common_dof_ = wheels_.size() == 1 ? dof : CommonDof(m, common_dof_, dof);
+    }
+    return FindSensors(m, instance) && FindRoad(m, instance);
+  }
+
+  void Reset(State* states) const {
+    for (size_t i = 0; i < wheels_.size(); ++i) {
+      states[i].station = states[i].next_station = RoadTable::kUnknownStation;
+    }
+  }
+
+  // One pass, two wheels at a time. Each wheel's own degrees of freedom feel its wrench at once;
+  // those that all wheels have in common feel the sum, which is less than half of the products.
+  void Passive(const mjModel* m, mjData* d, State* states) const {
+    const int count = static_cast<int>(wheels_.size());
+    Wrench sum;
+    for (int i = 0; i < count; i += 2) {
+      const int j = std::min(i + 1, count - 1);  // the last of an odd number is its own partner
+      Wrench wrench[2];
+      PairForces(m, d, wheels_[i], wheels_[j], states + i, states + j, wrench);
+      for (int k = i; k <= j; ++k) {
+        wrench[k - i].Project(m, d, wheels_[k].dof, common_dof_, d->qfrc_passive);
+        sum.Add(wrench[k - i]);
+      }
+    }
+    if (common_dof_ >= 0) sum.Project(m, d, common_dof_, -1, d->qfrc_passive);
+  }
+
+  void Sensors(const mjModel*, mjData* d, const State* states) const {
+    for (const Sensor& sensor : sensors_) {
+      const double* signal = states[sensor.wheel].signal + sensor.first;
+      std::copy(signal, signal + sensor.size, d->sensordata + sensor.address);
+    }
+  }
+
+  void Advance(const mjModel*, mjData*, State* states) const {
+    for (size_t i = 0; i < wheels_.size(); ++i) {
+      states[i].bristles = states[i].next_bristles;
+      states[i].station = states[i].next_station;
+    }
+  }
+
+ private:
+  // Numbers of the sensors, and where slips begin in the state's signals.
+  static constexpr int kForceSize = 3, kSlipSize = 2, kSlipFirst = 4;
+
+  struct Wheel {
+    int body, hub, root, dof;
+    double carry;
+  };
+  struct Sensor {
+    int address, wheel, first, size;
+  };
+
+  static bool ReadsSlip(const mjModel* m, int sensor) {
+    const std::string name = m->names + m->name_sensoradr[sensor], tail = "_tire_slip";
+    return name.size() >= tail.size() &&
+           name.compare(name.size() - tail.size(), tail.size(), tail) == 0;
+  }
+
+  bool FindSensors(const mjModel* m, int instance) {
+    for (int i : SensorsOfInstance(m, instance)) {
+      auto wheel = std::find_if(wheels_.begin(), wheels_.end(), [m, i](const Wheel& w) {
+        return m->sensor_objtype[i] == mjOBJ_BODY && m->sensor_objid[i] == w.body;
+      });
+      if (wheel == wheels_.end()) {
+        return Refuse(m, instance, "sensor '%s' needs objtype='body' and one of its wheels",
+                      m->names + m->name_sensoradr[i]);
+      }
+      const bool slip = ReadsSlip(m, i);
+      sensors_.push_back({m->sensor_adr[i], static_cast<int>(wheel - wheels_.begin()),
+                          slip ? kSlipFirst : 0, slip ? kSlipSize : kForceSize});
+    }
+    return true;
+  }
+
+  // The numeric is: version, row count, station of row 0 [m], step [m], then the rows.
+  bool FindRoad(const mjModel* m, int instance) {
+    constexpr int kVersion = 1, kHeader = 4;
+    for (int i = 0; i < m->nnumeric; ++i) {
+      if (LocalName(m->names + m->name_numericadr[i]) != "iits_road") continue;
+      const double* data = m->numeric_data + m->numeric_adr[i];
+      const int size = m->numeric_size[i];
+      const bool valid = size >= kHeader && data[0] == kVersion && data[1] >= 2 && data[3] > 0 &&
+                         size == kHeader + RoadTable::kColumns * static_cast<int>(data[1]);
+      if (!valid) {
+        return Refuse(m, instance, "numeric 'iits_road' (%d numbers) is not a road table", size);
+      }
+      road_ = {static_cast<int>(data[1]), data[2], data[3], 1 / data[3]};
+      road_address_ = m->numeric_adr[i] + kHeader;
+      return true;
+    }
+    return true;
+  }
+
+  // Wrenches on two wheels, and their next states.
+  void PairForces(const mjModel* m, const mjData* d, const Wheel& a, const Wheel& b, State* sa,
+                  State* sb, Wrench wrenches[2]) const {
+    // Three components each, from two places.
+    auto gather = [](const mjtNum* x, const mjtNum* y, int stride, Pair out[3]) {
+      for (int i = 0; i < 3; ++i) out[i] = Pair{x[i * stride], y[i * stride]};
+    };
+    WheelMotion<Pair> wheel;
+    Pair center[3], com[3];
+    gather(d->xpos + 3 * a.body, d->xpos + 3 * b.body, 1, center);
+    gather(d->xmat + 9 * a.hub + 1, d->xmat + 9 * b.hub + 1, 3, wheel.axle);
+    // cvel is (angular, linear) about the tree's center of mass.
+    gather(d->subtree_com + 3 * a.root, d->subtree_com + 3 * b.root, 1, com);
+    gather(d->cvel + 6 * a.hub, d->cvel + 6 * b.hub, 1, wheel.angular);
+    gather(d->cvel + 6 * a.hub + 3, d->cvel + 6 * b.hub + 3, 1, wheel.velocity);
+    for (int i = 0; i < 3; ++i) wheel.arm[i] = center[i] - com[i];
+    wheel.height = center[2];
+    wheel.spin = Pair{d->qvel[a.dof], d->qvel[b.dof]};
+    wheel.carry = Pair{a.carry, b.carry};
+
+    const RoadPoint<Pair> road = road_.Evaluate(m->numeric_data + road_address_, center[0],
+                                                center[1], Pair{sa->station, sb->station});
+    const TireBristles<Pair> bristles = {{sa->bristles.x, sb->bristles.x},
+                                         {sa->bristles.y, sb->bristles.y},
+                                         {sa->bristles.spin, sb->bristles.spin}};
+    const TireForces<Pair> forces = law_.Step(wheel, road, bristles, m->opt.timestep);
+
+    State* const states[2] = {sa, sb};
+    for (int k = 0; k < 2; ++k) {
+      states[k]->next_station = road.station[k];
+      states[k]->next_bristles = {forces.next.x[k], forces.next.y[k], forces.next.spin[k]};
+      for (int i = 0; i < forces.kSignals; ++i) states[k]->signal[i] = forces.signal[i][k];
+      for (int i = 0; i < 3; ++i) {
+        wrenches[k].force[i] = forces.force[i][k];
+        wrenches[k].moment[i] = forces.moment[i][k];
+      }
+    }
+  }
+
+  Tire<double> law_;
+  RoadTable road_;
+  int road_address_ = 0;
+  std::vector<Wheel> wheels_;
+  int common_dof_ = -1;  // last degree of freedom that moves all wheels
+  std::vector<Sensor> sensors_;
+};
 
 }  // namespace
 
-Tire* Tire::Create(const mjModel* m, int instance) {
-  std::unique_ptr<Tire> t(new Tire());
-  const Attribute attributes[] = {
-      {"count", 1, 2, &t->count_},
-      {"free_radius", 0.05, 5, &t->free_radius_},
-      {"rolling_radius", 0.05, 5, &t->rolling_radius_},
-      {"vertical_stiffness", 1e3, 1e8, &t->vertical_stiffness_},
-      {"vertical_damping", 0, 1e6, &t->vertical_damping_},
-      {"cornering_coefficient", 0.1, 50, &t->cornering_coefficient_},
-      {"pneumatic_trail", 0, 0.5, &t->pneumatic_trail_},
-      {"nominal_load", 100, 1e6, &t->nominal_load_},
-      {"friction_lateral", 0.01, 3, &t->friction_lateral_},
-      {"friction_longitudinal", 0.01, 3, &t->friction_longitudinal_},
-      {"friction_load_slope", 0, 0.5, &t->friction_load_slope_},
-      {"shape_lateral", 1, 2, &t->shape_lateral_},
-      {"shape_longitudinal", 1, 2, &t->shape_longitudinal_},
-      {"curvature_lateral", -10, 1, &t->curvature_lateral_},
-      {"curvature_longitudinal", -10, 1, &t->curvature_longitudinal_},
-      {"load_saturation", 0.5, 20, &t->load_saturation_},
-      {"slip_stiffness", 1, 100, &t->slip_stiffness_},
-      {"relaxation_lateral", 0.05, 5, &t->relaxation_lateral_},
-      {"relaxation_load_exponent", 0, 2, &t->relaxation_load_exponent_},
-      {"relaxation_longitudinal", 0.05, 5, &t->relaxation_longitudinal_},
-      {"rolling_resistance", 0, 0.2, &t->rolling_resistance_},
-  };
-  if (!ReadAttributes(m, instance, attributes)) return nullptr;
-  t->Prepare();
-
-  for (int body : BodiesOfInstance(m, instance)) {
-    int joint = m->body_jntadr[body];
-    if (m->body_jntnum[body] != 1 || m->jnt_type[joint] != mjJNT_HINGE) {
-      mju_warning("plugin instance '%s': wheel body '%s' must have exactly one hinge joint",
-                  InstanceName(m, instance).c_str(), m->names + m->name_bodyadr[body]);
-      return nullptr;
-    }
-    const int dof = m->jnt_dofadr[joint];
-    const double radius = t->rolling_radius_;
-    const double carry = kCarry * m->dof_M0[dof] / (t->slip_stiffness_ * radius * radius);
-    t->wheels_.push_back({body, m->body_parentid[body], m->body_rootid[body], dof, carry});
-  }
-  t->common_dof_ = t->wheels_.empty() ? -1 : t->wheels_[0].dof;
-  for (const Wheel& wheel : t->wheels_) {
-    t->common_dof_ = CommonDof(m, t->common_dof_, wheel.dof);
-  }
-  for (int i = 0; i < m->nsensor; ++i) {
-    if (m->sensor_plugin[i] != instance) continue;
-    std::string name = m->names + m->name_sensoradr[i];
-    Sensor sensor = {m->sensor_adr[i], -1};
-    for (size_t w = 0; w < t->wheels_.size(); ++w) {
-      if (m->sensor_objtype[i] == mjOBJ_BODY && m->sensor_objid[i] == t->wheels_[w].body) {
-        sensor.wheel = static_cast<int>(w);
-      }
-    }
-    if (sensor.wheel < 0) {
-      mju_warning("plugin instance '%s': sensor '%s' needs objtype='body' and one of its wheels",
-                  InstanceName(m, instance).c_str(), name.c_str());
-      return nullptr;
-    }
-    (EndsWith(name, "_tire_slip") ? t->slip_sensors_ : t->force_sensors_).push_back(sensor);
-  }
-  if (!t->road_.Bind(m, instance)) return nullptr;
-  return t.release();
-}
-
-int Tire::StateSize(const mjModel* m, int instance) {
-  return kStateSize * static_cast<int>(BodiesOfInstance(m, instance).size());
-}
-
-void Tire::Reset(mjtNum* plugin_state) const {
-  State* states = reinterpret_cast<State*>(plugin_state);
-  for (size_t i = 0; i < wheels_.size(); ++i) {
-    states[i] = State();
-    states[i].station = states[i].next_station = Road::kUnknownStation;
-  }
-}
-
-void Tire::Sensors(const mjModel* m, mjData* d, int instance) const {
-  const State* states =
-      reinterpret_cast<const State*>(d->plugin_state + m->plugin_stateadr[instance]);
-  for (const Sensor& sensor : force_sensors_) {
-    for (int i = 0; i < kForceSize; ++i) {
-      d->sensordata[sensor.address + i] = states[sensor.wheel].signal[i];
-    }
-  }
-  for (const Sensor& sensor : slip_sensors_) {
-    for (int i = 0; i < kSlipSize; ++i) {
-      d->sensordata[sensor.address + i] = states[sensor.wheel].signal[kSlipFirst + i];
-    }
-  }
-}
-
-void Tire::Advance(const mjModel* m, mjData* d, int instance) const {
-  State* states = reinterpret_cast<State*>(d->plugin_state + m->plugin_stateadr[instance]);
-  for (size_t i = 0; i < wheels_.size(); ++i) {
-    State& s = states[i];
-    s.bristle_x = s.next_bristle_x;
-    s.bristle_y = s.next_bristle_y;
-    s.bristle_spin = s.next_bristle_spin;
-    s.station = s.next_station;
-  }
-}
-
-void RegisterTire() {
-  mjpPlugin plugin;
-  mjp_defaultPlugin(&plugin);
-  plugin.name = "iits.tire";
-  plugin.capabilityflags = mjPLUGIN_PASSIVE | mjPLUGIN_SENSOR;
-  plugin.nattribute = sizeof(kAttributes) / sizeof(kAttributes[0]);
-  plugin.attributes = kAttributes;
-  // Not mjSTAGE_VEL, at which MuJoCo computes velocities of all subtrees first, for nothing; what
-  // mjSTAGE_ACC needs, accelerometers have computed already.
-  plugin.needstage = mjSTAGE_ACC;
-  plugin.nstate = Tire::StateSize;
-  // Forces are (Fx, Fy, Fz), slips are (longitudinal slip, slip angle).
-  plugin.nsensordata = +[](const mjModel* m, int, int sensor) {
-    return EndsWith(m->names + m->name_sensoradr[sensor], "_tire_slip") ? kSlipSize : kForceSize;
-  };
-  plugin.init = +[](const mjModel* m, mjData* d, int instance) {
-    Tire* tire = Tire::Create(m, instance);
-    d->plugin_data[instance] = reinterpret_cast<uintptr_t>(tire);
-    return tire ? 0 : -1;
-  };
-  plugin.destroy = +[](mjData* d, int instance) {
-    delete reinterpret_cast<Tire*>(d->plugin_data[instance]);
-    d->plugin_data[instance] = 0;
-  };
-  plugin.reset = +[](const mjModel*, mjtNum* plugin_state, void* plugin_data, int) {
-    reinterpret_cast<Tire*>(plugin_data)->Reset(plugin_state);
-  };
-  plugin.compute = +[](const mjModel* m, mjData* d, int instance, int capability_bit) {
-    const Tire* tire = reinterpret_cast<Tire*>(d->plugin_data[instance]);
-    if (capability_bit & mjPLUGIN_PASSIVE) tire->Passive(m, d, instance);
-    if (capability_bit & mjPLUGIN_SENSOR) tire->Sensors(m, d, instance);
-  };
-  plugin.advance = +[](const mjModel* m, mjData* d, int instance) {
-    reinterpret_cast<Tire*>(d->plugin_data[instance])->Advance(m, d, instance);
-  };
-  mjp_registerPlugin(&plugin);
-}
+void RegisterTire() { RegisterPlugin<TirePlugin>("iits.tire", mjPLUGIN_PASSIVE | mjPLUGIN_SENSOR); }
 
 }  // namespace iits

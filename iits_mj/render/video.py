@@ -18,16 +18,16 @@ from numpy.typing import NDArray
 from iits_mj.core.context import Finishing
 from iits_mj.core.errors import InputError, RenderError
 from iits_mj.core.messages import Trajectory
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.render.cameras import FollowCamera
 from iits_mj.render.lane_sketch import add_trajectory
 from iits_mj.render.offscreen import Offscreen, check_size
 from iits_mj.render.overlay import Overlay
+from iits_mj.simulation.lock_step import LockStep, Observer
 
 if TYPE_CHECKING:
-    from iits_mj.simulation import Frame, Simulation
+    from iits_mj.simulation import Frame
     from iits_mj.truck import Truck
-
-TIMESTEP = 0.002
 
 
 class Mp4Encoder(Finishing):
@@ -209,7 +209,7 @@ class VideoWriter(Finishing):
         self._encoder.abandon()
 
 
-class VideoObserver(Finishing):
+class VideoObserver(Finishing, Observer):
     """Observer that writes a video of a drive, with the instrument panel.
 
     Args:
@@ -255,7 +255,7 @@ class VideoObserver(Finishing):
         """Number of pictures so far."""
         return self._writer.frames
 
-    def observe(self, simulation: Simulation | None, frame: Frame) -> None:
+    def observe(self, simulation: LockStep | None, frame: Frame) -> None:
         """Adds a picture of this instant; `simulation` is not used."""
         del simulation
         picture = self._writer.picture(self._truck.data, frame.trajectory, frame.ego.station)

@@ -1,4 +1,7 @@
-"""Finds drivable chains of roads: through road links and through junctions' connecting roads."""
+"""Finds drivable chains of roads through links and junctions, and joins their roads end to end.
+
+Joining trims overlaps, bridges gaps and shifts parallel reference lines.
+"""
 
 from __future__ import annotations
 
@@ -11,16 +14,20 @@ from numpy.typing import ArrayLike
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import MapError
-from iits_mj.road.elements import LaneSection, OpenDriveMap, Road
+from iits_mj.road.elements import OpenDriveMap, Road
 
 Node = tuple[str, int]
 
 SEARCH_BUDGET = 20_000
 CHAIN_LENGTH_LIMIT = 1e6
+GAP_LIMIT = 3.0
+SHIFT_LIMIT = 20.0
+# A smaller lateral step is blended; a larger one is another choice of reference line.
+BLENDED_LATERAL_STEP = 0.3
 
 
 class RoadGraph:
-    """Which road follows which, for every direction of travel that has driving lanes.
+    """Successors of every road, in each direction of travel that has driving lanes.
 
     A node is (road id, direction): +1 along s on the right lanes, -1 against s on the left ones.
     """
@@ -43,11 +50,11 @@ class RoadGraph:
         }
 
     def followers(self, node: Node) -> list[Node]:
-        """Nodes one can drive on to, the one that continues most lanes first."""
+        """Returns the successors of a node, the one that continues most lanes first."""
         return self._next[node]
 
     def starts(self) -> list[Node]:
-        """Where a chain can begin: nodes nobody leads to, and one of every closed loop."""
+        """Returns nodes where a chain can begin: those without predecessor, one of every loop."""
         reached = {follower for followers in self._next.values() for follower in followers}
         starts = [node for node in self.nodes if node not in reached]
         covered = self._reachable(starts)
@@ -58,7 +65,7 @@ class RoadGraph:
         return starts
 
     def chain(self, start: str | None = None) -> list[Node]:
-        """The longest chain, or the longest from `start`: "ID" (along s) or "ID:-1" (against).
+        """Returns the longest chain, or the longest from `start`: "ID" (along s) or "ID:-1".
 
         Every road is driven at most once, so a closed loop gives one lap. The search is exhaustive
         on maps of some dozens of roads; on large ones it ends after a fixed number of steps.
@@ -74,7 +81,7 @@ class RoadGraph:
         longest = 0.0
         for node in starts:
             chain, length = self._longest_from(node, budget)
-            # Equal chains: the first one stays, so the result does not hang on rounding.
+            # Of equal chains the first is kept, so that the result does not depend on rounding.
             if length > longest + 1e-6:
                 best, longest = chain, length
         return best
@@ -140,11 +147,11 @@ class RoadGraph:
         link = road.link(direction)
         if link is None:
             return
-        lanes = {lane.id for lane in self._last_section(road, direction).driving(direction)}
+        lanes = {lane.id for lane in road.sections[-1 if direction > 0 else 0].driving(direction)}
         if link.element == "road":
             follower = (link.id, -1 if link.contact == "end" else 1)
             if link.id in self.roads:
-                first = self._first_section(self.roads[link.id], follower[1])
+                first = self.roads[link.id].sections[0 if follower[1] > 0 else -1]
                 yield follower, min(len(lanes), len(first.driving(follower[1])))
             return
         junction = self._junctions.get(link.id)
@@ -165,22 +172,6 @@ class RoadGraph:
             return True
         contact = "end" if node[1] > 0 else "start"
         return link.id == node[0] and link.contact in (None, contact)
-
-    @staticmethod
-    def _last_section(road: Road, direction: int) -> LaneSection:
-        return road.sections[-1 if direction > 0 else 0]
-
-    @staticmethod
-    def _first_section(road: Road, direction: int) -> LaneSection:
-        return road.sections[0 if direction > 0 else -1]
-
-
-# --- Lays the roads of a chain end to end: trimmed overlaps, bridged gaps, parallel shifts ---
-
-GAP_LIMIT = 3.0
-SHIFT_LIMIT = 20.0
-# Below this a lateral step is dirt to be blended, above it another choice of reference line.
-BLENDED_LATERAL_STEP = 0.3
 
 
 @dataclass(frozen=True)
@@ -257,6 +248,11 @@ class Piece:
             ]
         )
 
+    def steepest(self) -> float:
+        """Greatest cross slope of the road on this stretch [rad]."""
+        s = np.linspace(self.s_start, self.s_end, max(int(self.length), 10))
+        return float(np.max(np.abs(self.road.superelevation.evaluate(s))))
+
     def breaks(self) -> list[float]:
         """Road s of every record that starts inside, in the order of travel."""
         low, high = sorted((self.s_start, self.s_end))
@@ -266,11 +262,11 @@ class Piece:
 
 
 def join(roads: dict[str, Road], chain: Sequence[Node], source: str) -> list[Piece]:
-    """Lays the roads of a chain end to end.
+    """Joins the roads of a chain end to end.
 
-    Overlaps are trimmed, gaps bridged by extending the next road backwards, and where the next
-    road's reference line runs beside the last one's (another lane of it), the chain keeps its line
-    by a parallel shift.
+    Overlaps are trimmed and gaps are bridged by extending the next road backwards. Where the next
+    road's reference line runs beside the last one's (in another lane), the chain keeps its line by
+    a parallel shift.
 
     Raises:
       MapError: two roads do not meet.

@@ -1,6 +1,6 @@
-"""What an OpenDRIVE file says, as plain frozen records: roads, lanes, links, signals, structures.
+"""Records of an OpenDRIVE file: roads, lanes, links, signals, structures.
 
-Every record compares by value, so two files that say the same give equal maps. Coordinates are
+Records compare by value, so two files with the same content give equal maps. Coordinates are
 the road's own: s along the reference line, t to the left of it; SI units.
 """
 
@@ -14,18 +14,8 @@ from iits_mj.road.geometry import Geometry, PlanView
 from iits_mj.road.polynomials import Cubic, PiecewiseCubic, combine
 
 DRIVING_TYPES = frozenset(
-    {
-        "driving",
-        "entry",
-        "exit",
-        "onRamp",
-        "offRamp",
-        "connectingRamp",
-        "slipLane",
-        "mwyEntry",
-        "mwyExit",
-    }
-)
+    ("driving", "entry", "exit", "onRamp", "offRamp", "connectingRamp", "slipLane")
+) | {"mwyEntry", "mwyExit"}
 PAVED_TYPES = DRIVING_TYPES | {"shoulder", "stop", "parking", "biking", "bidirectional", "special1"}
 
 # Limits where a map gives none: the road types of OpenDRIVE 1.6, table 26 [m/s].
@@ -71,7 +61,7 @@ class Lane:
 
     @property
     def is_driving(self) -> bool:
-        """Whether motor traffic drives here."""
+        """Whether motor traffic uses the lane."""
         return self.kind in DRIVING_TYPES
 
 
@@ -83,22 +73,22 @@ class LaneSection:
     lanes: tuple[Lane, ...]
 
     def side(self, direction: int) -> list[Lane]:
-        """Lanes of one direction of travel (+1 right lanes, -1 left lanes), inner to outer."""
+        """Returns lanes of a direction of travel (+1 right, -1 left lanes), inner to outer."""
         chosen = [lane for lane in self.lanes if lane.id * direction < 0]
         return sorted(chosen, key=lambda lane: abs(lane.id))
 
     def lane(self, lane_id: int) -> Lane | None:
-        """The lane of an id, or None."""
+        """Returns the lane of an id, or None."""
         return next((lane for lane in self.lanes if lane.id == lane_id), None)
 
     def driving(self, direction: int) -> list[Lane]:
-        """Driving lanes of a direction of travel, from its right (outermost) to its left."""
+        """Returns driving lanes of a direction of travel, from the outermost to the innermost."""
         return [lane for lane in reversed(self.side(direction)) if lane.is_driving]
 
 
 @dataclass(frozen=True)
 class Link:
-    """What a road's end is joined to: a road (at its "start" or "end") or a junction."""
+    """Successor of a road's end: a road (at its "start" or "end") or a junction."""
 
     element: str
     id: str
@@ -116,7 +106,7 @@ class RoadType:
 
 @dataclass(frozen=True)
 class Signal:
-    """A sign or traffic light; `value` with `unit` is what a speed sign shows."""
+    """A sign or traffic light; `value` with `unit` is the limit of a speed sign."""
 
     id: str
     s: float
@@ -153,7 +143,7 @@ class Structure:
 
 @dataclass(frozen=True)
 class Road:
-    """One road: reference line, profiles, lanes, links and what stands along it."""
+    """A road: reference line, profiles, lanes, links, signals and structures."""
 
     id: str
     length: float
@@ -191,21 +181,21 @@ class Road:
         return PiecewiseCubic(self.lane_offsets)
 
     def section_spans(self) -> Iterator[tuple[float, float, LaneSection]]:
-        """Every lane section with its start and end."""
+        """Yields every lane section with its start and end."""
         ends = [section.s for section in self.sections[1:]] + [self.length]
         for section, end in zip(self.sections, ends, strict=True):
             yield section.s, end, section
 
     def has_lanes(self, direction: int) -> bool:
-        """Whether driving lanes of this direction run along the whole road."""
+        """Returns whether driving lanes of a direction run along the whole road."""
         return all(section.driving(direction) for section in self.sections)
 
     def link(self, direction: int) -> Link | None:
-        """What the road's end in this direction of travel is joined to."""
+        """Returns the link of the road's end in a direction of travel."""
         return self.successor if direction > 0 else self.predecessor
 
     def speed_at(self, s: float) -> float:
-        """Limit of the road itself [m/s], where its lanes give none."""
+        """Returns the road's own limit [m/s], for lanes without one."""
         kind, speed = "unknown", None
         for record in self.types:
             if record.s <= s or record is self.types[0]:
@@ -234,7 +224,7 @@ class Junction:
 
 @dataclass(frozen=True)
 class OpenDriveMap:
-    """All of a file that this project uses; `notes` says what was left out, in words."""
+    """Content of a file that this project uses; `notes` lists what was left out."""
 
     roads: tuple[Road, ...]
     junctions: tuple[Junction, ...] = ()
@@ -244,9 +234,9 @@ class OpenDriveMap:
 
 
 def lane_borders(road: Road, section: LaneSection, direction: int) -> dict[int, PiecewiseCubic]:
-    """T of the outer border of every lane of a side, as profiles over the road's s [m].
+    """Returns t of the outer border of every lane of a side, as profiles over s [m].
 
-    Lane 0 stands for the centre line, whose border is the lane offset.
+    Lane 0 is the centre line, whose border is the lane offset.
     """
     sign = -1.0 if direction > 0 else 1.0
     border = road.lane_offset

@@ -1,6 +1,8 @@
-"""The lanes of a route: borders, limits, paint and friction over its chain parameter.
+"""Lanes, structures and signals along a route.
 
-Lanes are counted from the right, 0 being the rightmost driving lane; offsets are positive to the
+Lanes have borders, limits, paint and friction over the route's chain parameter.
+
+They are counted from the right, 0 being the rightmost driving lane; offsets are positive to the
 left of the route's reference line. Widths are taken horizontally (a cross slope of 0.1 rad changes
 them by 0.5 %), as SUMO's network has them.
 """
@@ -19,9 +21,11 @@ from iits_mj.road.elements import (
     Lane,
     LaneSection,
     RoadMark,
+    Signal,
     lane_borders,
 )
 from iits_mj.road.polynomials import PiecewiseCubic, combine
+from iits_mj.road.reference_line import ReferenceLine
 
 T = TypeVar("T")
 
@@ -69,17 +73,17 @@ class LaneBand:
     left_edge: PiecewiseCubic
 
     def boundary(self, i: int) -> PiecewiseCubic:
-        """Offset of boundary i from the right, 0 to the number of lanes."""
+        """Returns the offset of boundary i from the right, 0 to the number of lanes."""
         i = min(max(i, 0), len(self.lanes))
         return self.lanes[0].right if i == 0 else self.lanes[i - 1].left
 
 
 def lane_bands(piece: Piece) -> list[LaneBand]:
-    """The bands of one piece of a chain, in the order of travel."""
+    """Returns the bands of one piece of a chain, in the order of travel."""
     low, high = sorted((piece.s_start, piece.s_end))
     spans = []
     for start, end, section in piece.road.section_spans():
-        # The outer sections also cover what a bridged gap adds.
+        # The outer sections also cover the bridged gaps.
         start = min(start, low) if section is piece.road.sections[0] else start
         end = max(end, high) if section is piece.road.sections[-1] else end
         start, end = max(start, low), min(end, high)
@@ -159,3 +163,69 @@ def _paved_edge(section: LaneSection, direction: int, start: int) -> int:
             break
         edge = lane.id
     return edge
+
+
+@dataclass(frozen=True)
+class RouteSegment:
+    """A road of the route: driven from `s_start` to `s_end`, entered at `station_start`."""
+
+    road_id: str
+    direction: int
+    s_start: float
+    s_end: float
+    station_start: float
+
+
+@dataclass(frozen=True)
+class RouteSignal:
+    """A sign or light that faces the route's traffic."""
+
+    station: float
+    offset: float
+    signal: Signal
+
+
+@dataclass(frozen=True)
+class FrictionPatch:
+    """Friction over [start, end) of station: `left` of the offset `split`, and `right` of it."""
+
+    start: float
+    end: float
+    left: float
+    right: float
+    split: float = 0.0
+
+
+def structure_spans(
+    pieces: Sequence[Piece], line: ReferenceLine, kind: str
+) -> tuple[tuple[float, float], ...]:
+    """Returns (start, end) stations of each "tunnel" or "bridge"; those that touch are merged."""
+    spans: list[tuple[float, float]] = []
+    for piece in pieces:
+        low, high = sorted((piece.s_start, piece.s_end))
+        for item in piece.road.structures:
+            start, end = max(item.s, low), min(item.s + item.length, high)
+            if item.kind == kind and end > start:
+                ends = sorted(float(line.station(piece.p_at(s))) for s in (start, end))
+                spans.append((ends[0], ends[1]))
+    merged: list[tuple[float, float]] = []
+    for begin, end in sorted(spans):
+        if merged and begin - merged[-1][1] < 1.0:
+            merged[-1] = (merged[-1][0], max(end, merged[-1][1]))
+        else:
+            merged.append((begin, end))
+    return tuple(merged)
+
+
+def facing_signals(pieces: Sequence[Piece], line: ReferenceLine) -> tuple[RouteSignal, ...]:
+    """Returns the signals that face the route's direction, in order of station."""
+    found = []
+    for piece in pieces:
+        low, high = sorted((piece.s_start, piece.s_end))
+        facing = ("+", "none") if piece.direction > 0 else ("-", "none")
+        for signal in piece.road.signals:
+            if low <= signal.s <= high and signal.orientation in facing:
+                station = float(line.station(piece.p_at(signal.s)))
+                offset = piece.direction * signal.t - piece.shift
+                found.append(RouteSignal(station, offset, signal))
+    return tuple(sorted(found, key=lambda item: item.station))

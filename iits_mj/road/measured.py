@@ -1,13 +1,12 @@
-"""A road from measured figures: heights over station, straight or along a measured plan view.
+"""Roads from measurements: heights over station, straight or along a measured plan view.
 
-Between the stations the height is the natural cubic spline, so that grade and its change are
+Between the stations the height is a natural cubic spline, so that grade and its change are
 continuous; the plan view is a chain of clothoids whose curvature is linear between the stations.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,26 +15,17 @@ from numpy.typing import ArrayLike
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.tables import read_columns, read_names
-from iits_mj.road.elements import Lane, LaneSection, OpenDriveMap, Road, RoadMark, RoadType
 from iits_mj.road.geometry import Arc, Geometry, Line, Spiral
 from iits_mj.road.polynomials import Cubic
-from iits_mj.road.road_map import RoadMap
-from iits_mj.road.route import Route
+from iits_mj.road.route import RoadMap, Route
+from iits_mj.road.straight import Lanes, one_way_road
+
+__all__ = ["Lanes", "measured_route", "route_from_csv"]
 
 _GRADE_MAX = 0.25
 _CURVATURE_MAX = 0.2
 # Below it a clothoid is laid as a straight line or an arc [1/m].
 _SAME_CURVATURE = 1e-9
-
-
-@dataclass(frozen=True)
-class Lanes:
-    """Lanes beside each other: number, width [m], speed limit [m/s], friction."""
-
-    count: int = 2
-    width: float = 4.0
-    speed_limit: float = 25.0
-    friction: float = 0.8
 
 
 def measured_route(
@@ -46,60 +36,41 @@ def measured_route(
     lanes: Lanes | None = None,
     name: str = "measured road",
 ) -> Route:
-    """A one-way road from measured figures, all of shape (n,).
+    """Returns a one-way road from measurements, all of shape (n,).
 
     The reference line is the middle of the rightmost lane, which lies on the measured heights.
 
     Args:
-      station: rising, the first is the road's station 0 [m].
+      station: rising [m]; the first is the road's station 0.
       height: [m].
-      heading: [rad], only the first counts, the curvature gives the others; default: 0.
+      heading: [rad]; only the first is used, the curvature gives the others; default: 0.
       curvature: positive to the left [1/m]; default: a straight road.
       lanes: default: two of 4 m at 25 m/s.
       name: of the road, for reports.
 
     Raises:
-      InputError: columns that do not fit, numbers that are not finite, no road's grade or bend.
+      InputError: columns do not fit, a number is not finite, or grade or curvature is too large.
     """
-    lanes = lanes or Lanes()
     s, z = _columns(name, station, height)
     s = s - s[0]
     bends = np.zeros_like(s) if curvature is None else _columns(name, station, curvature)[1]
     if np.abs(bends).max() > _CURVATURE_MAX:
         raise InputError(
-            f"{name}: curvature {np.abs(bends).max():.3g} 1/m is no road's: "
+            f"{name}: curvature {np.abs(bends).max():.3g} 1/m is too large for a road: "
             f"at most {_CURVATURE_MAX:g} is allowed"
         )
     first = 0.0 if heading is None else float(_columns(name, station, heading)[1][0])
-    right = tuple(
-        Lane(
-            id=-i,
-            widths=(Cubic(0.0, lanes.width),),
-            marks=(RoadMark(0.0, "broken" if i < lanes.count else "solid"),),
-            speeds=((0.0, lanes.speed_limit),),
-            frictions=((0.0, lanes.friction),),
-        )
-        for i in range(1, lanes.count + 1)
+    content = one_way_road(
+        name, float(s[-1]), tuple(_plan_view(s, first, bends)), _spline(s, z), lanes or Lanes()
     )
-    center = Lane(id=0, kind="none", marks=(RoadMark(0.0, "solid"),))
-    road = Road(
-        id="1",
-        length=float(s[-1]),
-        geometries=tuple(_plan_view(s, first, bends)),
-        sections=(LaneSection(0.0, (center, *right)),),
-        name=name,
-        types=(RoadType(0.0, "motorway", lanes.speed_limit),),
-        elevations=_spline(s, z),
-        lane_offsets=(Cubic(0.0, (lanes.count - 0.5) * lanes.width),),
-    )
-    return RoadMap(OpenDriveMap(roads=(road,), name=name), name).route()
+    return RoadMap(content, name).route()
 
 
 def route_from_csv(path: str | Path, lanes: Lanes | None = None) -> Route:
-    """A road from a CSV file with s_m and z_m, and heading_rad and curvature_1pm if it bends.
+    """Reads a road from a CSV file with s_m and z_m, and heading_rad and curvature_1pm if it bends.
 
     Raises:
-      InputError: the file cannot be read, or its columns are no road.
+      InputError: the file cannot be read, or its columns do not describe a road.
     """
     names = read_names(path, "road")
     extra = [name for name in ("heading_rad", "curvature_1pm") if name in names]
@@ -119,7 +90,7 @@ def route_from_csv(path: str | Path, lanes: Lanes | None = None) -> Route:
 def _columns(name: str, station: ArrayLike, values: ArrayLike) -> tuple[FloatArray, FloatArray]:
     s, v = np.asarray(station, dtype=float), np.asarray(values, dtype=float)
     if s.ndim != 1 or s.size < 3 or v.shape != s.shape:
-        raise InputError(f"{name}: columns of equal length of 3 or more are wanted")
+        raise InputError(f"{name}: columns of equal length of 3 or more are needed")
     if not (np.isfinite(s).all() and np.isfinite(v).all()):
         raise InputError(f"{name} holds numbers that are not finite")
     if (np.diff(s) <= 0.0).any():
@@ -135,8 +106,8 @@ def _spline(s: FloatArray, z: FloatArray) -> tuple[Cubic, ...]:
     steep = np.abs(np.diff(z) / np.diff(s))
     if steep.max() > _GRADE_MAX:
         raise InputError(
-            f"grade {100.0 * steep.max():.1f} % at {s[int(steep.argmax())]:.0f} m is no road's: "
-            f"at most {100.0 * _GRADE_MAX:g} % is allowed"
+            f"grade {100.0 * steep.max():.1f} % at {s[int(steep.argmax())]:.0f} m is too large for "
+            f"a road: at most {100.0 * _GRADE_MAX:g} % is allowed"
         )
     d, c, b, a = CubicSpline(s, z, bc_type="natural").c
     return tuple(Cubic(*map(float, row)) for row in zip(s[:-1], a, b, c, d, strict=True))

@@ -1,8 +1,8 @@
 """Parses OpenDRIVE (1.4 to 1.8, right-hand traffic) into the records of `elements`.
 
-Element and attribute names follow ASAM OpenDRIVE 1.6. What does not change where the road lies or
-how it is driven (outlines of objects, controllers, vendor data) is not read; what does and is not
-supported is refused, or left out with a note in words.
+Element and attribute names follow ASAM OpenDRIVE 1.6. Content that changes neither the road's place
+nor how it is driven (outlines of objects, controllers, vendor data) is not read. Other content that
+is not supported is refused, or left out with a note.
 """
 
 from __future__ import annotations
@@ -14,76 +14,27 @@ from xml.etree.ElementTree import Element
 from iits_mj.road.elements import (
     Connection,
     Junction,
+    Lane,
+    LaneSection,
     Link,
     OpenDriveMap,
     Road,
+    RoadMark,
     RoadType,
     Signal,
     Structure,
 )
 from iits_mj.road.geometry import Arc, Geometry, Line, ParamPoly3, Poly3, Spiral
 from iits_mj.road.polynomials import Cubic
-from iits_mj.road.xml_input import Reader, parse_xml, read_file, read_lanes, read_speed
-
-# --- Parses what stands along an OpenDRIVE road: signals, tunnels, bridges ---
-
-
-def read_signals(place: Reader, signals: Element | None) -> tuple[Signal, ...]:
-    """Signs and traffic lights in the order of the file."""
-    result = []
-    for item in () if signals is None else signals.findall("signal"):
-        identity = place.text(item, "id")
-        where = place.within(f"signal {identity!r}")
-        value = item.get("value")
-        result.append(
-            Signal(
-                id=identity,
-                s=where.number(item, "s", low=0.0),
-                t=where.number(item, "t", 0.0),
-                kind=item.get("type", ""),
-                subtype=item.get("subtype", ""),
-                country=item.get("country", ""),
-                name=item.get("name", ""),
-                dynamic=item.get("dynamic", "no") == "yes",
-                orientation=item.get("orientation", "none"),
-                value=where.number(item, "value") if value and value.strip() else None,
-                unit=item.get("unit", ""),
-                z_offset=where.number(item, "zOffset", 0.0),
-                height=where.number(item, "height", 0.0),
-                width=where.number(item, "width", 0.0),
-            )
-        )
-    return tuple(result)
-
-
-def read_structures(place: Reader, objects: Element | None) -> tuple[Structure, ...]:
-    """Tunnels and bridges in order of s."""
-    result = []
-    for item in () if objects is None else objects:
-        if item.tag not in ("tunnel", "bridge"):
-            continue
-        identity = place.text(item, "id")
-        where = place.within(f"{item.tag} {identity!r}")
-        result.append(
-            Structure(
-                kind=item.tag,
-                id=identity,
-                s=where.number(item, "s", low=0.0),
-                length=where.number(item, "length", low=0.0),
-                name=item.get("name", ""),
-                subtype=item.get("type", "standard"),
-            )
-        )
-    return tuple(sorted(result, key=lambda structure: structure.s))
-
-
-# --- Parses OpenDRIVE (1.4 to 1.8, right-hand traffic) into the records of `elements` ---
+from iits_mj.road.xml_input import Reader, parse_xml, read_file
 
 LENGTH_LIMIT = 1e6
 CURVATURE_LIMIT = 10.0
 TURN_LIMIT = 200.0
 PLAN_JUMP_LIMIT = 3.0
 _COEFFICIENTS = ("a", "b", "c", "d")
+_UNITS = {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704}
+_UNLIMITED = ("no limit", "undefined")
 
 
 def load(path: str | Path) -> OpenDriveMap:
@@ -180,7 +131,7 @@ def _read_road(reader: Reader, item: Element, notes: list[str]) -> Road:
         id=identity,
         length=length,
         geometries=geometries,
-        sections=read_lanes(place, lanes, length),
+        sections=_read_lanes(place, lanes, length),
         name=item.get("name", ""),
         junction=None if junction in ("", "-1") else junction,
         predecessor=_read_link(place, link, "predecessor", notes),
@@ -189,15 +140,15 @@ def _read_road(reader: Reader, item: Element, notes: list[str]) -> Road:
         elevations=_read_cubics(place, item.find("elevationProfile"), "elevation"),
         superelevations=_read_cubics(place, lateral, "superelevation"),
         lane_offsets=_read_cubics(place, lanes, "laneOffset"),
-        signals=read_signals(place, item.find("signals")),
-        structures=read_structures(place, item.find("objects")),
+        signals=_read_signals(place, item.find("signals")),
+        structures=_read_structures(place, item.find("objects")),
     )
     _check_plan(place, road)
     return road
 
 
 def _check_plan(place: Reader, road: Road) -> None:
-    """The records must cover the road and meet, but for what can be blended."""
+    """Fails if the records leave a gap in the road that is too large to be blended."""
     ends = [*(geometry.s for geometry in road.geometries[1:]), road.length]
     for geometry, end in zip(road.geometries, ends, strict=True):
         missing = end - geometry.s - geometry.length
@@ -236,7 +187,7 @@ def _read_geometry(place: Reader, record: Element) -> Geometry:
     tag = "none" if shape is None else shape.tag
     if shape is None or tag == "line" or length == 0.0:
         if shape is None:
-            where.fail("has no shape; one of line, arc, spiral, poly3, paramPoly3 is wanted")
+            where.fail("has no shape; one of line, arc, spiral, poly3, paramPoly3 is needed")
         return Line(s, x, y, heading, length)
 
     def curvature(name: str) -> float:
@@ -296,5 +247,156 @@ def _read_type(place: Reader, record: Element) -> RoadType:
     return RoadType(
         s=place.number(record, "s", 0.0, low=0.0, high=LENGTH_LIMIT),
         kind=record.get("type", "unknown"),
-        speed=None if speed is None else read_speed(place, speed),
+        speed=None if speed is None else _read_speed(place, speed),
     )
+
+
+def _read_signals(place: Reader, signals: Element | None) -> tuple[Signal, ...]:
+    """Signs and traffic lights in the order of the file."""
+    result = []
+    for item in () if signals is None else signals.findall("signal"):
+        identity = place.text(item, "id")
+        where = place.within(f"signal {identity!r}")
+        value = item.get("value")
+        result.append(
+            Signal(
+                id=identity,
+                s=where.number(item, "s", low=0.0),
+                t=where.number(item, "t", 0.0),
+                kind=item.get("type", ""),
+                subtype=item.get("subtype", ""),
+                country=item.get("country", ""),
+                name=item.get("name", ""),
+                dynamic=item.get("dynamic", "no") == "yes",
+                orientation=item.get("orientation", "none"),
+                value=where.number(item, "value") if value and value.strip() else None,
+                unit=item.get("unit", ""),
+                z_offset=where.number(item, "zOffset", 0.0),
+                height=where.number(item, "height", 0.0),
+                width=where.number(item, "width", 0.0),
+            )
+        )
+    return tuple(result)
+
+
+def _read_structures(place: Reader, objects: Element | None) -> tuple[Structure, ...]:
+    """Tunnels and bridges in order of s."""
+    result = []
+    for item in () if objects is None else objects:
+        if item.tag not in ("tunnel", "bridge"):
+            continue
+        identity = place.text(item, "id")
+        where = place.within(f"{item.tag} {identity!r}")
+        result.append(
+            Structure(
+                kind=item.tag,
+                id=identity,
+                s=where.number(item, "s", low=0.0),
+                length=where.number(item, "length", low=0.0),
+                name=item.get("name", ""),
+                subtype=item.get("type", "standard"),
+            )
+        )
+    return tuple(sorted(result, key=lambda structure: structure.s))
+
+
+def _read_lanes(place: Reader, lanes: Element, road_length: float) -> tuple[LaneSection, ...]:
+    """Lane sections of a road in order of s.
+
+    Raises:
+      MapError: there is none, or one is wrong.
+    """
+    sections = [_read_section(place, item) for item in lanes.findall("laneSection")]
+    sections.sort(key=lambda section: section.s)
+    sections = [section for section in sections if section.s < road_length]
+    if not sections:
+        place.fail("has no <laneSection>")
+    return tuple(sections)
+
+
+def _read_speed(place: Reader, record: Element) -> float:
+    """A limit [m/s]; infinite for "no limit"."""
+    if record.get("max", "").strip().lower() in _UNLIMITED:
+        return math.inf
+    unit = record.get("unit", "m/s")
+    if unit not in _UNITS:
+        place.fail(f"<speed unit={unit!r}> must be one of {', '.join(_UNITS)}")
+    return place.number(record, "max", low=0.0, high=1000.0) * _UNITS[unit]
+
+
+def _read_section(place: Reader, item: Element) -> LaneSection:
+    s = place.number(item, "s", low=0.0)
+    where = place.within(f"lane section at s = {s:g}")
+    lanes: list[Lane] = []
+    for side, sign in (("left", 1), ("center", 0), ("right", -1)):
+        group = item.find(side)
+        for element in () if group is None else group.findall("lane"):
+            lane = _read_lane(where, element)
+            if (lane.id > 0) - (lane.id < 0) != sign:
+                where.fail(f"lane {lane.id} is in <{side}>")
+            if any(other.id == lane.id for other in lanes):
+                where.fail(f"lane {lane.id} is defined twice")
+            lanes.append(lane)
+    lanes.sort(key=lambda lane: -lane.id)
+    return LaneSection(s, tuple(lanes))
+
+
+def _read_lane(place: Reader, element: Element) -> Lane:
+    identity = place.integer(element, "id")
+    where = place.within(f"lane {identity}")
+    widths = _read_widths(where, element, "width")
+    borders = _read_widths(where, element, "border")
+    # Some writers give borders as distances; t is negative on the right.
+    if identity < 0 and borders and all(record.a >= 0.0 for record in borders):
+        borders = tuple(Cubic(r.start, -r.a, -r.b, -r.c, -r.d) for r in borders)
+    if identity != 0 and not widths and not borders:
+        where.fail("has neither <width> nor <border>")
+    return Lane(
+        id=identity,
+        kind=element.get("type", "none"),
+        widths=widths if identity else (),
+        borders=borders if identity and not widths else (),
+        marks=tuple(_read_mark(where, mark) for mark in element.findall("roadMark")),
+        speeds=tuple(
+            (_offset(where, record), _read_speed(where, record))
+            for record in element.findall("speed")
+        ),
+        frictions=tuple(
+            (_offset(where, record), where.number(record, "friction", low=0.0, high=2.0))
+            for record in element.findall("material")
+            if record.get("friction") is not None
+        ),
+        predecessor=_lane_link(where, element, "predecessor"),
+        successor=_lane_link(where, element, "successor"),
+    )
+
+
+def _offset(place: Reader, record: Element) -> float:
+    return place.number(record, "sOffset", 0.0, low=0.0)
+
+
+def _read_widths(place: Reader, element: Element, tag: str) -> tuple[Cubic, ...]:
+    records = (
+        Cubic(
+            _offset(place, record),
+            place.number(record, "a"),
+            *(place.number(record, name, 0.0) for name in ("b", "c", "d")),
+        )
+        for record in element.findall(tag)
+    )
+    return tuple(sorted(records, key=lambda cubic: cubic.start))
+
+
+def _read_mark(place: Reader, mark: Element) -> RoadMark:
+    return RoadMark(
+        start=_offset(place, mark),
+        kind=mark.get("type", "none"),
+        width=place.number(mark, "width", 0.12, low=0.0, high=10.0),
+        color=mark.get("color", "standard"),
+    )
+
+
+def _lane_link(place: Reader, element: Element, name: str) -> int | None:
+    link = element.find("link")
+    target = None if link is None else link.find(name)
+    return None if target is None else place.integer(target, "id")

@@ -1,4 +1,4 @@
-"""A route's reference line as dense knots: fast evaluation and projection.
+"""Reference line of a route as dense knots, for fast evaluation and projection.
 
 Knots are exact (see `seams`) and uniform in station, which is the horizontal arc length. Between
 them x, y, z and superelevation are cubic Hermite polynomials, so position and height are C1, and
@@ -12,32 +12,30 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import FloatArray, IndexArray
 from iits_mj.core.errors import InputError
 from iits_mj.road.seams import ContinuousChain, X, Y
-
-IntArray = NDArray[np.intp]
 
 KNOT_SPACING = 0.5
 ARC_TOLERANCE = 2e-4
 _COARSE_SPACING = 5.0
 _LOST = 50.0
 _TURN = 2.0 * math.pi
-# Rows of the knots: x, y, z and superelevation, their slopes over station, and what is linear.
+# Rows of the knots: x, y, z and superelevation, their slopes over station, linear quantities.
 _VALUES, _SLOPES = slice(0, 4), slice(4, 8)
 _CURVATURE, _HEADING, _P = 8, 9, 10
 _ROWS = 11
 # Of the first rows: those of the plane, and all polynomials.
 _PLANE, _ALL = 2, 4
-# Pieces between two knots that are kept as polynomials: far more than a truck's length needs.
+# Number of pieces that are cached as polynomials: far more than a truck's length needs.
 _PIECES_KEPT = 4096
 
 # Coefficients of powers 0 to 3 of the way through a piece, from 0 to 1.
-Cubic = tuple[float, float, float, float]
+Coefficients = tuple[float, float, float, float]
 # Of x, y, z and superelevation; heading and curvature at the piece's begin, the curvature's rise.
-Piece = tuple[Cubic, Cubic, Cubic, Cubic, float, float, float]
+KnotPiece = tuple[Coefficients, Coefficients, Coefficients, Coefficients, float, float, float]
 
 
 class RoadPoint(NamedTuple):
@@ -94,7 +92,7 @@ class ReferenceLine:
         knots[_P] = p
         self._knots = knots
         self._last = p.size - 2
-        self._pieces: dict[int, Piece] = {}
+        self._pieces: dict[int, KnotPiece] = {}
         stride = max(int(_COARSE_SPACING / self.spacing), 1)
         self._coarse_index = np.unique(np.append(np.arange(0, p.size, stride), p.size - 1))
         self._coarse = np.ascontiguousarray(knots[:2, self._coarse_index])
@@ -164,7 +162,7 @@ class ReferenceLine:
         z, grade = _hermite(piece[2], t, self.spacing)
         return z + beyond * grade
 
-    def _pieces_at(self, station: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    def _pieces_at(self, station: FloatArray) -> tuple[IndexArray, FloatArray, FloatArray]:
         """Pieces at stations, the ways through them from 0 to 1, how far beyond an end [m]."""
         inside = np.minimum(np.maximum(station, 0.0), self.length)
         position = inside / self.spacing
@@ -189,7 +187,7 @@ class ReferenceLine:
         turns = np.round((angle - knot[_HEADING]) / _TURN)
         return np.asarray(angle - _TURN * turns)
 
-    def _at(self, station: float) -> tuple[Piece, float, float]:
+    def _at(self, station: float) -> tuple[KnotPiece, float, float]:
         """The piece at a station, the way through it from 0 to 1, and how far beyond an end [m]."""
         inside = station
         if not 0.0 <= station <= self.length:
@@ -201,7 +199,7 @@ class ReferenceLine:
             piece = self._piece(i)
         return piece, position - i, station - inside
 
-    def _piece(self, i: int) -> Piece:
+    def _piece(self, i: int) -> KnotPiece:
         """Polynomials between knot i and the next one, kept for the truck's other axles."""
         if len(self._pieces) >= _PIECES_KEPT:
             self._pieces.clear()
@@ -213,7 +211,7 @@ class ReferenceLine:
         return piece
 
     def _place(
-        self, piece: Piece, t: float, beyond: float, offset: float
+        self, piece: KnotPiece, t: float, beyond: float, offset: float
     ) -> tuple[float, float, float, float, float, float]:
         """x, y [m], heading [rad], its sine and cosine, and curvature [1/m]."""
         h = self.spacing
@@ -284,14 +282,14 @@ class ReferenceLine:
         return float(grid[best]), float(offset)
 
 
-def _cubic(values: tuple[float, float], slopes: tuple[float, float], h: float) -> Cubic:
+def _cubic(values: tuple[float, float], slopes: tuple[float, float], h: float) -> Coefficients:
     """Hermite polynomial between two knots `h` metres apart."""
     a, rise = values[0], values[1] - values[0]
     u, v = h * slopes[0], h * slopes[1]
     return a, u, 3.0 * rise - 2.0 * u - v, u + v - 2.0 * rise
 
 
-def _hermite(cubic: Cubic, t: float, h: float) -> tuple[float, float]:
+def _hermite(cubic: Coefficients, t: float, h: float) -> tuple[float, float]:
     """Value and slope over station at the way t through a piece of `h` metres."""
     a, u, c, d = cubic
     return a + t * (u + t * (c + t * d)), (u + t * (2.0 * c + 3.0 * t * d)) / h

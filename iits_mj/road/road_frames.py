@@ -21,7 +21,7 @@ from iits_mj.road.chain import join
 from iits_mj.road.elements import LaneSection, Road, lane_borders
 from iits_mj.road.polynomials import PiecewiseCubic, combine
 from iits_mj.road.reference_line import ReferenceLine, RoadPoint
-from iits_mj.road.road_map import SUPERELEVATION_LIMIT
+from iits_mj.road.route import SUPERELEVATION_LIMIT
 from iits_mj.road.seams import ContinuousChain
 
 HALF_STEP = 0.05  # [m]: differences over twice this give heading and grade of a lane's centre

@@ -1,43 +1,119 @@
-"""The ego's road in its driving direction: the truth for position, height, grade and lanes."""
+"""OpenDRIVE maps and the routes through them.
+
+A route gives position, height, grade, lanes and friction along the ego's direction of travel; every
+other part of the project asks it.
+"""
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from collections.abc import Callable
-from typing import TYPE_CHECKING, overload
+from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.errors import InputError
-from iits_mj.road.elements import DEFAULT_FRICTION, RoadMark
-from iits_mj.road.lanes import LaneBand, RouteLane, lane_bands
+from iits_mj.core.checks import in_range, positive
+from iits_mj.road.chain import RoadGraph, join
+from iits_mj.road.elements import DEFAULT_FRICTION, OpenDriveMap, Road, RoadMark
+from iits_mj.road.lanes import (
+    FrictionPatch,
+    LaneBand,
+    RouteLane,
+    RouteSegment,
+    facing_signals,
+    lane_bands,
+    structure_spans,
+)
+from iits_mj.road.opendrive import parse
 from iits_mj.road.polynomials import PiecewiseCubic
 from iits_mj.road.reference_line import KNOT_SPACING, ReferenceLine, RoadPoint
-from iits_mj.road.roadside import FrictionPatch, RouteSegment, facing_signals, structure_spans
 from iits_mj.road.seams import ContinuousChain
+from iits_mj.road.straight import straight_road
+from iits_mj.road.xml_input import content_hash, read_file
 
-if TYPE_CHECKING:
-    from iits_mj.road.road_map import RoadMap
-
+Stations = TypeVar("Stations", float, FloatArray)
 Terms = tuple[tuple[float, PiecewiseCubic], ...]
 
-# A lane narrower than this is still opening or closing: not to be driven on.
+MAPS = Path(__file__).resolve().parent / "maps"
+# Beyond about 0.12 rad a slow laden truck tips or slides to the inside.
+SUPERELEVATION_LIMIT = 0.10
+# A lane narrower than this is still opening or closing, and not used.
 USABLE_LANE_WIDTH = 2.0
 GRADE_WINDOW = 40.0
-TABLE_COLUMNS = (
-    "x",
-    "y",
-    "z",
-    "heading",
-    "curvature",
-    "grade",
-    "superelevation",
-    "friction_left",
-    "friction_right",
-    "friction_split",
-)
+TABLE_COLUMNS = (*RoadPoint._fields, "friction_left", "friction_right", "friction_split")
+
+
+class RoadMap:
+    """A map: its roads, and chains of them to drive on.
+
+    Attributes:
+      path: the file, or a name in words for a road made in memory.
+      roads: by id, in the order of the file.
+      content_hash: SHA-256 of the file.
+      notes: unused parts of the file, in words.
+    """
+
+    def __init__(self, content: OpenDriveMap, path: str | Path, digest: str | None = None) -> None:
+        """Takes parsed records; use `from_opendrive` for a file."""
+        self.path = Path(path)
+        self.content = content
+        self.roads: dict[str, Road] = {road.id: road for road in content.roads}
+        self.content_hash = content_hash(repr(content).encode()) if digest is None else digest
+        self.notes = content.notes
+        self._graph = RoadGraph(content, str(self.path))
+
+    @classmethod
+    def from_opendrive(cls, path: str | Path) -> RoadMap:
+        """Reads an OpenDRIVE file.
+
+        Raises:
+          MapError: it cannot be used; the message names file, road and reason.
+        """
+        content = read_file(Path(path))
+        return cls(parse(content, str(path)), path, content_hash(content))
+
+    @classmethod
+    def builtin(cls) -> RoadMap:
+        """Returns the built-in highway of 15 km; its SUMO net is `highway.net.xml` beside it."""
+        return cls.from_opendrive(MAPS / "highway.xodr")
+
+    def routes(self) -> list[tuple[str, int]]:
+        """Returns (road id, direction) of every place where a chain can begin."""
+        return self._graph.starts()
+
+    def route(
+        self,
+        start: str | None = None,
+        superelevation_limit: float = SUPERELEVATION_LIMIT,
+        knot_spacing: float = KNOT_SPACING,
+    ) -> Route:
+        """Returns a chain of roads as one road.
+
+        Args:
+          start: "ID" or "ID:-1" of the first road; by default the longest chain of the map.
+          superelevation_limit: a route whose cross slope exceeds it anywhere [rad] has all its
+            cross slopes scaled down to it, because a truck would fall over.
+          knot_spacing: of the reference line's samples [m].
+
+        Raises:
+          MapError: no drivable road, no such start, or roads that do not meet.
+        """
+        source = str(self.path)
+        pieces = join(self.roads, self._graph.chain(start), source)
+        steepest = max(piece.steepest() for piece in pieces)
+        notes, scale = self.notes, 1.0
+        if steepest > superelevation_limit:
+            scale = superelevation_limit / steepest
+            notes = (
+                *notes,
+                f"cross slopes up to {math.degrees(steepest):.1f} degrees are scaled down to "
+                f"{math.degrees(superelevation_limit):.1f}, at which a truck stays upright",
+            )
+        return Route(self, ContinuousChain(pieces, source, scale), knot_spacing, notes)
 
 
 class Route:
@@ -49,7 +125,7 @@ class Route:
       segments: the roads in the order of travel.
       tunnels, bridges: (start, end) stations of each.
       signals: signs and lights that face the route, by station.
-      notes: what of the map is not used or was changed, in words.
+      notes: unused or changed parts of the map, in words.
     """
 
     def __init__(
@@ -101,13 +177,8 @@ class Route:
         Raises:
           InputError: a value is out of range.
         """
-        from iits_mj.road.road_map import RoadMap
-        from iits_mj.road.straight import straight_road
-
         content = straight_road(length, lanes, lane_width, speed_limit, grade, friction)
         return RoadMap(content, f"straight road of {length:g} m").route(knot_spacing=100.0)
-
-    # Geometry ----------------------------------------------------------------------------------
 
     def evaluate(self, station: ArrayLike, offset: ArrayLike = 0.0) -> RoadPoint:
         """Points of the road surface; z = z_ref + offset * tan(superelevation)."""
@@ -121,21 +192,14 @@ class Route:
         """(station, offset) of a point of the map; see `ReferenceLine.locate`."""
         return self.line.locate(float(x), float(y), near_station)
 
-    @overload
-    def smoothed_grade(self, station: float) -> float: ...
-    @overload
-    def smoothed_grade(self, station: FloatArray) -> FloatArray: ...
-    def smoothed_grade(self, station: float | FloatArray) -> float | FloatArray:
+    def smoothed_grade(self, station: Stations) -> Stations:
         """Mean grade over 40 m about a station, for planning."""
         half = 0.5 * GRADE_WINDOW
         if isinstance(station, float):
-            return (self.line.height(station + half) - self.line.height(station - half)) / (
-                GRADE_WINDOW
-            )
+            rise = self.line.height(station + half) - self.line.height(station - half)
+            return rise / GRADE_WINDOW
         ahead = self.line.evaluate(station + half).z
         return (ahead - self.line.evaluate(station - half).z) / GRADE_WINDOW
-
-    # Lanes -------------------------------------------------------------------------------------
 
     def lane_count(self, station: float) -> int:
         """Number of driving lanes of the lane section here, opening and closing ones included."""
@@ -149,39 +213,25 @@ class Route:
         chosen = band.lanes[lane]
         return chosen.left.at(p) - chosen.right.at(p) >= USABLE_LANE_WIDTH
 
-    @overload
-    def lane_offset(self, lane: int, station: float) -> float: ...
-    @overload
-    def lane_offset(self, lane: int, station: FloatArray) -> FloatArray: ...
-    def lane_offset(self, lane: int, station: float | FloatArray) -> float | FloatArray:
+    def lane_offset(self, lane: int, station: Stations) -> Stations:
         """Offset of a lane's centre [m]; where there is no such lane, of the one nearest to it."""
-        return self._profile(
-            station,
-            lambda band: (
-                (0.5, _lane(band, lane).left),
-                (0.5, _lane(band, lane).right),
-            ),
-        )
 
-    @overload
-    def lane_width(self, lane: int, station: float) -> float: ...
-    @overload
-    def lane_width(self, lane: int, station: FloatArray) -> FloatArray: ...
-    def lane_width(self, lane: int, station: float | FloatArray) -> float | FloatArray:
+        def center(band: LaneBand) -> Terms:
+            chosen = _lane(band, lane)
+            return (0.5, chosen.left), (0.5, chosen.right)
+
+        return self._profile(station, center)
+
+    def lane_width(self, lane: int, station: Stations) -> Stations:
         """Width of a lane [m]; where there is no such lane, of the one nearest to it."""
-        return self._profile(
-            station,
-            lambda band: (
-                (1.0, _lane(band, lane).left),
-                (-1.0, _lane(band, lane).right),
-            ),
-        )
 
-    @overload
-    def boundary_offset(self, i: int, station: float) -> float: ...
-    @overload
-    def boundary_offset(self, i: int, station: FloatArray) -> FloatArray: ...
-    def boundary_offset(self, i: int, station: float | FloatArray) -> float | FloatArray:
+        def width(band: LaneBand) -> Terms:
+            chosen = _lane(band, lane)
+            return (1.0, chosen.left), (-1.0, chosen.right)
+
+        return self._profile(station, width)
+
+    def boundary_offset(self, i: int, station: Stations) -> Stations:
         """Offset of the i-th lane boundary from the right, 0 to `lane_count` [m]."""
         return self._profile(station, lambda band: ((1.0, band.boundary(i)),))
 
@@ -219,8 +269,6 @@ class Route:
         """Stations where the set of lanes may change, the first being 0."""
         return [float(self.line.station(band.p_start)) for band in self._bands]
 
-    # Friction and the physics table ------------------------------------------------------------
-
     def friction(self, station: float, offset: float) -> float:
         """Coefficient of friction of the road surface."""
         left, right, split = self._friction_row(station)
@@ -241,15 +289,14 @@ class Route:
         """
         right = left if right is None else right
         for value in (left, right):
-            if not 0.0 <= value <= 2.0:
-                raise InputError(f"friction must be within [0, 2], not {value}")
+            in_range("friction", value, 0.0, 2.0)
         other = object.__new__(Route)
         other.__dict__.update(self.__dict__)
         other.patches = (*self.patches, FrictionPatch(start, end, left, right, split))
         return other
 
     def table(self, step: float = 1.0) -> FloatArray:
-        """The route for the physics, shape (n, 10): row i is station i * step, the last >= length.
+        """Returns the surface for the physics, shape (n, 10), at stations i * step to the end.
 
         Columns are `TABLE_COLUMNS`: x, y, z, heading (continuous), curvature, grade,
         superelevation, and friction left and right of the offset `friction_split`.
@@ -257,8 +304,7 @@ class Route:
         Raises:
           InputError: step is not positive.
         """
-        if not (np.isfinite(step) and step > 0.0):
-            raise InputError(f"the table's step must be positive, not {step}")
+        positive("step of the table", step, "m")
         station = np.arange(int(np.ceil(self.length / step - 1e-9)) + 1) * step
         point = self.line.evaluate(station)
         if self._uniform_friction is None or self.patches:
@@ -268,8 +314,6 @@ class Route:
             friction = np.tile([value, value, 0.0], (station.size, 1))
         return np.column_stack((*point, friction))
 
-    # Inside ------------------------------------------------------------------------------------
-
     def _band(self, station: float) -> tuple[LaneBand, float]:
         station = float(station)
         if not 0.0 <= station <= self.length:
@@ -277,11 +321,8 @@ class Route:
         p = self.line.parameter_at(station)
         return self._bands[max(bisect_right(self._starts, p) - 1, 0)], p
 
-    def _profile(
-        self,
-        station: float | FloatArray,
-        terms: Callable[[LaneBand], Terms],
-    ) -> float | FloatArray:
+    def _profile(self, station: Stations, terms: Callable[[LaneBand], Terms]) -> Stations:
+        """Weighted sum of profiles at one station or at an array of them."""
         if isinstance(station, (float, int)):
             band, p = self._band(station)
             return float(sum(weight * profile.at(p) for weight, profile in terms(band)))

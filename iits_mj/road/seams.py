@@ -1,8 +1,8 @@
-"""Makes one continuous curve of a chain of roads: blends the steps where they meet.
+"""Blends the steps between records and roads of a chain into one continuous curve.
 
-Real maps are dirty: roads overlap or leave gaps of up to a metre, records start a few millimetres
-or milliradians off, elevation records meet with different grades. Here every chain of roads becomes
-a curve over one parameter p (metres of road s travelled) that is continuous with its first
+Real maps have errors: roads overlap or leave gaps of up to a metre, records start a few millimetres
+or milliradians off, elevation records meet with different grades. Here a chain of roads becomes a
+curve over one parameter p (metres of road s travelled) that is continuous with its first
 derivative in x, y, z and superelevation. At a seam each side takes half of the step of value and
 slope, fading out over a window by cubic polynomials; outside windows the curve is exact.
 """

@@ -1,8 +1,8 @@
-"""More than one machine: the same work, split by seed, on a Ray cluster (extra `scale`).
+"""Work on several machines: tasks split by seed on a Ray cluster (extra `scale`).
 
-`RayExecutor` is a `concurrent.futures.Executor`; what is done by processes of one machine is done
-by those of many, and gives the same bits. `Shards` keeps what is done, so that a head that was
-stopped goes on with the rest.
+`RayExecutor` is a `concurrent.futures.Executor`; its results are bit-identical to those of the
+processes of one machine. `Shards` stores finished work, so that a stopped head resumes with the
+rest.
 """
 
 from iits_mj.scale.ray_executor import RayExecutor

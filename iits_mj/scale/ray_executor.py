@@ -1,4 +1,4 @@
-"""Workers of a Ray cluster as a `concurrent.futures.Executor`."""
+"""Workers of a Ray cluster as a `concurrent.futures.Executor`, and training trips on them."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from iits_mj.core.errors import Error, InputError
 from iits_mj.core.process_pool import THREAD_VARIABLES
 from iits_mj.validation.harness.run_cache import drive_digest
 
-# A worker or node that dies gives its task back this often.
+# Number of times that a task is repeated when its worker or node dies.
 RETRIES = 10
-# Tasks handed to Ray for each core: what is done, and what is next.
+# Tasks submitted to Ray for each core: running ones and waiting ones.
 _AHEAD = 3
-_PATIENCE = 0.2  # [s]
-_KNOCK = 5.0  # [s]
+_POLL_TIME = 0.2  # [s]
+_CONNECT_TIMEOUT = 5.0  # [s]
 
 
 class ClusterError(Error):
-    """The cluster is not there, or a task failed on it for good."""
+    """The cluster is not available, or a task failed on it for good."""
 
 
 class RayExecutor(Executor):
-    """Does tasks on all cores of a cluster, each on one core and one thread.
+    """Runs tasks on all cores of a cluster, each on one core and one thread.
 
-    A task whose worker process or node dies is done again elsewhere. Functions and arguments are
-    pickled; the package must be installed on every node in the same version, which each worker
-    checks by the digest of its code.
+    A task whose worker process or node dies is repeated elsewhere. Functions and arguments are
+    pickled. The package must be installed on every node in the same version; each worker checks the
+    digest of its code.
 
     Args:
       address: "HOST:PORT" of the cluster's head, "auto" for the one this machine belongs to, or
         "local" for a new one on this machine alone, which ends with the executor.
-      digest: gives the digest of the code that does the tasks; picklable.
+      digest: returns the digest of the code that runs the tasks; picklable.
 
     Raises:
       InputError: Ray is not installed. ClusterError: there is no cluster at the address.
@@ -59,9 +59,8 @@ class RayExecutor(Executor):
             max_retries=RETRIES,
             runtime_env={"env_vars": dict.fromkeys(THREAD_VARIABLES, "1")},
         )(_call)
-        self._waiting: deque[_Task] = deque()
-        self._under_way: dict[Any, _Task] = {}
-        self._shared: dict[int, tuple[Any, Any]] = {}
+        self._waiting: deque[_Call] = deque()
+        self._running: dict[Any, _Call] = {}
         self._lock = threading.Lock()
         self._news = threading.Event()
         self._ending = False
@@ -70,12 +69,12 @@ class RayExecutor(Executor):
 
     @property
     def cores(self) -> int:
-        """Of the cluster, now."""
+        """Number of cores of the cluster at present."""
         return max(1, int(self._ray.cluster_resources().get("CPU", 1)))
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Asks for a call of a function; see `concurrent.futures.Executor.submit`."""
-        task = _Task(fn, args, kwargs, Future())
+        """Schedules a call of a function; see `concurrent.futures.Executor.submit`."""
+        task = _Call(fn, args, kwargs, Future())
         with self._lock:
             if self._ending:
                 raise RuntimeError("cannot submit after shutdown")
@@ -84,17 +83,17 @@ class RayExecutor(Executor):
         return task.future
 
     def share(self, value: Any) -> Any:
-        """Puts something large into the cluster's store once; give the result to `submit`."""
+        """Puts a large value into the cluster's store once; pass the result to `submit`."""
         return self._ray.put(value)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Leaves the cluster, after the tasks are done or, if asked, at once."""
+        """Leaves the cluster after the tasks, or at once if they are cancelled."""
         with self._lock:
             if cancel_futures:
                 for task in self._waiting:
                     task.future.cancel()
                 self._waiting.clear()
-                for reference in self._under_way:
+                for reference in self._running:
                     with contextlib.suppress(Exception):
                         self._ray.cancel(reference, force=True)
             self._ending = True
@@ -103,44 +102,44 @@ class RayExecutor(Executor):
             self._thread.join()
 
     def _serve(self) -> None:
-        """Hands tasks to the cluster, some ahead, and brings their outcomes home."""
+        """Submits tasks to the cluster and collects their results."""
         ray = self._ray
         while True:
-            self._hand_out()
+            self._submit_waiting()
             with self._lock:
-                if self._ending and not self._waiting and not self._under_way:
+                if self._ending and not self._waiting and not self._running:
                     break
-                references = list(self._under_way)
+                references = list(self._running)
             if not references:
-                self._news.wait(_PATIENCE)
+                self._news.wait(_POLL_TIME)
                 self._news.clear()
                 continue
-            ready, _ = ray.wait(references, num_returns=1, timeout=_PATIENCE)
+            ready, _ = ray.wait(references, num_returns=1, timeout=_POLL_TIME)
             if ready and len(references) > 1:
-                # Whatever else is there comes along: a look at thousands costs as much as one.
+                # Collect all finished tasks: a query for thousands costs as much as for one.
                 ready, _ = ray.wait(references, num_returns=len(references), timeout=0)
             for reference in ready:
                 with self._lock:
-                    task = self._under_way.pop(reference)
-                self._bring_home(reference, task)
+                    task = self._running.pop(reference)
+                self._collect(reference, task)
         ray.shutdown()
 
-    def _hand_out(self) -> None:
+    def _submit_waiting(self) -> None:
         with self._lock:
-            while self._waiting and len(self._under_way) < _AHEAD * self.cores:
+            while self._waiting and len(self._running) < _AHEAD * self.cores:
                 task = self._waiting.popleft()
                 if not task.future.set_running_or_notify_cancel():
                     continue
                 reference = self._remote.remote(
                     task.function, self._digest, self._expected, *task.arguments, **task.named
                 )
-                self._under_way[reference] = task
+                self._running[reference] = task
 
-    def _bring_home(self, reference: Any, task: _Task) -> None:
+    def _collect(self, reference: Any, task: _Call) -> None:
         try:
             answer = self._ray.get(reference)
         except Exception as error:
-            # Ray puts the remote traceback before what it ends with.
+            # Ray puts the remote traceback before the error itself.
             reason = str(error).strip().splitlines() or [type(error).__name__]
             task.future.set_exception(ClusterError(f"the cluster gave up a task: {reason[-1]}"))
             return
@@ -151,7 +150,7 @@ class RayExecutor(Executor):
 
 
 @dataclass(frozen=True)
-class _Task:
+class _Call:
     function: Callable[..., Any]
     arguments: tuple[Any, ...]
     named: dict[str, Any]
@@ -160,7 +159,7 @@ class _Task:
 
 @dataclass(frozen=True)
 class _Refused:
-    """What a worker answers in the place of an outcome."""
+    """A worker's answer instead of a result."""
 
     reason: str
 
@@ -172,7 +171,7 @@ def _call(
     *args: Any,
     **kwargs: Any,
 ) -> Any:
-    """Does a task in a worker. An `Error` of ours comes home as its reason, without traceback."""
+    """Runs a task in a worker; an `Error` is returned as its reason, without traceback."""
     here = digest()
     if here != expected:
         return _Refused(
@@ -186,7 +185,7 @@ def _call(
 
 
 def _ray() -> Any:
-    # Nothing is told to anybody outside.
+    # No usage statistics leave the machine.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     try:
         import ray
@@ -197,9 +196,9 @@ def _ray() -> Any:
 
 def _connect(ray: Any, address: str) -> None:
     if ray.is_initialized():
-        raise ClusterError("this process belongs to a Ray cluster already")
+        raise ClusterError("this process already belongs to a Ray cluster")
     if address not in ("auto", "local"):
-        _prove_open(address)
+        _check_port(address)
     try:
         ray.init(
             address=address,
@@ -209,32 +208,29 @@ def _connect(ray: Any, address: str) -> None:
         )
     except Exception as error:
         reason = str(error).strip().splitlines() or [type(error).__name__]
-        raise _none_at(address, reason[0]) from error
+        raise _no_cluster(address, reason[0]) from error
 
 
-def _prove_open(address: str) -> None:
-    """Ray itself would knock at a closed door for a quarter of an hour."""
+def _check_port(address: str) -> None:
+    """Connects once, because Ray itself retries a closed port for a quarter of an hour."""
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 65_536:
-        raise _none_at(address, "no address of this form")
+        raise _no_cluster(address, "not an address of this form")
     try:
-        socket.create_connection((host, int(port)), _KNOCK).close()
+        socket.create_connection((host, int(port)), _CONNECT_TIMEOUT).close()
     except OSError as error:
-        raise _none_at(address, error.strerror or str(error)) from error
+        raise _no_cluster(address, error.strerror or str(error)) from error
 
 
-def _none_at(address: str, reason: str) -> ClusterError:
+def _no_cluster(address: str, reason: str) -> ClusterError:
     return ClusterError(
         f"there is no Ray cluster at {address!r} ({reason}); use HOST:PORT of its head, auto, or "
         "local"
     )
 
 
-# --- Trips of a training on a cluster ---
-
-
 class ClusterDrivers(TripDrivers):
-    """Drives trips on a Ray cluster; what they bring home is what processes here would.
+    """Drives training trips on a Ray cluster, with the results of local processes.
 
     Args:
       address: of the cluster, see `RayExecutor`.
@@ -249,7 +245,7 @@ class ClusterDrivers(TripDrivers):
         self._executor = RayExecutor(address, trips_code)
 
     def submit(self, jobs: Sequence[Drive], network: QNetwork) -> list[Future[Driven]]:
-        """Asks for trips on a network, which goes to each node once."""
+        """Submits trips with a network, which is sent to each node once."""
         shared = self._executor.share(network)
         return [
             self._executor.submit(drive_in_worker, self._worlds[job.world], job, shared)
@@ -257,17 +253,17 @@ class ClusterDrivers(TripDrivers):
         ]
 
     def close(self) -> None:
-        """Leaves the cluster, also in the middle of a trip."""
+        """Leaves the cluster, also during a trip."""
         self._executor.shutdown(cancel_futures=True)
 
 
 def trips_code() -> str:
-    """Digest of the code that drives a training's trips."""
+    """Returns the digest of the code that drives training trips."""
     return drive_digest(collection, fast_world)
 
 
 def drive_in_worker(factory: WorldFactory, job: Drive, network: QNetwork) -> Driven:
-    """Drives one trip in a worker, which keeps its worlds."""
+    """Drives a trip in a worker, which caches its worlds."""
     if factory not in _worlds:
         _worlds[factory] = factory()
     return collection.drive_trip(_worlds[factory], job, network)

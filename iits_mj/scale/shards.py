@@ -1,4 +1,4 @@
-"""What is done, kept in shards: a file for each part of the work, whole or not there at all."""
+"""Stores finished work in shards: one complete file for each part of the work."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ Item = TypeVar("Item")
 
 
 class Shards(Generic[Row]):
-    """A folder of CSV files, each written beside and moved into its place when it is complete.
+    """A folder of CSV files, each moved into place when it is complete.
 
     Args:
-      folder: made when something is kept.
+      folder: made with the first file.
       row_type: dataclass of the rows, of str, int and float.
-      what: the rows are, for messages.
+      what: name of the rows in messages.
     """
 
     def __init__(self, folder: Path, row_type: type[Row], what: str) -> None:
@@ -34,10 +34,10 @@ class Shards(Generic[Row]):
         self._what = what
 
     def rows(self) -> list[Row]:
-        """All rows that are kept, shard by shard.
+        """Returns the rows of all shards.
 
         Raises:
-          InputError: a file is not one of these.
+          InputError: a file is not a shard of these rows.
         """
         return list(
             itertools.chain.from_iterable(
@@ -46,11 +46,11 @@ class Shards(Generic[Row]):
         )
 
     def files(self) -> list[Path]:
-        """The shards."""
+        """Returns the files of the shards."""
         return sorted(self.folder.glob("shard-*.csv"))
 
     def keep(self, tasks: Iterable[Any], rows: Iterable[Row]) -> Path:
-        """Writes the rows of some tasks, in the file that is named after the tasks.
+        """Writes the rows of some tasks to a file that is named after the tasks.
 
         Raises:
           InputError: it cannot be written.
@@ -67,7 +67,7 @@ class Shards(Generic[Row]):
         return path
 
     def clear(self) -> None:
-        """Removes the shards, after their rows went elsewhere."""
+        """Removes the shards."""
         for path in self.files():
             path.unlink(missing_ok=True)
         if self.folder.is_dir() and not any(self.folder.iterdir()):
@@ -75,24 +75,22 @@ class Shards(Generic[Row]):
 
 
 def in_shards(items: Sequence[Item], size: int) -> list[tuple[Item, ...]]:
-    """Items in their order, `size` to a shard."""
+    """Returns items in shards of `size`, in their order."""
     return [tuple(items[begin : begin + size]) for begin in range(0, len(items), size)]
 
-
-# --- Work in shards: a shard is done by one worker, and kept whole or not at all ---
 
 Task = TypeVar("Task")
 
 
 @dataclass(frozen=True)
 class Plan(Generic[Task, Row]):
-    """What is to be done.
+    """Description of work that is done in shards.
 
     Attributes:
-      work: makes a task's row; picklable, and what it makes depends on the task alone.
-      task_of: the task that a row is of.
-      describe: a task in a few words.
-      what: the tasks are, for messages.
+      work: makes a task's row; picklable, and the row depends on the task alone.
+      task_of: returns the task of a row.
+      describe: returns a task in a few words.
+      what: name of the tasks in messages.
       size: of a shard.
     """
 
@@ -111,18 +109,20 @@ def run_sharded(
     jobs: int,
     make_pool: Callable[[int], Executor] | None = None,
 ) -> None:
-    """Does the tasks that are in no shard yet, and gives the rows of all to `keep`.
+    """Does the tasks that are not in a shard yet, and passes all rows to `keep`.
+
+    One worker does a shard, which is stored completely or not at all.
 
     Args:
-      plan: how.
+      plan: of the work.
       tasks: all different.
-      shards: that are kept.
-      keep: called with the rows that were kept before, then shard by shard as they end.
-      jobs: workers at a time.
+      shards: that store the rows.
+      keep: called with the stored rows, then with those of each shard as it ends.
+      jobs: number of workers.
       make_pool: of workers; default: processes of this machine.
 
     Raises:
-      TasksError: some could not be done; all others are kept.
+      TasksError: some tasks failed; the rows of all others are stored.
     """
     wanted = set(tasks)
     before = {plan.task_of(row): row for row in shards.rows()}
@@ -144,14 +144,14 @@ def run_sharded(
         jobs,
         functools.partial(_work, plan=plan),
         note,
-        lambda shard: _told(shard, plan.describe),
+        lambda shard: _described(shard, plan.describe),
         what=plan.what,
         make_pool=make_pool,
     )
     if faults:
         raise TasksError(
-            f"{len(faults)} {plan.what} could not be done: {'; '.join(faults)}; what was done is "
-            "kept, the same command does the rest"
+            f"{len(faults)} {plan.what} could not be done: {'; '.join(faults)}; the others are "
+            "stored, the same command does the rest"
         )
 
 
@@ -163,7 +163,7 @@ class _Outcome:
 
 
 def _work(shard: tuple[Any, ...], plan: Plan[Any, Any]) -> _Outcome:
-    """Does a shard's tasks; one that cannot be done does not cost the others."""
+    """Does a shard's tasks; a task that fails does not stop the others."""
     rows, faults = [], []
     for task in shard:
         try:
@@ -173,6 +173,6 @@ def _work(shard: tuple[Any, ...], plan: Plan[Any, Any]) -> _Outcome:
     return _Outcome(shard, rows, faults)
 
 
-def _told(shard: Iterable[Any], describe: Callable[[Any], str]) -> str:
+def _described(shard: Iterable[Any], describe: Callable[[Any], str]) -> str:
     first, *rest = (describe(task) for task in shard)
     return f"{first} and {len(rest)} more" if rest else first

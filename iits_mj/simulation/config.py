@@ -8,7 +8,7 @@ from pathlib import Path
 from controllers import decision
 from iits_mj.core import options
 from iits_mj.core.options import option
-from iits_mj.j1939.addresses import LAST_ADDRESS
+from iits_mj.j1939.network import LAST_ADDRESS
 
 DENSITIES = ("dense", "medium", "sparse", "empty")
 TRAFFIC_MODES = ("inter", "pure", "none")

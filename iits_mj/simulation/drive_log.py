@@ -7,14 +7,14 @@ import hashlib
 import json
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import VehicleCommand
+from iits_mj.core.messages import EgoState, Scene, Trajectory, VehicleCommand
 from iits_mj.j1939 import Frame as BusFrame
 from iits_mj.j1939 import LogWriter
 from iits_mj.j1939.state import TruckSender
@@ -22,6 +22,7 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.plugin import library_path
 from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.frame import Frame
+from iits_mj.simulation.lock_step import LockStep, Observer
 from iits_mj.truck import Truck
 from traffic_bridge import Recorder, Recording, read_events
 from traffic_bridge.modes.resim import config_of
@@ -63,35 +64,36 @@ class StateHash:
         return int.from_bytes(self._hash.digest()[:8], "big")
 
 
-class DriveLog:
-    """Notes commands and states of a drive in its recorder.
+class DriveLog(Observer):
+    """Writes the commands and the truck's states of a drive into a recorder.
 
     Args:
-      recorder: of the traffic, which keeps the notes.
-      truck: that is driven.
+      recorder: of the traffic.
+      clock: of the drive, at its start.
+      truck: the truck that is driven.
       config: of the drive.
     """
 
-    def __init__(self, recorder: Recorder, truck: Truck, config: DriveConfig) -> None:
+    def __init__(
+        self, recorder: Recorder, clock: LockStep, truck: Truck, config: DriveConfig
+    ) -> None:
         self._recorder = recorder
-        self._truck = truck
+        self._clock = clock
+        self._hash = StateHash(truck)
         recorder.drive = {
             "options": stored_options(config),
             "versions": truck_versions(truck.parameters),
         }
 
-    def begin(self) -> None:
-        """Begins with the drive, after the reset of the traffic."""
-        self._hash = StateHash(self._truck)
-        self.note_state()
-
-    def note_command(self, time: float, command: VehicleCommand) -> None:
-        """Notes what the truck gets at a time [s]."""
-        self._recorder.note_command(time, command)
-
-    def note_state(self) -> None:
-        """Notes the truck's state, once after each frame of the traffic."""
+    def planned(self, scene: Scene, trajectory: Trajectory) -> None:
+        """Writes the hash of the truck's state, once for each frame of the traffic."""
+        del scene, trajectory
         self._recorder.note_truck(self._hash.add())
+
+    def commanded(self, ego: EgoState, wanted: VehicleCommand, obeyed: VehicleCommand) -> None:
+        """Writes the command that reaches the truck."""
+        del ego, wanted
+        self._recorder.note_command(self._clock.time, obeyed)
 
 
 def _plain(value: Any) -> Any:
@@ -100,21 +102,15 @@ def _plain(value: Any) -> Any:
     return str(value)
 
 
-# --- The bus of a drive as a log file: commands and the truck's reports at their rates ---
+class BusLog(Closing, Observer):
+    """Observer that writes the traffic of the truck's bus; used as a context manager.
 
-if TYPE_CHECKING:
-    from iits_mj.simulation.loop import Simulation
-
-
-class BusLog(Closing):
-    """Observer that writes what is said on the truck's bus; used as a context manager.
-
-    Frames stand in the order of time, which begins with the drive at 0. At one instant reports come
-    first, then the command that answers them.
+    Frames are in the order of time, which starts at 0. At one instant the reports come first, then
+    the command that answers them.
 
     Args:
       path: of the file; its suffix chooses the format.
-      simulation: whose bus it is.
+      truck: whose bus it is.
 
     Attributes:
       count: frames written.
@@ -124,30 +120,31 @@ class BusLog(Closing):
     """
 
     period = 0.01
+    reads_bus = True
 
-    def __init__(self, path: Path, simulation: Simulation) -> None:
+    def __init__(self, path: Path, truck: Truck) -> None:
         self.path = path
         self.count = 0
-        self._sender = TruckSender(simulation.truck.parameters)
+        self._truck = truck
+        self._sender = TruckSender(truck.parameters)
         self._writer = LogWriter(path)
-        self._commands = simulation.path
-        self._commands.listen(self._write)
 
-    def observe(self, simulation: Simulation, frame: Frame) -> None:
+    def observe(self, simulation: LockStep, frame: Frame) -> None:
         """Writes the reports that are due."""
+        del simulation
         # Log files keep microseconds, and the sum of many steps is not exact.
         state = dataclasses.replace(frame.ego, time=round(frame.time, 6))
-        for report in self._sender.frames(state, simulation.truck.report()):
-            self._write(report)
+        for report in self._sender.frames(state, self._truck.report()):
+            self.sent(report)
 
-    def close(self) -> None:
-        """Finishes the file; the drive may go on."""
-        self._commands.forget(self._write)
-        self._writer.close()
-
-    def _write(self, frame: BusFrame) -> None:
+    def sent(self, frame: BusFrame) -> None:
+        """Writes a frame."""
         self._writer.write(frame)
         self.count += 1
+
+    def close(self) -> None:
+        """Finishes the file; the drive may go on without this observer."""
+        self._writer.close()
 
 
 # --- Options beside a recording: those given must be those of then, or have a meaning at all ---

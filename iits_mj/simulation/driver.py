@@ -1,11 +1,10 @@
-"""Who drives: what a simulation asks of a stack, or of whoever sits in its place."""
+"""Drivers that repeat commands: those of a CAN log, and those of a recording."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -14,65 +13,18 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision, EgoState, Scene, Trajectory, VehicleCommand
 from iits_mj.j1939 import CommandReceiver, command_to_frames, pgn_of
 from iits_mj.j1939 import Frame as BusFrame
-from iits_mj.j1939.addresses import CONTROLLER
+from iits_mj.j1939.network import CONTROLLER
 from iits_mj.j1939.receiver import STEERING_ANGLE_MAX
 from iits_mj.road import Route
 from iits_mj.simulation.frame import Frame
-
-
-class Driver(Protocol):
-    """Plans every 100 ms and commands every 20 ms; `controllers.stack.Stack` is one."""
-
-    last_decision: Decision
-
-    @property
-    def lane_changes(self) -> int:
-        """Lane changes completed since `reset`."""
-
-    @property
-    def refused(self) -> int:
-        """Lane changes wanted and refused since `reset`."""
-
-    def reset(self) -> None:
-        """Ready for a new drive."""
-
-    def plan(self, scene: Scene) -> Trajectory:
-        """What is followed from now on; every 100 ms."""
-
-    def control(self, ego: EgoState) -> VehicleCommand:
-        """The command for the next 20 ms."""
-
-    def reference_speed(self, station: float) -> float:
-        """Speed asked for at a station [m/s]."""
-
-
-# --- Listening at the boundaries between the modules of a drive ---
-
-
-class Tap(Protocol):
-    """Hears what goes in and out of the driver, exactly as it does; must not change anything."""
-
-    def planned(self, scene: Scene, trajectory: Trajectory) -> None:
-        """After every plan, the first one included."""
-
-    def commanded(self, ego: EgoState, wanted: VehicleCommand, obeyed: VehicleCommand) -> None:
-        """After every command: the state it answers, as it was given, and as it reached the truck.
-
-        Called before the truck drives on with it.
-        """
-
-
-# --- Drives as a bus log says: the commands of the log, through the truck's receiver ---
-
-if TYPE_CHECKING:
-    from iits_mj.simulation.loop import Simulation
+from iits_mj.simulation.lock_step import LockStep, Observer
 
 # Longest silence of the whole bus that is driven through [s]; a clock that is set leaves years.
 LONGEST_SILENCE = 60.0
 _STEERING = "IITS_COMMAND"
 
 
-class LogDriver:
+class LogDriver(Observer):
     """A `Driver` that sends what a log holds, and an observer that ends the drive with the log.
 
     A log in which nobody says anything for more than `LONGEST_SILENCE` ends where that begins.
@@ -95,7 +47,6 @@ class LogDriver:
       heard: frames read so far; lane_changes: changes of the lane, from one to another.
     """
 
-    period = 0.1
     last_decision = Decision.KEEP
     refused = 0
 
@@ -165,7 +116,7 @@ class LogDriver:
         del station
         return math.nan
 
-    def observe(self, simulation: Simulation, frame: Frame) -> None:
+    def observe(self, simulation: LockStep, frame: Frame) -> None:
         """Ends the drive when the log has no more frames, or none for long."""
         del frame
         if self._next is None:
@@ -231,9 +182,6 @@ def nothing_planned(time: float) -> Trajectory:
         reason="a log drives",
         target_lane=-1,
     )
-
-
-# --- In the stack's place: commands that were recorded ---
 
 
 class CommandPlayer:

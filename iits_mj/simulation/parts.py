@@ -77,14 +77,25 @@ def load_map(path: Path | None) -> RoadMap:
     return RoadMap.builtin() if path is None else RoadMap.from_opendrive(path)
 
 
-def make_traffic(
-    config: DriveConfig, route: Route, footprint: EgoFootprint, *, record: bool = False
-) -> Traffic | None:
-    """The traffic on the route, None for an empty road.
+def make_recorder(config: DriveConfig, route: Route, footprint: EgoFootprint) -> Recorder:
+    """Returns the traffic on the route in a recorder.
 
     Raises:
-      InputError: the recording or the events cannot be used, or there is no SUMO traffic to record
-        or for the events.
+      InputError: the events cannot be used, or the traffic is not SUMO's alone.
+    """
+    traffic = None
+    if config.recording is None:
+        traffic = make_traffic(config, route, footprint)
+    if not isinstance(traffic, PureSim):
+        raise InputError("only SUMO traffic can be recorded; use traffic-mode inter or pure")
+    return Recorder(traffic)
+
+
+def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> Traffic | None:
+    """Returns the traffic on the route, None for an empty road.
+
+    Raises:
+      InputError: the recording or the events cannot be used together with the other options.
     """
     if config.reactive and config.recording is None:
         raise InputError("reactive traffic is around a recording; name one, or leave it out")
@@ -94,8 +105,6 @@ def make_traffic(
     without_sumo = replayed or config.traffic_mode == "none"
     if config.events is not None and without_sumo:
         raise InputError("events happen in SUMO traffic only; use traffic-mode inter or pure")
-    if record and (without_sumo or config.recording is not None):
-        raise InputError("only SUMO traffic can be recorded; use traffic-mode inter or pure")
     if config.recording is not None and without_sumo:
         return RepSim(route, config.recording)
     if without_sumo:
@@ -112,8 +121,7 @@ def make_traffic(
     if config.recording is not None:
         return MixedSim(route, config.recording, settings, seed=config.seed)
     mode = InterSim if config.traffic_mode == "inter" else PureSim
-    traffic = mode(route, settings, seed=config.seed)
-    return Recorder(traffic) if record else traffic
+    return mode(route, settings, seed=config.seed)
 
 
 def make_stack(

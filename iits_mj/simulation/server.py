@@ -15,20 +15,24 @@ from collections.abc import Callable
 from controllers.safe_stop.fallback import Fallback
 from controllers.safe_stop.stop import SafeStop
 from iits_mj.core.context import Closing
-from iits_mj.core.errors import Error, InputError
-from iits_mj.core.messages import EgoState, VehicleCommand
-from iits_mj.j1939 import CommandReceiver, Link, LinkState, LogWriter
-from iits_mj.j1939.link import LinkChange
+from iits_mj.core.errors import BusError, Error, InputError
+from iits_mj.core.messages import EgoState, TruckReport, VehicleCommand
+from iits_mj.core.timing import TIMESTEP
+from iits_mj.j1939 import CommandReceiver, Frame, Link, LinkState, LogWriter
+from iits_mj.j1939.bus import LinkChange
+from iits_mj.j1939.network import ControlUnits, truck_addresses, unit_names
 from iits_mj.j1939.receiver import UNIT_NAMES, Heard, Loss
-from iits_mj.simulation.bus import TruckBus
+from iits_mj.j1939.state import TruckSender
+from iits_mj.parameters import TruckParameters
 from iits_mj.simulation.config import ServeConfig
 from iits_mj.simulation.frame import Ending, check_finite, find_ending, find_leaving
-from iits_mj.simulation.loop import TIMESTEP
 from iits_mj.simulation.parts import check_start, load_map
 from iits_mj.simulation.summary import ServeSummary
 from iits_mj.truck import Truck
 
-# --- Soft real time: ticks on the monotonic clock, with their lateness measured ---
+# A tick of the server [s].
+TICK = 0.01
+TICK_STEPS = round(TICK / TIMESTEP)
 
 
 class Pace:
@@ -98,10 +102,96 @@ class Pace:
         return lateness
 
 
-# --- The truck as a device under test: it obeys a CAN bus and reports on it, in soft real time ---
+class TruckBus(Closing):
+    """Reports a truck on a link, answers requests, and passes commands to a receiver.
 
-TICK = 0.01
-TICK_STEPS = round(TICK / TIMESTEP)
+    Args:
+      link: the bus; it is closed with this.
+      receiver: gets every frame that is heard.
+      parameters: of the truck, for its percent torques and configurations.
+      log: gets every frame, both ways, until it cannot be written; it is closed with this.
+
+    Attributes:
+      link, receiver: as given; units: the truck's control units in the network.
+      log_failure: why the log ends before its time, "" when it does not.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        receiver: CommandReceiver,
+        parameters: TruckParameters,
+        log: LogWriter | None = None,
+    ) -> None:
+        self.link = link
+        self.receiver = receiver
+        self._sender = TruckSender(parameters)
+        self._log = log
+        self.log_failure = ""
+        self._state, self._report = EgoState(), TruckReport()
+        self._due: list[Frame] = []
+        # Claimed before anything else is sent, and again whenever the bus was opened anew.
+        self._claimed_at_restart = -1
+        self.units = ControlUnits(unit_names(sorted(truck_addresses())))
+
+    def prepare(self, state: EgoState, report: TruckReport) -> None:
+        """Makes the frames that are due at the state's time, so that `exchange` can send at once.
+
+        Raises:
+          BusError: a value is not finite.
+        """
+        self._state, self._report = state, report
+        self._due = self._sender.frames(state, report)
+
+    def exchange(self, time: float) -> None:
+        """Sends what was prepared, hears what has come, answers it and hands it to the receiver.
+
+        Args:
+          time: of everything that is sent and heard [s].
+        """
+        if self._claimed_at_restart != self.link.restarts:
+            self._claimed_at_restart = self.link.restarts
+            self._send(self.units.claims(time))
+        self._send([frame for frame in self._due if self.units.owns(frame)])
+        self._due = []
+        heard = self.link.receive(time)
+        for frame in heard:
+            self._note(frame)
+            self.receiver.receive(frame)
+        self._send(self.units.answer(heard, self._groups, time))
+
+    def close(self) -> None:
+        """Leaves the bus and finishes the log."""
+        self.link.close()
+        self.finish_log()
+
+    def finish_log(self) -> None:
+        """Completes the log and goes on without one; may be called again."""
+        log, self._log = self._log, None
+        if log is None:
+            return
+        try:
+            log.close()
+        except BusError as error:
+            self.log_failure = self.log_failure or str(error)
+
+    def _note(self, frame: Frame) -> None:
+        """Logs a frame; a log that cannot be written is finished, and the bus goes on without."""
+        if self._log is None:
+            return
+        try:
+            self._log.write(frame)
+        except BusError as error:
+            self.log_failure = str(error)
+            self.finish_log()
+
+    def _groups(self, pgn: int, address: int) -> list[Frame] | None:
+        return self._sender.answer(pgn, address, self._state, self._report)
+
+    def _send(self, frames: list[Frame]) -> None:
+        for frame in frames:
+            if self.link.send(frame):
+                self._note(frame)
 
 
 class Server(Closing):

@@ -12,7 +12,7 @@ import math
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +23,9 @@ from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError
 from iits_mj.core.results import Line, Panel
 from iits_mj.core.units import RPM
-from iits_mj.simulation.driver import Driver
 from iits_mj.simulation.frame import Frame
+from iits_mj.simulation.lock_step import Driver, LockStep, Observer
 from iits_mj.simulation.summary import counts_text
-
-if TYPE_CHECKING:
-    from iits_mj.simulation.loop import Simulation
 
 Value = float | int | str
 _PRESSURES = ("front_left", "front_right", "rear_left", "rear_right", "trailer")
@@ -95,7 +92,7 @@ COLUMNS: dict[str, Callable[[Frame], Value]] = {
 }
 
 
-class Telemetry(Closing):
+class Telemetry(Closing, Observer):
     """Observer that writes the table and keeps its columns for plots.
 
     Used as a context manager; on leaving it the table appears at `path`. Empty cells mean "no
@@ -104,8 +101,6 @@ class Telemetry(Closing):
     Raises:
       InputError: the table cannot be written, on construction.
     """
-
-    period = 0.1
 
     def __init__(self, path: Path | None) -> None:
         self.path = path
@@ -123,7 +118,7 @@ class Telemetry(Closing):
         self._writer = csv.writer(self._file, lineterminator="\n")
         self._writer.writerow(COLUMNS)
 
-    def observe(self, simulation: Simulation, frame: Frame) -> None:
+    def observe(self, simulation: LockStep, frame: Frame) -> None:
         """Adds one row."""
         del simulation
         row = [value(frame) for value in COLUMNS.values()]

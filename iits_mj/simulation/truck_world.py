@@ -19,10 +19,11 @@ from controllers.decision.trip import (
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision, EgoFootprint
+from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.road import Route
 from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.frame import Frame
-from iits_mj.simulation.loop import CYCLE_PERIOD, Simulation
+from iits_mj.simulation.loop import Simulation
 from traffic_bridge import InterSim, SeparateTraffic, Traffic, TrafficConfig, sumo_runs_here
 
 FAST_TIMESTEP = 0.005

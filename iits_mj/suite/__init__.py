@@ -55,7 +55,7 @@ def build_environment(
       task_kwargs: `random` (seed), `time_limit` [s], `payload` [kg], `payload_height` [m] and
         `visuals`.
       environment_kwargs: of `dm_control.rl.control.Environment`.
-      visualize_reward: colors cab and trailer by the reward.
+      visualize_reward: colors cab and trailer according to the reward.
 
     Raises:
       InputError: unknown domain or task.

@@ -1,6 +1,6 @@
-"""A scripted driver for each task: it sees the task's observations only, and solves it.
+"""Scripted drivers: one per task, which solves it from the task's observations alone.
 
-They are there to be beaten, and to show that each task can be solved:
+They are baselines:
 
     environment = suite.load("truck", "dock")
     driver = suite.DRIVERS["dock"]
@@ -19,11 +19,11 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 from iits_mj.suite.scene import TURN_RADIUS
 from iits_mj.suite.tasks import Dock, LaneChange, LaneKeep, TightTurn
-from iits_mj.suite.tasks.lane_change import PREVIEW as PATH_PREVIEW
+from iits_mj.suite.tasks.path import PATH_PREVIEW
 
-Driver = Callable[[Mapping[str, FloatArray]], FloatArray]
+ScriptedDriver = Callable[[Mapping[str, FloatArray]], FloatArray]
 
-# Steering wheel over road wheels, wheelbase, and understeer that is compensated for [s2/m].
+# Ratio of steering wheel to road wheels, wheelbase [m], understeer that is compensated [s2/m].
 _RATIO, _WHEELBASE, _UNDERSTEER = 21.0, 4.6, 0.01
 # Kingpin to the trailer's axle group [m].
 _TRAILER = 7.7
@@ -36,7 +36,7 @@ def cruise(seen: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def stop(seen: Mapping[str, FloatArray]) -> FloatArray:
-    """Follows the speed from which 1.2 m/s2 end at the line."""
+    """Follows the speed profile of a stop with 1.2 m/s2 at the line."""
     wanted = math.sqrt(2.4 * max(_one(seen, "distance") - 0.5, 0.0))
     drive = 0.5 * (min(wanted, 20.0) - _one(seen, "speed")) - (0.3 if wanted < 20.0 else 0.0)
     return _clipped(drive)
@@ -48,7 +48,7 @@ def hill_start(seen: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def lane_keep(seen: Mapping[str, FloatArray]) -> FloatArray:
-    """The curvature 25 m ahead fed forward, place and heading fed back."""
+    """Feeds the curvature 25 m ahead forward, offset and heading back."""
     ahead = float(seen["curvature_ahead"][1])
     wheels = (_WHEELBASE + _UNDERSTEER * 20.0**2 * 0.8) * ahead
     wheels -= 0.02 * _one(seen, "lane_error") + 0.35 * _one(seen, "heading_error")
@@ -56,7 +56,7 @@ def lane_keep(seen: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def platoon(seen: Mapping[str, FloatArray]) -> FloatArray:
-    """Keeps the lane; answers gap, speed and acceleration of the truck ahead (0 for the first)."""
+    """Keeps the lane and the gap; follows speed and acceleration of the truck ahead."""
     action = lane_keep(seen)
     wanted = 0.8 * _one(seen, "acceleration_ahead") + 0.12 * _one(seen, "gap_error")
     wanted -= 0.7 * _one(seen, "speed_error")
@@ -65,7 +65,7 @@ def platoon(seen: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def lane_change(seen: Mapping[str, FloatArray]) -> FloatArray:
-    """Steers towards the path 20 m ahead, as much as its curve there wants."""
+    """Steers with the curvature of the path 20 m ahead."""
     here, near, far = 0.0, *(float(v) for v in seen["path_ahead"][[1, 2]])
     first, second = PATH_PREVIEW[1], PATH_PREVIEW[2]
     bend = 2.0 * ((far - near) / (second - first) - (near - here) / first) / second
@@ -76,7 +76,7 @@ def lane_change(seen: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def tight_turn(seen: Mapping[str, FloatArray]) -> FloatArray:
-    """Points the steer wheels along the arc, and back to it."""
+    """Steers along the arc, and back to it."""
     turning = 0.0 < _one(seen, "past_entry") < 0.5 * math.pi * TURN_RADIUS
     wheels = math.atan(_WHEELBASE / TURN_RADIUS) if turning else 0.0
     wheels -= 0.9 * _one(seen, "heading_error") + 0.35 * _one(seen, "offset")
@@ -85,7 +85,7 @@ def tight_turn(seen: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def dock(seen: Mapping[str, FloatArray]) -> FloatArray:
-    """Steers the trailer by its articulation, which is steered by the tractor."""
+    """Steers the trailer by the articulation, and the articulation by the tractor."""
     distance, aside = _one(seen, "distance"), _one(seen, "aside")
     heading, bend = _one(seen, "trailer_heading"), _one(seen, "articulation")
     wanted = float(np.clip(_TRAILER * (0.22 * heading - 0.018 * aside), -0.35, 0.35))
@@ -98,7 +98,7 @@ def dock(seen: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def highway(seen: Mapping[str, FloatArray]) -> FloatArray:
-    """Overtakes on the left, or on the right, who is slower and near, if there is room beside."""
+    """Overtakes a slower vehicle on the left, or on the right, if the lane beside is free."""
     ahead, behind = seen["ahead"].reshape(-1, 3), seen["behind"].reshape(-1, 3)
     own = ahead[np.abs(ahead[:, 1]) < 2.0]
     if not len(own) or own[0, 0] > 80.0 or own[0, 2] > 0.5:
@@ -112,7 +112,7 @@ def highway(seen: Mapping[str, FloatArray]) -> FloatArray:
     return np.array([side if free and room > own[0, 0] + 30.0 else 0.0])
 
 
-DRIVERS: dict[str, Driver] = {
+DRIVERS: dict[str, ScriptedDriver] = {
     driver.__name__: driver
     for driver in (cruise, stop, hill_start, lane_keep, lane_change, tight_turn, dock, highway)
 }

@@ -1,13 +1,13 @@
-"""The truck for `dm_control.mjcf` and `dm_control.composer`: attach it to any arena, twice or more.
+"""The truck for `dm_control.mjcf` and `dm_control.composer`: attach any number to an arena.
 
     arena = composer.Arena()
     truck = TruckEntity(payload=20_000.0)
     frame = arena.add_free_entity(truck)
     use_options(arena.mjcf_model)
 
-The tires stand on the plane z = 0, whatever the arena shows there, unless its model holds a road
+The tires stand on the plane z = 0, whatever the arena shows there, unless its model has a road
 (`iits_mj.model.road_table`). Commands are the truck's ten actuators, `truck.actuators`. Physics and
-environments of dm_control step in two halves by default: `legacy_step=False` makes it `mj_step`.
+environments of dm_control step in two halves by default: use `legacy_step=False`.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ TIMESTEP = 0.002
 def truck_mjcf(
     payload: float, parameters: TruckParameters | None = None, *, visuals: bool = True
 ) -> mjcf.RootElement:
-    """The truck without a free joint of its own, to be attached with one.
+    """Returns the truck without its free joint, to be attached with one.
 
     Args:
       payload: [kg].
       parameters: default: the shipped figures.
-      visuals: adds what is only seen.
+      visuals: adds the visual geoms.
 
     Raises:
       InputError: the payload is not allowed.
@@ -43,10 +43,9 @@ def truck_mjcf(
     """
     register()
     parameters = parameters or TruckParameters.load()
-    payload = parameters.check_payload(payload)
     root = ET.fromstring(truck_xml(parameters, payload))
     if visuals:
-        _dress(root, parameters, payload)
+        _add_visuals(root, parameters, payload)
     keyframe = root.find("keyframe")
     if keyframe is not None:
         root.remove(keyframe)
@@ -56,9 +55,9 @@ def truck_mjcf(
 
 
 def use_options(model: mjcf.RootElement, timestep: float = TIMESTEP) -> None:
-    """Gives an arena the integrator, solver, gravity and time step [s] of the truck's own model.
+    """Gives an arena the integrator, solver, gravity and time step [s] of the truck's model.
 
-    `composer.Arena` brings others, for hands that hold things.
+    `composer.Arena` has other ones, for manipulation.
     """
     model.option.integrator = "implicitfast"
     model.option.cone = "pyramidal"
@@ -86,7 +85,7 @@ class TruckEntity(composer.Entity):
 
     @property
     def mjcf_model(self) -> mjcf.RootElement:
-        """The model, to be attached."""
+        """The model."""
         return self._model
 
     @property
@@ -106,7 +105,7 @@ class TruckEntity(composer.Entity):
 
 
 class TruckObservables(composer.Observables):
-    """What the truck's sensors say, in SI units."""
+    """Readings of the truck's sensors, in SI units."""
 
     @composer.observable
     def velocity(self) -> observable.MJCFFeature:
@@ -137,8 +136,8 @@ class TruckObservables(composer.Observables):
         return observable.MJCFFeature("sensordata", self._entity.mjcf_model.find("sensor", name))
 
 
-def _dress(root: ET.Element, parameters: TruckParameters, payload: float) -> None:
-    """Adds the visual geoms and what they need; MuJoCo's own text has rounded the mechanics."""
+def _add_visuals(root: ET.Element, parameters: TruckParameters, payload: float) -> None:
+    """Adds visual geoms and their assets, but keeps the mechanics, which `to_xml` rounds."""
     spec = truck_spec(parameters, payload)
     spec.compile()
     seen = ET.fromstring(spec.to_xml())

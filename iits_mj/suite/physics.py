@@ -1,4 +1,7 @@
-"""`Physics` of the domain: the one place of the tasks that knows the model's names."""
+"""`Physics` of the domain with named getters, its cameras, and observations that tasks share.
+
+No other part of the tasks knows names of the model.
+"""
 
 from __future__ import annotations
 
@@ -13,24 +16,22 @@ from dm_control.mujoco import wrapper
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import EgoState, VehicleCommand
-from iits_mj.road import Route
+from iits_mj.road import RoadPoint, Route
 from iits_mj.simulation.gaps import truck_boxes
 from iits_mj.truck import Truck
-from iits_mj.truck.fleet import Fleet
-
-# --- What a task shows and rewards, told once: observations, pages and scaled vectors come from it
+from iits_mj.truck.fleet import TruckFleet
 
 
 @dataclass(frozen=True)
 class Observed:
-    """One observation of a task.
+    """Description of a task's observation.
 
     Attributes:
-      scale: usual size, by which it is divided for a learner; in `unit`.
+      scale: usual size in `unit`, by which it is divided for a learner.
       unit: SI unit, "1" for pure numbers.
       meaning: in words.
-      source: where it comes from: a sensor, body or site of the model, or the road.
-      size: how many numbers.
+      source: sensor, body or site of the model, or the road.
+      size: number of its values.
     """
 
     scale: float
@@ -54,8 +55,8 @@ INSTRUMENTS = {
         8e5, "Pa", "mean of the five circuits", "sensors `brake_pressure_*`"
     ),
 }
-# Of one who holds a speed or creeps, the gear tells nothing.
-WITHOUT_GEAR = {name: told for name, told in INSTRUMENTS.items() if name != "gear"}
+# For tasks at a nearly constant speed, where the gear carries no information.
+WITHOUT_GEAR = {name: entry for name, entry in INSTRUMENTS.items() if name != "gear"}
 
 BENDING = {
     "articulation": Observed(
@@ -69,12 +70,10 @@ BENDING = {
 
 
 def wide(bending: dict[str, Observed]) -> dict[str, Observed]:
-    """The same for maneuvers at walking pace, with larger angles."""
+    """Returns the same observations scaled for maneuvers at walking pace, with larger angles."""
     sizes = {"articulation": 0.5, "yaw_rate": 0.2, "steering_wheel_angle": 10.0}
-    return {name: replace(told, scale=sizes[name]) for name, told in bending.items()}
+    return {name: replace(entry, scale=sizes[name]) for name, entry in bending.items()}
 
-
-# --- `Physics` of the domain: the one place of the tasks that knows the model's names ---
 
 # Fixed to the tractor: name to position and the picture's x and y axes in its frame.
 CAMERAS = {
@@ -95,14 +94,41 @@ def add_cameras(spec: mujoco.MjSpec, prefix: str = "") -> None:
         tractor.add_camera(name=prefix + name, pos=position, quat=quaternion)
 
 
+def _reading(name: str, doc: str) -> Callable[[Physics], float]:
+    """Makes a getter of `Physics` for a field of the truck's state."""
+
+    def get(physics: Physics) -> float:
+        return float(getattr(physics.ego(), name))
+
+    get.__name__, get.__doc__ = name, doc
+    return get
+
+
 class Physics(BasePhysics):
-    """MuJoCo physics of a `Truck`, with getters in words; SI units, ISO 8855 axes.
+    """MuJoCo physics of a `Truck` with named getters; SI units, ISO 8855 axes.
 
     Made by `from_truck`. `truck` shares the model and data of this physics.
     """
 
+    speed = _reading("speed", "Forward speed of the tractor [m/s].")
+    acceleration = _reading("acceleration", "Forward acceleration of the tractor [m/s2].")
+    lateral_acceleration = _reading(
+        "lateral_acceleration", "Lateral acceleration of the tractor [m/s2]."
+    )
+    station = _reading("station", "Steer axle along the road [m].")
+    offset = _reading("offset", "Steer axle left of the road's line [m].")
+    trailer_offset = _reading(
+        "trailer_offset", "Middle of the trailer's axle group left of the road's line [m]."
+    )
+    roll = _reading("roll", "Roll of the tractor [rad], right side down positive.")
+    articulation = _reading("articulation", "Tractor's yaw less the trailer's [rad].")
+    yaw_rate = _reading("yaw_rate", "Yaw rate of the tractor [rad/s].")
+    steering_wheel_angle = _reading("steering_wheel_angle", "Actual steering-wheel angle [rad].")
+    engine_speed = _reading("engine_speed", "Engine speed [rad/s].")
+    engine_torque = _reading("engine_torque", "Engine torque [N m].")
+
     truck: Truck
-    # Who advances the data instead of this physics: see `iits_mj.envs.vector`.
+    # Advances the data instead of this physics, see `iits_mj.envs.vector`.
     stepper: Callable[[int], None] | None = None
 
     @classmethod
@@ -113,7 +139,7 @@ class Physics(BasePhysics):
         return physics
 
     @classmethod
-    def of_fleet(cls, fleet: Fleet) -> tuple[Physics, ...]:
+    def of_fleet(cls, fleet: TruckFleet) -> tuple[Physics, ...]:
         """One for each truck of a fleet, all of the fleet's own data."""
         found = []
         for truck in fleet.trucks:
@@ -140,7 +166,7 @@ class Physics(BasePhysics):
         return twin
 
     def step(self, nstep: int = 1) -> None:
-        """Advances by time steps, or has that done by the `stepper`."""
+        """Advances by time steps, or calls the `stepper` to do so."""
         if self.stepper is None:
             super().step(nstep)
         else:
@@ -151,23 +177,9 @@ class Physics(BasePhysics):
         """The road."""
         return self.truck.route
 
-    def place(
-        self,
-        station: float,
-        offset: float,
-        speed: float,
-        *,
-        heading: float = 0.0,
-        articulation: float | None = None,
-    ) -> None:
+    def place(self, station: float, offset: float, speed: float, **attitude: float) -> None:
         """Puts the truck on its road, rolling freely; see `Truck.reset`."""
-        self.truck.reset(
-            station=station,
-            offset=offset,
-            speed=speed,
-            heading=heading,
-            articulation=articulation,
-        )
+        self.truck.reset(station=station, offset=offset, speed=speed, **attitude)
         self._key = b""
 
     def command(self, command: VehicleCommand) -> None:
@@ -181,22 +193,6 @@ class Physics(BasePhysics):
             self._state = self.truck.observe()
             self._key = key
         return self._state
-
-    def speed(self) -> float:
-        """Forward speed of the tractor [m/s]."""
-        return self.ego().speed
-
-    def acceleration(self) -> float:
-        """Forward acceleration of the tractor [m/s2]."""
-        return self.ego().acceleration
-
-    def lateral_acceleration(self) -> float:
-        """Lateral acceleration of the tractor [m/s2]."""
-        return self.ego().lateral_acceleration
-
-    def station(self) -> float:
-        """Steer axle along the road [m]."""
-        return self.ego().station
 
     def trailer_station(self) -> float:
         """Middle of the trailer's axle group along the road [m]."""
@@ -218,49 +214,27 @@ class Physics(BasePhysics):
         near = self.station() - 0.5 * self._behind
         return np.array([self.route.locate(x, y, near)[1] for x, y in points.tolist()])
 
-    def roll(self) -> float:
-        """Of the tractor [rad], right side down positive."""
-        return self.ego().roll
-
     def heading_error(self) -> float:
         """Tractor's heading less the road's [rad]."""
         ego = self.ego()
         heading = float(self.route.evaluate(ego.station, 0.0).heading)
         return float(np.arctan2(np.sin(ego.yaw - heading), np.cos(ego.yaw - heading)))
 
-    def articulation(self) -> float:
-        """Tractor's yaw less the trailer's [rad]."""
-        return self.ego().articulation
-
-    def yaw_rate(self) -> float:
-        """Of the tractor [rad/s]."""
-        return self.ego().yaw_rate
-
-    def steering_wheel_angle(self) -> float:
-        """Actual angle [rad]."""
-        return self.ego().steering_wheel_angle
-
     def grade_ahead(self, distances: tuple[float, ...]) -> FloatArray:
         """Grade of the road at distances ahead of the steer axle [m], shape (n,)."""
-        stations = np.minimum(self.station() + np.array(distances), self.route.length)
-        return np.asarray(self.route.evaluate(stations).grade, dtype=float)
+        return np.asarray(self._road_ahead(distances).grade, dtype=float)
 
     def curvature_ahead(self, distances: tuple[float, ...]) -> FloatArray:
         """Curvature of the road at distances ahead [1/m], shape (n,), positive to the left."""
+        return np.asarray(self._road_ahead(distances).curvature, dtype=float)
+
+    def _road_ahead(self, distances: tuple[float, ...]) -> RoadPoint:
         stations = np.minimum(self.station() + np.array(distances), self.route.length)
-        return np.asarray(self.route.evaluate(stations).curvature, dtype=float)
+        return self.route.evaluate(stations)
 
     def gear(self) -> int:
-        """1 to 12; 0 in neutral."""
+        """Gear, 1 to 12; 0 in neutral, -1 in reverse."""
         return self.ego().gear
-
-    def engine_speed(self) -> float:
-        """[rad/s]."""
-        return self.ego().engine_speed
-
-    def engine_torque(self) -> float:
-        """[N m]."""
-        return self.ego().engine_torque
 
     def brake_pressure(self) -> float:
         """Mean of the five circuits [Pa]."""

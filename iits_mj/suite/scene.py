@@ -1,23 +1,29 @@
-"""What of the tasks is only seen: marks on the road, and colors that show the reward."""
+"""Roads of the tasks, marks on them, and the colors that show the reward."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import mujoco
 
 from iits_mj.road import RoadMap, Route
-from iits_mj.road.design import Design
-from iits_mj.road.design_build import build
+from iits_mj.road.design import Design, build
 from iits_mj.suite.physics import Physics
-
-# --- The roads of the tasks ---
 
 LANE_WIDTH = 4.0
 # The outer tire's arc of 12.5 m (PBS), less half the steer axle's width over the tires.
 TURN_RADIUS = 12.5 - 1.25
 TURN_ENTRY = 60.0
 _SPEED_LIMIT = 22.22
+# dm_control colors the materials self, effector and target between default and highlight.
+_COLORS = {
+    "self": ((0.70, 0.06, 0.05, 1.0), (0.05, 0.55, 0.15, 1.0)),
+    "effector": ((0.88, 0.89, 0.91, 1.0), (0.55, 0.90, 0.60, 1.0)),
+    "target": ((0.95, 0.45, 0.05, 1.0), (0.10, 0.80, 0.25, 1.0)),
+}
+# Materials of the truck that take the colors of cab and trailer.
+_REPLACED = {"truck_paint": "self", "trailer_curtain": "effector"}
 
 
 def flat() -> Route:
@@ -26,9 +32,11 @@ def flat() -> Route:
 
 
 def uphill() -> Route:
-    """2 km straight, always uphill, in steps of 300 m on 4 to 9 %."""
+    """2 km straight, always uphill, with grades of 4 to 9 % in steps of 300 m."""
     grades = [(300.0 * (k + 1), 0.01 * (5 + k), 60.0) for k in range(5)]
-    return _route("suite_uphill", ((2_000.0, 0.0, 0.0, 0.0, 0.0),), tuple(grades), initial=0.04)
+    return _route(
+        "suite_uphill", ((2_000.0, 0.0, 0.0, 0.0, 0.0),), tuple(grades), initial_grade=0.04
+    )
 
 
 def turn() -> Route:
@@ -39,7 +47,7 @@ def turn() -> Route:
         (0.5 * math.pi * TURN_RADIUS, bend, bend, 0.0, 0.0),
         (300.0, 0.0, 0.0, 0.0, 0.0),
     )
-    return _route("suite_turn", alignment, (), lanes=1, left_shoulder=3.45, right_shoulder=0.3)
+    return _route("suite_turn", alignment, lanes=1, left_shoulder=3.45, right_shoulder=0.3)
 
 
 def yard() -> Route:
@@ -68,53 +76,32 @@ def winding() -> Route:
             (120.0, curvature, 0.0, 0.0, 0.0),
         ]
     alignment.append((480.0, 0.0, 0.0, 0.0, 0.0))
-    return _route("suite_winding", tuple(alignment), ())
+    return _route("suite_winding", tuple(alignment))
 
 
 def _route(
     name: str,
     alignment: tuple[tuple[float, float, float, float, float], ...],
-    grades: tuple[tuple[float, float, float], ...],
-    *,
-    initial: float = 0.0,
-    lanes: int = 2,
-    left_shoulder: float = 1.0,
-    right_shoulder: float = 2.5,
+    grades: tuple[tuple[float, float, float], ...] = (),
+    **settings: float,
 ) -> Route:
+    """A route of two lanes with shoulders; `settings` are further fields of `Design`."""
     length = sum(element[0] for element in alignment)
+    fields: dict[str, Any] = {"lanes": 2, "left_shoulder": 1.0, "right_shoulder": 2.5, **settings}
     design = Design(
         name=name,
-        start=(0.0, 0.0, 0.0, 0.0),
         lane_width=LANE_WIDTH,
-        lanes=lanes,
-        left_shoulder=left_shoulder,
-        right_shoulder=right_shoulder,
         speed_limit=_SPEED_LIMIT,
-        initial_grade=initial,
-        road_ends=(),
         alignment=alignment,
         grades=grades,
-        extra_lanes=(),
         limits=((0.0, length, _SPEED_LIMIT),),
-        structures=(),
+        **fields,
     )
     return RoadMap(build(design), name).route()
 
 
-# --- What of the tasks is only seen: marks on the road, and colors that show the reward ---
-
-# dm_control colors the materials self, effector and target between default and highlight.
-_COLORS = {
-    "self": ((0.70, 0.06, 0.05, 1.0), (0.05, 0.55, 0.15, 1.0)),
-    "effector": ((0.88, 0.89, 0.91, 1.0), (0.55, 0.90, 0.60, 1.0)),
-    "target": ((0.95, 0.45, 0.05, 1.0), (0.10, 0.80, 0.25, 1.0)),
-}
-# Which of the truck's materials become those of the actor and of its working end.
-_REPLACED = {"truck_paint": "self", "trailer_curtain": "effector"}
-
-
 def add_reward_colors(spec: mujoco.MjSpec) -> None:
-    """Gives cab, trailer and target the materials by which dm_control shows the reward."""
+    """Gives cab, trailer and target the materials with which dm_control shows the reward."""
     for name, (default, highlight) in _COLORS.items():
         spec.add_material(name=name, rgba=default)
         spec.add_material(name=f"{name}_default", rgba=default)
@@ -125,9 +112,9 @@ def add_reward_colors(spec: mujoco.MjSpec) -> None:
 
 
 def movable(spec: mujoco.MjSpec, name: str, size: tuple[float, float, float]) -> None:
-    """A flat box in the target's color on a mocap body, which `move` puts on the road."""
+    """Adds a flat box in the target's color on a mocap body, which `move` puts on the road."""
     body = spec.worldbody.add_body(name=name, mocap=True)
-    _box(body, f"{name}_box", size)
+    _add(body, f"{name}_box", size)
 
 
 def move(physics: Physics, name: str, station: float, offset: float) -> None:
@@ -147,32 +134,25 @@ def mark(
     position: tuple[float, float, float],
     size: tuple[float, float, float],
 ) -> None:
-    """A box in the target's color that stays where it is; half sizes [m]."""
-    _box(spec.worldbody, name, size, position)
+    """Adds a fixed box in the target's color; half sizes [m]."""
+    _add(spec.worldbody, name, size, position)
 
 
 def cone(spec: mujoco.MjSpec, name: str, x: float, y: float) -> None:
-    """A traffic cone, as a slim post."""
-    spec.worldbody.add_geom(
-        name=name,
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        size=(0.12, 0.35, 0.0),
-        pos=(x, y, 0.35),
-        material="target",
-        contype=0,
-        conaffinity=0,
-    )
+    """Adds a traffic cone, as a slim post."""
+    _add(spec.worldbody, name, (0.12, 0.35, 0.0), (x, y, 0.35), mujoco.mjtGeom.mjGEOM_CYLINDER)
 
 
-def _box(
+def _add(
     body: mujoco.MjsBody,
     name: str,
     size: tuple[float, float, float],
     position: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    kind: mujoco.mjtGeom = mujoco.mjtGeom.mjGEOM_BOX,
 ) -> None:
     body.add_geom(
         name=name,
-        type=mujoco.mjtGeom.mjGEOM_BOX,
+        type=kind,
         size=size,
         pos=position,
         material="target",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import mujoco
@@ -11,21 +11,10 @@ from dm_control.utils import containers
 
 from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig
 from iits_mj.core.errors import InputError
-from iits_mj.road import Route
 from iits_mj.simulation.truck_world import TruckWorld
 from iits_mj.suite import scene
 from iits_mj.suite.physics import Physics, add_cameras
-from iits_mj.suite.tasks import (
-    Cruise,
-    Dock,
-    DrivingTask,
-    Highway,
-    HillStart,
-    LaneChange,
-    LaneKeep,
-    Stop,
-    TightTurn,
-)
+from iits_mj.suite.tasks import DRIVING_TASKS, DrivingTask, Highway
 from iits_mj.suite.tasks.highway import HighwayEnvironment, HighwayPhysics
 from iits_mj.truck import Truck
 
@@ -36,46 +25,54 @@ DECISION_TIMESTEP = 1.0
 SUITE = containers.TaggedTasks()
 
 
-@SUITE.add("benchmarking")
-def cruise(**settings: Any) -> control.Environment:
-    """Hold 20 m/s over hills; 60 s."""
-    return _environment(Cruise, scene.hills(), 60.0, **settings)
+def _factory(name: str, kind: type[DrivingTask]) -> Callable[..., control.Environment]:
+    """Returns the function of the domain that builds a task's environment."""
+
+    def build(
+        *,
+        time_limit: float | None = None,
+        random: Any = None,
+        payload: float = 36_000.0,
+        payload_height: float | None = None,
+        visuals: bool = True,
+        environment_kwargs: Mapping[str, Any] | None = None,
+    ) -> control.Environment:
+        def edit_spec(spec: mujoco.MjSpec) -> None:
+            _add_common(spec)
+            kind.edit_spec(spec)
+
+        truck = Truck.load(
+            payload,
+            payload_height=payload_height,
+            route=kind.road(),
+            timestep=TIMESTEP,
+            visuals=visuals,
+            edit_spec=edit_spec,
+        )
+        options = {"control_timestep": CONTROL_TIMESTEP, "legacy_step": False}
+        return control.Environment(
+            Physics.from_truck(truck),
+            kind(random=random),
+            time_limit=kind.time_limit if time_limit is None else time_limit,
+            **{**options, **(environment_kwargs or {})},
+        )
+
+    build.__name__ = name
+    build.__doc__ = f"""{(kind.__doc__ or "").splitlines()[0]}
+
+    Args:
+      time_limit: end of an episode [s]; default: {kind.time_limit:g} s.
+      random: seed or `numpy.random.RandomState` of the task.
+      payload: on the semitrailer [kg].
+      payload_height: of the load's centre of gravity above the road [m], 1.3 to 3.
+      visuals: adds road and landscape for pictures; the physics is the same without.
+      environment_kwargs: further arguments of `control.Environment`.
+    """
+    return build
 
 
-@SUITE.add("benchmarking", "easy")
-def stop(**settings: Any) -> control.Environment:
-    """Stop at a line; 40 s."""
-    return _environment(Stop, scene.flat(), 40.0, **settings)
-
-
-@SUITE.add("benchmarking", "easy")
-def hill_start(**settings: Any) -> control.Environment:
-    """Start on a grade of 4 to 9 %; 20 s."""
-    return _environment(HillStart, scene.uphill(), 20.0, **settings)
-
-
-@SUITE.add("benchmarking", "hard")
-def lane_keep(**settings: Any) -> control.Environment:
-    """Keep the lane of a winding road; 60 s."""
-    return _environment(LaneKeep, scene.winding(), 60.0, **settings)
-
-
-@SUITE.add("benchmarking", "hard")
-def lane_change(**settings: Any) -> control.Environment:
-    """Double lane change at 60 km/h, laden; 30 s."""
-    return _environment(LaneChange, scene.flat(), 30.0, **settings)
-
-
-@SUITE.add("benchmarking", "hard")
-def tight_turn(**settings: Any) -> control.Environment:
-    """90 degree turn of 12.5 m within the swept path that the rules allow; 30 s."""
-    return _environment(TightTurn, scene.turn(), 30.0, **settings)
-
-
-@SUITE.add("benchmarking", "hard")
-def dock(**settings: Any) -> control.Environment:
-    """Reverse the semitrailer into a loading bay; 60 s."""
-    return _environment(Dock, scene.yard(), 60.0, **settings)
+for _name, _kind in DRIVING_TASKS.items():
+    SUITE.add("benchmarking", *_kind.tags)(_factory(_name, _kind))
 
 
 @SUITE.add("hard")
@@ -99,7 +96,7 @@ def highway(
       traffic_speed: its speed limit [m/s].
       payload: on the semitrailer [kg].
       payload_height: of the load's centre of gravity above the road [m], 1.3 to 3.
-      visuals: adds what is only seen.
+      visuals: adds the visual geoms.
       environment_kwargs: further arguments of `control.Environment`.
 
     Raises:
@@ -123,54 +120,7 @@ def highway(
     )
 
 
-def _environment(
-    kind: type[DrivingTask],
-    route: Route,
-    default_time_limit: float,
-    *,
-    time_limit: float | None = None,
-    random: Any = None,
-    payload: float = 36_000.0,
-    payload_height: float | None = None,
-    visuals: bool = True,
-    environment_kwargs: Mapping[str, Any] | None = None,
-) -> control.Environment:
-    """One task.
-
-    Args:
-      kind: the task's class.
-      route: its road.
-      default_time_limit: end of an episode [s].
-      time_limit: instead of the default [s].
-      random: seed or `numpy.random.RandomState` of the task.
-      payload: on the semitrailer [kg].
-      payload_height: of the load's centre of gravity above the road [m], 1.3 to 3.
-      visuals: adds road and landscape for pictures; the physics is the same without.
-      environment_kwargs: further arguments of `control.Environment`.
-    """
-
-    def edit_spec(spec: mujoco.MjSpec) -> None:
-        _add_common(spec)
-        kind.edit_spec(spec)
-
-    truck = Truck.load(
-        payload,
-        payload_height=payload_height,
-        route=route,
-        timestep=TIMESTEP,
-        visuals=visuals,
-        edit_spec=edit_spec,
-    )
-    options = {"control_timestep": CONTROL_TIMESTEP, "legacy_step": False}
-    return control.Environment(
-        Physics.from_truck(truck),
-        kind(random=random),
-        time_limit=default_time_limit if time_limit is None else time_limit,
-        **{**options, **(environment_kwargs or {})},
-    )
-
-
 def _add_common(spec: mujoco.MjSpec) -> None:
-    """Colors and cameras of every task."""
+    """Adds colors and cameras of every task."""
     scene.add_reward_colors(spec)
     add_cameras(spec)

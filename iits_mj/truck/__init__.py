@@ -1,4 +1,4 @@
-"""The truck: `Truck` loads, places, commands and observes it; fleets and threaded roll-outs."""
+"""The truck in MuJoCo, fleets of trucks, and threaded rollouts."""
 
 from iits_mj.truck.truck import COMMAND_FIELDS, Truck
 

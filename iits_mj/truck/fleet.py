@@ -1,4 +1,4 @@
-"""Several trucks on one road, in one MuJoCo model: platoons, meetings, crashes."""
+"""Several trucks on one road in one MuJoCo model: platoons, oncoming trucks, collisions."""
 
 from __future__ import annotations
 
@@ -6,30 +6,29 @@ from collections.abc import Callable, Sequence
 
 import mujoco
 
+from iits_mj.core.checks import in_range
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState
 from iits_mj.model.builder import truck_spec
-from iits_mj.model.road_table import add_road_table
-from iits_mj.model.scenery.road_scene import add_road
 from iits_mj.parameters import TruckParameters
 from iits_mj.plugin import register
 from iits_mj.road import Route
-from iits_mj.truck.placement import Placement
-from iits_mj.truck.truck import Truck, bring_up_to_date, compiled
+from iits_mj.truck.placement import TruckPlacement
+from iits_mj.truck.truck import Truck, bring_up_to_date, compile_scene
 
-# Each truck has a contact bit of its own above those of ground, trucks and traffic.
+# Each truck has its own contact bit above those of ground, trucks and traffic.
 _FIRST_BIT = 3
 TRUCKS_MAX = 31 - _FIRST_BIT
 
 
-class Fleet:
+class TruckFleet:
     """Trucks that share a road, a clock and the contacts between them.
 
     All names of truck k begin with `prefix(k)`: body `truck0/tractor`, sensor `truck1/speed`.
-    `trucks[k]` commands and reads one of them; `reset` and `step` are for all.
+    `trucks[k]` commands and reads one truck; `reset` and `step` act on all.
 
     Args:
-      trucks: that share model and data; use `load` to make them.
+      trucks: with common model and data; use `load` to make them.
 
     Attributes:
       trucks: in the order of the payloads; model, data: of the scene; route: the road.
@@ -50,39 +49,33 @@ class Fleet:
         timestep: float = 0.002,
         visuals: bool = True,
         edit_spec: Callable[[mujoco.MjSpec], None] | None = None,
-    ) -> Fleet:
+    ) -> TruckFleet:
         """Builds the trucks on their road and compiles them.
 
         Args:
           payloads: of each truck [kg], 1 to 28 of them.
           route: the road.
-          parameters: of every truck; default: the shipped figures.
+          parameters: of every truck; default: the shipped ones.
           timestep: of the physics [s], 0.0005 to 0.005.
-          visuals: adds what is only seen.
+          visuals: adds the visual geoms.
           edit_spec: called with the specification before it is compiled.
 
         Raises:
           InputError: number of trucks, a payload or the time step is not allowed.
           PluginError: the engine plugin is missing.
         """
-        if not 1 <= len(payloads) <= TRUCKS_MAX:
-            raise InputError(f"{len(payloads)} trucks are not allowed; use 1 to {TRUCKS_MAX}")
+        in_range("number of trucks", len(payloads), 1, TRUCKS_MAX)
         register()
         parameters = parameters or TruckParameters.load()
         loads = [parameters.check_payload(payload) for payload in payloads]
         spec = mujoco.MjSpec()
         for number, payload in enumerate(loads):
             truck = truck_spec(parameters, payload)
-            _tell_apart(truck, number, len(loads))
+            _set_contacts(truck, number, len(loads))
             if number == 0:
                 spec.option = truck.option
             spec.attach(truck, prefix=prefix(number), frame=spec.worldbody.add_frame())
-        add_road_table(spec, route)
-        if visuals:
-            add_road(spec, route)
-        if edit_spec is not None:
-            edit_spec(spec)
-        model = compiled(spec, timestep)
+        model = compile_scene(spec, route, timestep, visuals=visuals, edit_spec=edit_spec)
         data = mujoco.MjData(model)
         fleet = cls(
             [
@@ -91,7 +84,9 @@ class Fleet:
             ]
         )
         length = fleet.trucks[0].footprint.length
-        fleet.reset([Placement(station=20.0 + 2.0 * length * k) for k in range(len(loads))][::-1])
+        fleet.reset(
+            [TruckPlacement(station=20.0 + 2.0 * length * k) for k in range(len(loads))][::-1]
+        )
         return fleet
 
     @property
@@ -99,11 +94,11 @@ class Fleet:
         """Simulation time [s]."""
         return float(self.data.time)
 
-    def reset(self, places: Sequence[Placement]) -> tuple[EgoState, ...]:
-        """Begins anew, each truck at its place.
+    def reset(self, places: Sequence[TruckPlacement]) -> tuple[EgoState, ...]:
+        """Resets the scene with each truck at its place.
 
         Raises:
-          InputError: not one place a truck.
+          InputError: the number of places is not that of the trucks.
         """
         if len(places) != len(self.trucks):
             raise InputError(f"reset: {len(places)} places for {len(self.trucks)} trucks")
@@ -122,12 +117,12 @@ class Fleet:
         self.trucks[0].step(n)
 
     def observe(self) -> tuple[EgoState, ...]:
-        """What each truck reports at this instant."""
+        """Returns the current state of each truck."""
         bring_up_to_date(self.model, self.data)
         return tuple(truck.state() for truck in self.trucks)
 
     def touching(self) -> frozenset[tuple[int, int]]:
-        """Pairs of trucks whose hulls touch, the lower number first, as of the last step."""
+        """Returns pairs of trucks whose hulls touched in the last step, the lower number first."""
         owner = [self._owner(self.model.geom(g).name) for g in range(self.model.ngeom)]
         pairs = set()
         for contact in self.data.contact:
@@ -137,19 +132,19 @@ class Fleet:
         return frozenset(pairs)
 
     def _owner(self, name: str) -> int | None:
-        """Number of the truck that something of the model belongs to."""
+        """Number of the truck that an element of the model belongs to."""
         return next(
             (k for k, truck in enumerate(self.trucks) if name.startswith(truck.prefix)), None
         )
 
 
 def prefix(number: int) -> str:
-    """What the names of a truck of a fleet begin with."""
+    """Returns the prefix of the names of a truck of a fleet."""
     return f"truck{number}/"
 
 
-def _tell_apart(spec: mujoco.MjSpec, number: int, count: int) -> None:
-    """Lets the hulls of one truck meet those of the others, and never its own."""
+def _set_contacts(spec: mujoco.MjSpec, number: int, count: int) -> None:
+    """Enables contacts between the hulls of different trucks."""
     bits = [1 << (_FIRST_BIT + k) for k in range(count)]
     for geom in spec.geoms:
         if geom.contype or geom.conaffinity:

@@ -1,4 +1,4 @@
-"""Puts a truck on its road: the pose of tractor and trailer, and wheels that roll."""
+"""Places a truck on its road: pose of tractor and trailer, speed, rolling wheels."""
 
 from __future__ import annotations
 
@@ -7,25 +7,24 @@ from dataclasses import dataclass, fields
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from iits_mj.core.arrays import FloatArray
+from iits_mj.core.checks import is_number, positive
 from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 
-Vector = NDArray[np.float64]
-
 
 @dataclass(frozen=True, kw_only=True)
-class Placement:
-    """Where a truck is put, rolling freely.
+class TruckPlacement:
+    """A place and motion of a truck on its road, rolling freely.
 
     Attributes:
       station: of the steer axle's centre on the route [m].
       offset: of the same, to the left [m].
       speed: of the steer axle along the tractor [m/s], zero or positive.
       heading: of the tractor against the road, positive to the left [rad].
-      articulation: tractor's yaw less the trailer's [rad]; None: the trailer lies along the road.
+      articulation: tractor's yaw less the trailer's [rad]; None: the trailer follows the road.
 
     Raises:
       InputError: a value is not finite, or the speed is negative.
@@ -38,13 +37,11 @@ class Placement:
     articulation: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuses what cannot be a place."""
         for field in fields(self):
             value = getattr(self, field.name)
-            if value is not None and not math.isfinite(value):
+            if value is not None and not is_number(value):
                 raise InputError(f"reset: {field.name} = {value!r} must be a finite number")
-        if self.speed < 0:
-            raise InputError(f"reset: speed = {self.speed!r} m/s must not be negative")
+        positive("reset: speed", self.speed, "m/s", zero=True)
 
 
 class Poser:
@@ -76,8 +73,8 @@ class Poser:
         }
         self._trailer_axles = float(np.mean([a.position for a in parameters.semitrailer.axles]))
 
-    def pose(self, data: mujoco.MjData, place: Placement) -> None:
-        """Poses the combination: tractor by its axles, trailer by its own."""
+    def pose(self, data: mujoco.MjData, place: TruckPlacement) -> None:
+        """Writes the pose: tractor and trailer on their axles."""
         p, at = self._parameters, self._position
         wheelbase = p.tractor.axles[1].position
         station, offset = place.station, place.offset
@@ -95,10 +92,12 @@ class Poser:
             spin = place.speed / p.tires[axle.tire].rolling_radius
             data.qvel[self._spin[axle.name]] = spin
 
-    def _hitch_angles(self, place: Placement, front: Vector, rotation: Vector) -> dict[str, float]:
+    def _hitch_angles(
+        self, place: TruckPlacement, front: FloatArray, rotation: FloatArray
+    ) -> dict[str, float]:
         """Yaw, pitch and roll of the trailer in the tractor's frame [rad]."""
         if place.articulation is not None:
-            # Upright on the plane that the tractor stands on.
+            # Upright on the plane under the tractor.
             return {"yaw": -place.articulation, "pitch": 0.0, "roll": 0.0}
         p = self._parameters
         reach = p.fifth_wheel.position
@@ -106,10 +105,9 @@ class Poser:
         bogie_station = place.station - reach - self._trailer_axles
         bogie = self._point(bogie_station, place.offset)
         across = self._across(bogie_station)
-        # The trailer's frame lies at the kingpin's height above the road, there as at the bogie.
-        along = self._point(bogie_station + 1.0, place.offset) - self._point(
-            bogie_station - 1.0, place.offset
-        )
+        # The trailer's frame lies at the kingpin's height above the road, also at the bogie.
+        ahead, behind = (self._point(bogie_station + d, place.offset) for d in (1.0, -1.0))
+        along = ahead - behind
         bogie = bogie + _frame(along, across)[:, 2] * p.fifth_wheel.height
         relative = rotation.T @ _frame(king - bogie, across)
         return {
@@ -118,32 +116,27 @@ class Poser:
             "roll": math.atan2(relative[2, 1], relative[2, 2]),
         }
 
-    def _point(self, station: float, offset: float) -> Vector:
+    def _point(self, station: float, offset: float) -> FloatArray:
         point = self._route.evaluate(station, offset)
         return np.array([float(point.x), float(point.y), float(point.z)])
 
-    def _across(self, station: float) -> Vector:
+    def _across(self, station: float) -> FloatArray:
         """Unit vector to the left across the road."""
         point = self._route.evaluate(station, 0.0)
         heading, tilt = float(point.heading), float(point.superelevation)
-        return np.array(
-            [
-                -math.sin(heading) * math.cos(tilt),
-                math.cos(heading) * math.cos(tilt),
-                math.sin(tilt),
-            ]
-        )
+        level = math.cos(tilt)
+        return np.array([-math.sin(heading) * level, math.cos(heading) * level, math.sin(tilt)])
 
 
-def _frame(forward: Vector, left: Vector) -> Vector:
-    """Rotation matrix whose x is `forward` and whose y is as near to `left` as can be."""
+def _frame(forward: FloatArray, left: FloatArray) -> FloatArray:
+    """Rotation matrix whose x is `forward` and whose y is as near to `left` as possible."""
     x = forward / np.linalg.norm(forward)
     z = np.cross(x, left)
     z /= np.linalg.norm(z)
     return np.column_stack([x, np.cross(z, x), z])
 
 
-def _yaw(angle: float) -> Vector:
+def _yaw(angle: float) -> FloatArray:
     """Rotation about z."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

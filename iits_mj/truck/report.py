@@ -1,4 +1,4 @@
-"""What the truck's control units say beside its state: sensors and controls, read at once."""
+"""Reads the reports of the truck's control units from sensors and controls."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from iits_mj.core.messages import TruckReport
 from iits_mj.parameters import TruckParameters
 
 _FIELDS = tuple(field.name for field in dataclasses.fields(TruckReport))
-# Where a field's number stands when its sensor has another name.
+# Sensor and index of the fields whose sensor has another name.
 _SENSORS = {
     "accelerator_pedal": ("accelerator_pedal_position", 0),
     "brake_pressure_rear2_left": ("brake_pressures", 4),
@@ -29,7 +29,7 @@ _VERTICAL = 2
 
 
 def sensor_addresses(model: mujoco.MjModel, prefix: str) -> dict[str, int]:
-    """Where each sensor of one truck begins in `sensordata`, by its name without the prefix."""
+    """Returns where each sensor of a truck begins in `sensordata`, by name without prefix."""
     sensors = [model.sensor(i) for i in range(model.nsensor)]
     return {
         sensor.name.removeprefix(prefix): int(sensor.adr[0])
@@ -39,12 +39,12 @@ def sensor_addresses(model: mujoco.MjModel, prefix: str) -> dict[str, int]:
 
 
 class Reporter:
-    """Reads the `TruckReport` out of a model's data.
+    """Reads `TruckReport` from a model's data.
 
     Args:
       model: a compiled scene.
-      parameters: what the truck was built from.
-      payload: that it carries [kg].
+      parameters: of the truck.
+      payload: of the truck [kg].
       prefix: of the truck's names in the model.
     """
 
@@ -82,7 +82,7 @@ class Reporter:
         }
 
     def read(self, data: mujoco.MjData) -> TruckReport:
-        """The report, as at the last step or observation; what the model lacks is None."""
+        """Returns the report at the last step or observation; None without a sensor."""
         readings = data.sensordata
         numbers = readings[self._sensed].tolist() + data.ctrl[self._commanded].tolist()
         known: dict[str, Any] = dict(zip(self._names, numbers, strict=True))

@@ -1,7 +1,7 @@
-"""Thousands of open-loop drives at once, on all cores: states, loads, roads, parameters, commands.
+"""Rolls out thousands of open-loop drives on all cores, with any loads, roads and parameters.
 
     scenarios = [
-        Scenario(route=road, payload=load, place=Placement(station=50.0, speed=20.0))
+        Scenario(route=road, payload=load, place=TruckPlacement(station=50.0, speed=20.0))
         for load in (0.0, 12_000.0, 36_000.0)
     ]
     drives = roll_out(scenarios, {"steering_wheel_angle": angles}, duration=8.0, threads=8)
@@ -30,7 +30,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.model.sensor_table import sensor_unit
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from iits_mj.truck.placement import Placement
+from iits_mj.truck.placement import TruckPlacement
 from iits_mj.truck.truck import COMMAND_FIELDS, Truck
 
 SIGNALS = (
@@ -44,37 +44,37 @@ SIGNALS = (
     "gear",
     "fuel_used",
 )
-# Everything that a step of the physics starts from, as far as the truck's model has it.
+# State from which a step of the physics starts.
 _STATE = ("time", "qpos", "qvel", "act", "plugin_state", "qacc_warmstart")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """What one drive begins with.
+    """Initial conditions of a drive.
 
     Attributes:
       route: the road, with its friction.
       place: of the truck on it.
       payload: [kg].
-      parameters: overlay over the shipped figures, as a mapping; see `TruckParameters.load`.
+      parameters: overlay of the shipped parameters; see `TruckParameters.load`.
     """
 
     route: Route
-    place: Placement = field(default_factory=Placement)
+    place: TruckPlacement = field(default_factory=TruckPlacement)
     payload: float = 36_000.0
     parameters: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
 class Rollouts:
-    """What came of it; arrays have shape (scenarios, instants) or (scenarios, instants, numbers).
+    """Results; arrays have shape (scenarios, instants) or (scenarios, instants, numbers).
 
     Attributes:
       time: of the instants [s], shape (instants,).
       values: of each sensor, by its name in the model.
       units: of each sensor.
-      diverged: whether a drive was given up because its physics diverged, shape (scenarios,); its
-        values from then on are the last ones.
+      diverged: whether the physics of a drive diverged, shape (scenarios,); its values from then on
+        are the last ones.
     """
 
     time: FloatArray
@@ -83,7 +83,7 @@ class Rollouts:
     diverged: NDArray[np.bool_]
 
     def __getitem__(self, signal: str) -> FloatArray:
-        """A sensor's values.
+        """Returns the values of a sensor.
 
         Raises:
           InputError: it was not recorded.
@@ -103,24 +103,24 @@ def roll_out(
     threads: int = 0,
     timestep: float = 0.002,
 ) -> Rollouts:
-    """Drives all scenarios with given commands.
+    """Drives all scenarios with open-loop commands.
 
     Args:
-      scenarios: one a drive; those of equal road, load and parameters share a model.
+      scenarios: one per drive; those of equal road, load and parameters share a model.
       controls: command names to values that broadcast to (scenarios, instants); each is held from
-        one instant to the next. Commands that are not named are 0.
+        one instant to the next. Commands that are not given are 0.
       duration: of a drive [s], whole periods.
       period: between two instants [s], whole time steps.
       signals: names of sensors of the truck's model.
-      threads: 0 for all cores.
+      threads: 0 uses all cores.
       timestep: of the physics [s], 0.0005 to 0.005.
 
     Raises:
       InputError: no scenario, an unknown command or sensor, a value that is not finite or outside
-        the command's range, a shape that does not fit, or times that are no whole multiples.
+        the command's range, a shape that does not fit, or times that are not whole multiples.
     """
     if not scenarios:
-        raise InputError("roll_out: at least one scenario is wanted")
+        raise InputError("roll_out: at least one scenario is needed")
     steps = _whole(period, timestep, "period", "time steps")
     instants = _whole(duration, period, "duration", "periods")
     groups = _groups(scenarios, timestep)
@@ -160,8 +160,8 @@ def roll_out(
 class _Group:
     """Scenarios of one road, load and set of parameters.
 
-    Each has a batch of its own: the plugin's constants are read when MuJoCo makes data for a model,
-    so that data of one model that steps another would keep the first one's tires.
+    Each has its own batch: MuJoCo reads the plugin's constants when it makes data for a model, so
+    that data of one model would keep its tires in another model.
     """
 
     truck: Truck
@@ -170,7 +170,7 @@ class _Group:
 
 def _drive(
     group: _Group,
-    places: Sequence[Placement],
+    places: Sequence[TruckPlacement],
     commands: FloatArray,
     columns: Mapping[str, tuple[int, int]],
     steps: int,
@@ -196,7 +196,7 @@ def _drive(
             batch.step(ids=np.flatnonzero(alive), nstep=steps, stage=mujoco.mjtStage.mjSTAGE_ACC)
         time = (instant + 1) * steps * model.opt.timestep
         alive &= np.isfinite(rows["qpos"]).all(axis=1) & np.isfinite(sensors).all(axis=1)
-        # MuJoCo puts a simulation that diverged back to the beginning.
+        # MuJoCo resets a simulation that diverged.
         alive &= np.abs(rows["time"].ravel() - time) < 0.5 * model.opt.timestep
         for name, (start, stop) in columns.items():
             found[name][alive, instant] = sensors[alive, start:stop]
@@ -249,7 +249,7 @@ def _commands(
 
 
 def _columns(model: mujoco.MjModel, signals: Sequence[str]) -> dict[str, tuple[int, int]]:
-    """Where each sensor stands in `sensordata`."""
+    """Places of each sensor in `sensordata`."""
     known = {model.sensor(i).name: i for i in range(model.nsensor)}
     found = {}
     for name in signals:
@@ -263,5 +263,5 @@ def _columns(model: mujoco.MjModel, signals: Sequence[str]) -> dict[str, tuple[i
 def _whole(length: float, part: float, name: str, parts: str) -> int:
     count = round(length / part) if part > 0.0 and np.isfinite(length) else 0
     if count < 1 or abs(count * part - length) > 1e-9 * max(1.0, length):
-        raise InputError(f"{name} {length!r} s: a whole number of {parts} of {part!r} s is wanted")
+        raise InputError(f"{name} {length!r} s: a whole number of {parts} of {part!r} s is needed")
     return count

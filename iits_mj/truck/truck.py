@@ -1,4 +1,4 @@
-"""The truck: load it, command it, step it, observe it."""
+"""The truck in MuJoCo: `Truck` loads, places, commands, steps and observes it."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.checks import in_range
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import (
     EgoFootprint,
@@ -29,7 +30,7 @@ from iits_mj.model.scenery.road_scene import add_road
 from iits_mj.parameters import TruckParameters
 from iits_mj.plugin import register
 from iits_mj.road import Route
-from iits_mj.truck.placement import Placement, Poser
+from iits_mj.truck.placement import Poser, TruckPlacement
 from iits_mj.truck.report import Reporter, sensor_addresses
 
 COMMAND_FIELDS = tuple(field.name for field in dataclasses.fields(VehicleCommand))
@@ -39,7 +40,7 @@ BRAKE_PRESSURES = tuple(
     f"brake_pressure_{place}"
     for place in ("front_left", "front_right", "rear_left", "rear_right", "trailer")
 )
-# Warnings after which MuJoCo has thrown the state away.
+# Warnings after which MuJoCo resets the state.
 _FATAL_WARNINGS = (
     mujoco.mjtWarning.mjWARN_BADQPOS,
     mujoco.mjtWarning.mjWARN_BADQVEL,
@@ -48,15 +49,35 @@ _FATAL_WARNINGS = (
 )
 
 
-def compiled(spec: mujoco.MjSpec, timestep: float) -> mujoco.MjModel:
-    """The model of a scene with trucks, at a time step of 0.0005 to 0.005 s.
+def compile_scene(
+    spec: mujoco.MjSpec,
+    route: Route,
+    timestep: float,
+    *,
+    visuals: bool,
+    flat: bool = False,
+    edit_spec: Callable[[mujoco.MjSpec], None] | None = None,
+) -> mujoco.MjModel:
+    """Adds the road to a specification with trucks, and compiles it.
+
+    Args:
+      spec: with the trucks.
+      route: the road.
+      timestep: of the physics [s], 0.0005 to 0.005.
+      visuals: adds the visual geoms of the road.
+      flat: leaves the road's surface out: the ground is the plane z = 0.
+      edit_spec: called with the specification before it is compiled.
 
     Raises:
       InputError: the time step is not allowed, or MuJoCo refuses the scene.
     """
-    if not (math.isfinite(timestep) and 0.0005 <= timestep <= 0.005):
-        raise InputError(f"timestep {timestep!r} s is not allowed: use 0.0005 to 0.005 s")
-    spec.option.timestep = timestep
+    if not flat:
+        add_road_table(spec, route)
+    if visuals:
+        add_road(spec, route)
+    if edit_spec is not None:
+        edit_spec(spec)
+    spec.option.timestep = in_range("timestep", timestep, 0.0005, 0.005, "s")
     try:
         return spec.compile()
     except ValueError as error:
@@ -65,9 +86,9 @@ def compiled(spec: mujoco.MjSpec, timestep: float) -> mujoco.MjModel:
 
 
 def bring_up_to_date(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Computes the sensors of the state as it is now; after a step they are those before it.
+    """Computes the sensors of the current state; after a step they are those before it.
 
-    The solver's first guess is put back: watching leaves no trace in the bits that follow.
+    The solver's first guess is restored, so that an observation does not change later bits.
     """
     warm_start = data.qacc_warmstart.copy()
     mujoco.mj_forward(model, data)
@@ -82,9 +103,9 @@ class Truck:
 
     Args:
       model: a compiled scene with the truck in it; use `load` to make one.
-      parameters, payload, route: what it was built from.
-      prefix: of the truck's names in the model, where there are several (`iits_mj.truck.fleet`).
-      data: of the scene; default: new ones, with the truck put at the beginning of its road.
+      parameters, payload, route: of the scene.
+      prefix: of the truck's names in a model of several (`iits_mj.truck.fleet`).
+      data: of the scene; default: new data, with the truck at the beginning of its road.
     """
 
     def __init__(
@@ -117,7 +138,7 @@ class Truck:
             if name.startswith(prefix)
         )
         if names[: len(COMMAND_FIELDS)] != COMMAND_FIELDS:
-            raise InputError(f"the model's controls are {names}, wanted are {COMMAND_FIELDS}")
+            raise InputError(f"the model's controls are {names}, needed are {COMMAND_FIELDS}")
         first = model.actuator(prefix + COMMAND_FIELDS[0]).id
         self.control_start = int(model.actuator_ctrladr[first])
         self._controls = slice(self.control_start, self.control_start + len(COMMAND_FIELDS))
@@ -153,7 +174,7 @@ class Truck:
           parameters: of the truck, or an overlay (TOML file or mapping) over the shipped figures.
           route: the road; default: a flat plane, driven along x.
           timestep: of the physics [s], 0.0005 to 0.005.
-          visuals: adds what is only seen (road, landscape); the physics is the same without.
+          visuals: adds road and landscape for pictures; the physics is the same without.
           edit_spec: called with the specification before it is compiled, to add cameras, traffic.
 
         Raises:
@@ -166,15 +187,15 @@ class Truck:
         parameters = parameters.with_payload_height(payload_height)
         payload = parameters.payload.mass_max if payload is None else payload
         payload = parameters.check_payload(payload)
-        spec = truck_spec(parameters, payload)
-        if route is not None:
-            add_road_table(spec, route)
         shown = route if route is not None else Route.straight()
-        if visuals:
-            add_road(spec, shown)
-        if edit_spec is not None:
-            edit_spec(spec)
-        model = compiled(spec, timestep)
+        model = compile_scene(
+            truck_spec(parameters, payload),
+            shown,
+            timestep,
+            visuals=visuals,
+            flat=route is None,
+            edit_spec=edit_spec,
+        )
         return cls(model, parameters, payload, shown)
 
     @property
@@ -191,20 +212,11 @@ class Truck:
         heading: float = 0.0,
         articulation: float | None = None,
     ) -> EgoState:
-        """Puts the truck on its route, rolling freely; all else of the scene begins anew, too.
+        """Resets the scene with the truck at a place on its route, rolling freely.
 
-        Args:
-          station: of the steer axle's centre on the route [m].
-          offset: of the same, to the left [m].
-          speed: along the tractor [m/s], zero or positive.
-          heading: of the tractor against the road, positive to the left [rad].
-          articulation: tractor's yaw less the trailer's [rad]; None: the trailer lies along the
-            road.
-
-        Raises:
-          InputError: a value is not finite, or the speed is negative.
+        Arguments and errors are those of `TruckPlacement`.
         """
-        place = Placement(
+        place = TruckPlacement(
             station=station, offset=offset, speed=speed, heading=heading, articulation=articulation
         )
         mujoco.mj_resetData(self.model, self.data)
@@ -212,13 +224,13 @@ class Truck:
         mujoco.mj_forward(self.model, self.data)
         return self.observe()
 
-    def place(self, place: Placement) -> None:
-        """Writes a pose into data that were reset; what follows from it is not computed yet."""
+    def place(self, place: TruckPlacement) -> None:
+        """Writes a pose into data that were reset, without `mj_forward`."""
         self._poser.pose(self.data, place)
         self._station_hint, self._trailer_hint = place.station, place.station - 11.5
 
     def command(self, command: VehicleCommand | None = None, **fields: float) -> None:
-        """Sets the controls; fields not given by name keep their last value.
+        """Sets the controls; fields that are not given keep their value.
 
         Raises:
           InputError: unknown field, a value that is not finite or outside the control's range.
@@ -238,7 +250,7 @@ class Truck:
             self.data.ctrl[self.control_start + index] = number
 
     def _set_all(self, command: VehicleCommand) -> bool:
-        """Sets all controls at once; False, and none is set, where a value is not allowed."""
+        """Sets all controls at once; returns False and sets none if a value is not allowed."""
         values = tuple(map(float, _command_values(command)))
         for value, (low, high) in zip(values, self._ranges, strict=True):
             if not low <= value <= high:
@@ -252,7 +264,7 @@ class Truck:
         Raises:
           Error: the simulation diverged (MuJoCo reports a state that is not finite).
         """
-        # MuJoCo puts data that diverged back to the beginning, its time as well.
+        # MuJoCo resets data that diverged, with their time.
         begin = self.data.time
         mujoco.mj_step(self.model, self.data, n)
         if not self.data.warning.number.any():
@@ -266,20 +278,20 @@ class Truck:
                 )
 
     def sensor(self, name: str) -> NDArray[np.float64]:
-        """A sensor's reading, as at the last step or observation."""
+        """Returns a sensor's reading at the last step or observation."""
         return np.array(self.data.sensor(self.prefix + name).data)
 
     def read(self, name: str, index: int = 0) -> float:
-        """One number of a sensor, as at the last step or observation; quicker than `sensor`."""
+        """Returns one number of a sensor at the last step or observation; faster than `sensor`."""
         return float(self.data.sensordata[self._address[name] + index])
 
     def observe(self) -> EgoState:
-        """What the truck reports at this instant."""
+        """Returns the truck's current state."""
         bring_up_to_date(self.model, self.data)
         return self.state()
 
     def state(self) -> EgoState:
-        """What the truck reports, by sensors that are up to date (`bring_up_to_date`)."""
+        """Returns the truck's state from sensors that are up to date (`bring_up_to_date`)."""
         model, data = self.model, self.data
         sensors, at = data.sensordata.tolist(), self._address
         x, y, z = data.xpos[self._tractor].tolist()
@@ -325,7 +337,7 @@ class Truck:
         )
 
     def last_command(self) -> VehicleCommand:
-        """The controls as they stand."""
+        """Returns the current controls."""
         values = dict(zip(COMMAND_FIELDS, map(float, self.data.ctrl[self._controls]), strict=True))
         return VehicleCommand(
             **{
@@ -337,8 +349,8 @@ class Truck:
         )
 
     def report(self) -> TruckReport:
-        """What the control units say beside `observe`, as at the last step or observation.
+        """Returns the reports of the control units at the last step or observation.
 
-        A quantity for which this model has neither sensor nor control is None.
+        A quantity without sensor or control in this model is None.
         """
         return self._reporter.read(self.data)

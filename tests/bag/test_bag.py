@@ -22,7 +22,7 @@ from iits_mj.core.messages import (
     TrafficLight,
     VehicleCommand,
 )
-from iits_mj.simulation import DriveConfig, Simulation
+from iits_mj.simulation import DriveConfig, Observer, Simulation
 from iits_mj.simulation.drive_log import BusLog
 
 pytest.importorskip("rosbags")
@@ -39,7 +39,7 @@ def drive(tmp_path_factory):
     folder = tmp_path_factory.mktemp("drive")
     seen = []
 
-    class Watch:
+    class Watch(Observer):
         period = 0.1
 
         def observe(self, simulation, frame):
@@ -48,7 +48,7 @@ def drive(tmp_path_factory):
     config = DriveConfig(density="dense", duration=DURATION, seed=2, decision="mobil")
     with (
         Simulation(config, visuals=False) as simulation,
-        BusLog(folder / "bus.log", simulation) as log,
+        BusLog(folder / "bus.log", simulation.truck) as log,
         BagWriter(folder / "bag", simulation) as bag,
     ):
         simulation.run([log, bag, Watch()])
@@ -257,4 +257,4 @@ def test_a_drive_that_fails_leaves_no_bag(tmp_path):
     ):
         raise ZeroDivisionError
     assert not (tmp_path / "bag").exists()
-    assert simulation._taps == []
+    assert simulation.observers == ()

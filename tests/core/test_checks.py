@@ -1,11 +1,11 @@
-"""What a learner hands in is refused at the boundary when it is not numbers of the right shape."""
+"""Values of users are refused with their name, value, unit and what is allowed."""
 
 import math
 
 import numpy as np
 import pytest
 
-from iits_mj.core.checks import read_action
+from iits_mj.core.checks import in_range, one_of, positive, read_action
 from iits_mj.core.errors import InputError
 
 
@@ -20,3 +20,32 @@ def test_numbers_of_any_kind_are_read_as_they_are():
 def test_what_is_no_action_is_refused_and_named(action):
     with pytest.raises(InputError, match=r"^throttle .*; use finite numbers of shape \(2,\)"):
         read_action(action, (2,), "throttle")
+
+
+def test_numbers_of_numpy_pass_and_become_pythons_own():
+    assert in_range("speed", np.float64(3.0), 0.0, 40.0, "m/s") == 3.0
+    assert type(positive("step", np.int64(2))) is float
+
+
+@pytest.mark.parametrize("value", [-1.0, 41, math.nan, True, "3", None])
+def test_a_number_out_of_range_is_refused_with_its_unit(value):
+    with pytest.raises(InputError, match=r"^speed = .* m/s: allowed is 0 to 40 m/s$"):
+        in_range("speed", value, 0.0, 40.0, "m/s")
+
+
+@pytest.mark.parametrize("value", [0.0, -2.0, math.inf, False, "1"])
+def test_what_is_not_positive_is_refused(value):
+    with pytest.raises(InputError, match=r"^step is .* s: a finite number of more than zero"):
+        positive("step", value, "s")
+
+
+def test_zero_is_positive_on_demand_and_negative_numbers_are_not():
+    assert positive("stiffness", 0.0, zero=True) == 0.0
+    with pytest.raises(InputError, match="a finite number of zero or more"):
+        positive("stiffness", -1.0, zero=True)
+
+
+def test_an_unknown_choice_is_refused_with_the_known_ones():
+    assert one_of("camera", "side", ("chase", "side")) == "side"
+    with pytest.raises(InputError, match="camera 'roof' is not known; use one of: chase, side"):
+        one_of("camera", "roof", ("chase", "side"))

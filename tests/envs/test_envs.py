@@ -13,12 +13,10 @@ from gymnasium.utils.env_checker import check_env
 
 from iits_mj.core.errors import InputError, RenderError
 from iits_mj.envs import ENVIRONMENTS, register
-from iits_mj.envs.driving import CruiseEnv
+from iits_mj.envs.driving import DrivingEnv
+from iits_mj.suite.tasks import DRIVING_TASKS
 
-LOW_LEVEL = [
-    f"iits_mj/{name}-v0"
-    for name in ("Cruise", "Stop", "HillStart", "LaneKeep", "LaneChange", "TightTurn", "Dock")
-]
+LOW_LEVEL = [name for name, settings in ENVIRONMENTS.items() if "kwargs" in settings]
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +66,10 @@ def test_registering_twice_changes_nothing():
     register()
     register()
     assert set(ENVIRONMENTS) <= set(gymnasium.registry)
+
+
+def test_every_driving_task_of_the_suite_has_an_environment():
+    assert [ENVIRONMENTS[name]["kwargs"]["task"] for name in LOW_LEVEL] == list(DRIVING_TASKS)
 
 
 @pytest.mark.parametrize("name", LOW_LEVEL)
@@ -125,13 +127,13 @@ def test_leaving_the_lane_terminates():
 
 def test_unusable_arguments_are_refused(monkeypatch):
     with pytest.raises(InputError, match="render_mode 'ansi'"):
-        CruiseEnv(render_mode="ansi")
+        DrivingEnv("cruise", render_mode="ansi")
     with pytest.raises(InputError, match="camera 'roof'"):
-        CruiseEnv(camera="roof")
+        DrivingEnv("cruise", camera="roof")
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(RenderError, match="no display"):
-        CruiseEnv(render_mode="human")
+        DrivingEnv("cruise", render_mode="human")
     environment = gymnasium.make("iits_mj/Cruise-v0", disable_env_checker=True)
     environment.reset(seed=0)
     with pytest.raises(InputError, match="action"):
@@ -237,7 +239,7 @@ def test_a_window_is_followed_and_its_thread_has_ended_when_it_is_closed(monkeyp
     monkeypatch.setattr(
         mujoco.viewer, "launch_passive", lambda model, data: made.append(Window()) or made[-1]
     )
-    environment = CruiseEnv(render_mode="human")
+    environment = DrivingEnv("cruise", render_mode="human")
     environment.reset(seed=0)
     for _ in range(3):
         environment.step(np.zeros(1, np.float32))

@@ -9,6 +9,7 @@ from controllers.decision.observation import FEATURES, SCALE
 from iits_mj import suite
 from iits_mj.envs import ENVIRONMENTS
 from iits_mj.envs.platoon import PlatoonEnv
+from iits_mj.suite.tasks import DRIVING_TASKS
 
 
 def test_the_pages_are_those_of_the_code():
@@ -25,7 +26,7 @@ def test_every_environment_and_task_has_its_page():
     assert all(f"`{domain}`, `{task}`" in index for domain, task in suite.ALL_TASKS)
 
 
-@pytest.mark.parametrize("task", [*manual.KINDS, "highway"])
+@pytest.mark.parametrize("task", [*DRIVING_TASKS, "highway"])
 def test_what_a_page_tells_of_a_task_is_what_the_task_does(task):
     if task == "highway":
         pytest.importorskip("libsumo")
@@ -58,11 +59,11 @@ def test_the_names_in_the_xml_are_there():
         "body": {model.body(k).name for k in range(model.nbody)},
         "site": {model.site(k).name for k in range(model.nsite)},
     }
-    for kind in manual.KINDS.values():
-        for told in kind.observed.values():
-            what, _, rest = told.source.partition(" ")
+    for kind in DRIVING_TASKS.values():
+        for entry in kind.observed.values():
+            what, _, rest = entry.source.partition(" ")
             if what in names and rest.startswith("`"):
-                assert rest.split("`")[1] in names[what], told
+                assert rest.split("`")[1] in names[what], entry
     for control in ("accelerator_pedal", "xbr_demand", "xbr_mode", "steering_wheel_angle"):
         assert model.actuator(control).id >= 0
     environment.close()

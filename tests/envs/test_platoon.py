@@ -23,7 +23,7 @@ def _driven(environment, seed, act):
         _, reward, terminated, truncated, infos = environment.step(actions)
         rewards.append(list(reward.values()))
         gaps.append([environment.seen(agent)["gap_error"][0] for agent in infos])
-        speeds.append([told["speed"] for told in infos.values()])
+        speeds.append([info["speed"] for info in infos.values()])
     return np.array(rewards), np.array(gaps), np.array(speeds), terminated, truncated
 
 
@@ -96,8 +96,8 @@ def test_rewards_are_the_products_of_their_terms(environment):
     environment.reset(seed=1)
     actions = {agent: _drive(environment, agent) for agent in environment.agents}
     observations, rewards, _, _, infos = environment.step(actions)
-    for agent, told in infos.items():
-        terms = [value for name, value in told.items() if name.startswith("reward_")]
+    for agent, info in infos.items():
+        terms = [value for name, value in info.items() if name.startswith("reward_")]
         assert rewards[agent] == pytest.approx(np.prod(terms))
         assert environment.observation_space(agent).contains(observations[agent])
     assert environment.state().shape == (3 * len(environment.observation_names),)
@@ -106,7 +106,7 @@ def test_rewards_are_the_products_of_their_terms(environment):
 def test_the_first_truck_alone_knows_the_set_speed(environment):
     environment.reset(seed=2)
     before = environment.seen("truck1")
-    environment._tasks[0].target += 1.0
+    environment.tasks[0].target += 1.0
     np.testing.assert_equal(environment.seen("truck1"), before)
     assert environment.seen("truck0")["speed_error"] < 0.5
 
@@ -119,7 +119,7 @@ def test_pettingzoos_own_test_passes(environment):
 
 
 def test_unusable_arguments_are_refused(environment):
-    with pytest.raises(InputError, match="1 payloads"):
+    with pytest.raises(InputError, match="payloads = 1: allowed is 2 to 8"):
         PlatoonEnv((0.0,))
     with pytest.raises(InputError, match="time_gap"):
         PlatoonEnv(time_gap=float("nan"))

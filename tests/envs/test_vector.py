@@ -4,7 +4,7 @@ import pytest
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode
 
 from iits_mj.core.errors import InputError
-from iits_mj.envs.driving import LaneKeepEnv
+from iits_mj.envs.driving import DrivingEnv
 from iits_mj.envs.vector import DrivingVectorEnv
 
 COUNT = 3
@@ -18,7 +18,7 @@ def _actions(steps):
 def test_each_environment_drives_bit_for_bit_as_it_does_alone_over_autoresets():
     together = gymnasium.make_vec("iits_mj/LaneKeep-v0", num_envs=COUNT, threads=2, time_limit=1.5)
     assert isinstance(together, DrivingVectorEnv)
-    alone = [LaneKeepEnv(time_limit=1.5) for _ in range(COUNT)]
+    alone = [DrivingEnv("lane_keep", time_limit=1.5) for _ in range(COUNT)]
     observations, _ = together.reset(seed=7)
     for number, environment in enumerate(alone):
         np.testing.assert_array_equal(environment.reset(seed=7 + number)[0], observations[number])
@@ -71,7 +71,7 @@ def test_wrong_actions_and_numbers_are_refused():
         environments.step(np.zeros((3, 1), np.float32))
     environments.close()
     with pytest.raises(InputError, match="num_envs 0"):
-        DrivingVectorEnv(LaneKeepEnv, 0)
+        DrivingVectorEnv(0, task="lane_keep")
 
 
 @pytest.mark.slow

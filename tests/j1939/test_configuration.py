@@ -6,7 +6,6 @@ import pytest
 
 from iits_mj.core.errors import BusError
 from iits_mj.j1939 import Frame, ReferenceTorques, StateReceiver, broadcast, encode, pack, read_log
-from iits_mj.j1939.addresses import DRIVELINE_RETARDER, ENGINE, ENGINE_RETARDER
 from iits_mj.j1939.configuration import (
     ConfigurationReceiver,
     ConfigurationSender,
@@ -14,6 +13,7 @@ from iits_mj.j1939.configuration import (
     retarder_configurations,
 )
 from iits_mj.j1939.groups import EC1, EEC1, EEC3, ERC1, RC
+from iits_mj.j1939.network import DRIVELINE_RETARDER, ENGINE, ENGINE_RETARDER
 from iits_mj.parameters import TruckParameters
 from tests.paths import ROOT
 

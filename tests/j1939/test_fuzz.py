@@ -20,7 +20,7 @@ from iits_mj.j1939 import (
     pgn_of,
     unpack,
 )
-from iits_mj.j1939.group import layouts
+from iits_mj.j1939.groups import layouts
 
 EIGHT_BYTES = st.binary(min_size=8, max_size=8)
 # The others take several frames.

@@ -1,6 +1,9 @@
 """Known answers: bytes worked out by hand from the public bit layouts."""
 
-import j1939_groups
+import copy
+import dataclasses
+import pickle
+
 import pytest
 from j1939_manual import PAGE, fill, tables
 
@@ -11,6 +14,8 @@ from iits_mj.j1939 import (
     Status,
     decode,
     encode,
+    group_type,
+    groups,
     make_group,
     make_id,
     message_names,
@@ -18,8 +23,21 @@ from iits_mj.j1939 import (
     pgn_of,
     unpack,
 )
-from iits_mj.j1939.group import layouts
-from iits_mj.j1939.groups import CCVS1, EEC1, EEC2, ERC1, ETC1, ETC2, LFE1, TSC1, VDC2, VW, XBR
+from iits_mj.j1939.groups import (
+    CCVS1,
+    EEC1,
+    EEC2,
+    ERC1,
+    ETC1,
+    ETC2,
+    LFE1,
+    TSC1,
+    VDC2,
+    VW,
+    XBR,
+    IitsTrailer,
+    layouts,
+)
 from iits_mj.j1939.mapping import commands, reports
 
 PGNS = {
@@ -186,8 +204,31 @@ def test_every_row_of_the_table_is_a_signal_of_the_dbc_and_said_once():
 
 
 def test_typed_messages_are_made_from_the_dbc():
-    text = j1939_groups.PATH.read_text(encoding="utf-8")
-    assert j1939_groups.source() == text, "run `python tools/j1939_groups.py`"
+    for layout in layouts().messages:
+        kind = group_type(layout.name)
+        assert getattr(groups, kind.__name__) is kind
+        assert layout.name == kind.MESSAGE
+        assert [f.name for f in dataclasses.fields(kind)] == [s.name for s in layout.signals]
+        assert f"PGN {pgn_of(layout.name)} " in kind.__doc__
+        for signal in layout.signals:
+            unit = f" [{signal.unit}]" if signal.unit else ""
+            assert f"  {signal.name}:{unit} " in kind.__doc__
+    assert "  engine_speed_rpm: [rpm] SPN 190.\n" in EEC1.__doc__
+    with pytest.raises(ImportError, match="EEC99"):
+        from iits_mj.j1939.groups import EEC99  # noqa: F401
+
+
+def test_a_typed_message_is_an_immutable_value_that_can_be_copied_and_pickled():
+    group = EEC1(engine_speed_rpm=1200.0)
+    assert group == EEC1(engine_speed_rpm=1200.0) != EEC1()
+    assert hash(group) == hash(EEC1(engine_speed_rpm=1200.0))
+    assert repr(group).startswith("EEC1(engine_torque_mode=<Status.NOT_AVAILABLE")
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        group.engine_speed_rpm = 0.0
+    for same in (copy.copy(group), copy.deepcopy(group), pickle.loads(pickle.dumps(group))):
+        assert same == group
+        assert same.engine_torque_mode is NOT_AVAILABLE
+    assert IitsTrailer(articulation=0.5).MESSAGE == "IITS_TRAILER"
 
 
 def test_a_typed_message_left_empty_knows_nothing():

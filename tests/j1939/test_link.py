@@ -29,7 +29,8 @@ def medium(monkeypatch: pytest.MonkeyPatch) -> Medium:
     fresh = Medium()
     monkeypatch.setattr(FailingBus, "medium", fresh)
     for name in ("pcan", "socketcan"):
-        monkeypatch.setitem(can.interfaces.BACKENDS, name, ("failing_can", "FailingBus"))
+        backend = (FailingBus.__module__, FailingBus.__name__)
+        monkeypatch.setitem(can.interfaces.BACKENDS, name, backend)
     return fresh
 
 

@@ -8,7 +8,7 @@ from j1939_manual import PAGE
 from iits_mj.core.messages import EgoState, TruckReport, VehicleCommand
 from iits_mj.j1939 import encode, group_type, make_group, message_names, pgn_of
 from iits_mj.j1939.frame import Frame
-from iits_mj.j1939.group import layouts
+from iits_mj.j1939.groups import layouts
 from iits_mj.j1939.mapping import commands, reports, sender
 from iits_mj.j1939.quantities import quantities
 from iits_mj.truck import Truck

@@ -6,7 +6,6 @@ import pytest
 
 from iits_mj.core.errors import BusError
 from iits_mj.j1939 import Frame
-from iits_mj.j1939.addresses import truck_addresses
 from iits_mj.j1939.network import (
     ACKNOWLEDGMENT,
     ADDRESS_CLAIMED,
@@ -14,6 +13,7 @@ from iits_mj.j1939.network import (
     ControlUnits,
     Name,
     request,
+    truck_addresses,
     unit_names,
 )
 

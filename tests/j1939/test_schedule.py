@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from iits_mj.core.errors import InputError
-from iits_mj.j1939.broadcasts import Schedule, spread
+from iits_mj.j1939.schedule import Schedule, spread
 
 
 def times_sent(schedule, times, place=0):

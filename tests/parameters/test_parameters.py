@@ -86,7 +86,7 @@ def test_load_may_lie_low_or_high_and_changes_nothing_else():
 
 @pytest.mark.parametrize("height", [1.29, 3.01, float("nan"), float("inf")])
 def test_load_under_the_floor_or_over_the_roof_is_refused(height):
-    with pytest.raises(InputError, match=r"payload_height .* use 1\.3 to 3 m above the road"):
+    with pytest.raises(InputError, match=r"payload_height = .* m: allowed is 1\.3 to 3 m"):
         TruckParameters.load().with_payload_height(height)
 
 

@@ -1,3 +1,5 @@
+"""Trucks drawn from the uncertainty of the parameters: bounds, seeds, wrong files."""
+
 import numpy as np
 import pytest
 
@@ -50,13 +52,13 @@ def test_the_nominal_truck_is_the_shipped_one():
     ("content", "message"),
     [
         ('[a]\nparameters = ["tires.steer.width"]\nlow = 1\nhigh = 1', "tires.steer.width"),
-        ('[a]\nparameters = ["gearbox.shift_strategy"]\nlow = 1\nhigh = 1', "is no number"),
+        ('[a]\nparameters = ["gearbox.shift_strategy"]\nlow = 1\nhigh = 1', "is not a number"),
         ('[a]\nparameters = ["tractor.mass"]\nlow = 2\nhigh = 1', "low first"),
         ('[a]\nparameters = ["tractor.mass"]\nlow = 1\nhigh = inf', "finite"),
         ('[a]\nparameters = ["tractor.mass"]\nlow = 1', "missing"),
         ('[a]\nparameters = ["tractor.mass"]\nlow = 1\nhigh = 1\nsigma = 1', "unknown"),
         ("[a]\nparameters = []\nlow = 1\nhigh = 1", "at least one"),
-        ("a = 1", "no table"),
+        ("a = 1", "not a table"),
         ('[a]\nparameters = ["tractor.mass", "tractor.mass"]\nlow = 1\nhigh = 1', "drawn already"),
     ],
 )

@@ -172,7 +172,7 @@ def test_forward_gear_waits_until_the_truck_no_longer_rolls_backward():
 
 
 def test_unknown_strategy_is_refused_by_name():
-    with pytest.raises(InputError, match=r"shift_strategy = 'sport'.*adaptive"):
+    with pytest.raises(InputError, match=r"shift_strategy 'sport'.*adaptive"):
         TruckParameters.load(overlay={"gearbox": {"shift_strategy": "sport"}})
     with pytest.raises(ValueError, match=r"shift_strategy 'sport'.*tables, adaptive"):
         mujoco.MjModel.from_xml_string(

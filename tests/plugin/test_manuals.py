@@ -47,11 +47,23 @@ def test_example_of_the_air_brake_stops():
     assert abs(data.qvel[0]) < 1e-3
 
 
-@pytest.mark.parametrize("plugin", ["powertrain", "air_brake"])
+# A row of an attribute table in C++: `Number("ratio", ...)`, `{"shift_strategy", text(...)}`.
+ROW = re.compile(
+    r'(?:Number|Axis|Values|Ordered|per_axle|common)\("(\w+)"|\{"(\w+)",\s*(?:text|\[)'
+)
+ATTRIBUTES = {"tire": 21, "steering": 8, "fifth_wheel": 6, "aerodynamics": 3}
+ATTRIBUTES |= {"powertrain": 124, "air_brake": 52}
+
+
+@pytest.mark.parametrize("plugin", ATTRIBUTES)
 def test_manual_explains_every_attribute_in_its_table(plugin):
     source = (PLUGIN / f"{plugin}.cc").read_text()
-    listed = re.search(r"kAttributes\[\] = \{(.*?)\};", source, re.DOTALL).group(1)
-    names = set(re.findall(r'"(\w+)"', listed))
-    table = (PLUGIN / f"README_{plugin}.md").read_text().split("## Attributes")[1]
-    assert set(re.findall(r"`(\w+)`", table)) >= names
-    assert len(names) > 15
+    table = re.search(
+        r"Attributes (?:\w+::)?Table\(\) \{(.*?)\n *\};\n *\}\n", source, re.DOTALL
+    ).group(1)
+    names = {name for pair in ROW.findall(table) for name in pair if name}
+    manual = "\n".join(path.read_text() for path in MANUALS)
+    section = re.search(rf"^#+ `iits\.{plugin}`\n(.*?)(?=^#+ `iits\.|\Z)", manual, re.DOTALL | re.M)
+    rows = [row for row in section.group(1).splitlines() if row.startswith("| `")]
+    assert {name for row in rows for name in re.findall(r"`(\w+)`", row)} >= names
+    assert len(names) == ATTRIBUTES[plugin]

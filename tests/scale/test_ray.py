@@ -96,11 +96,12 @@ def test_a_worker_that_is_killed_has_its_task_done_again(executor, tmp_path):
     assert flag.exists()
 
 
+def differs_in_the_head(head):
+    return "123456789abcdef" if os.getpid() == head else same()
+
+
 def test_another_version_of_the_code_is_refused(cluster):
-    # A worker computes another digest than the head.
-    executor = RayExecutor(cluster, functools.partial(os.getpid))
-    executor._expected = "123456789abcdef"
-    executor._digest = same
+    executor = RayExecutor(cluster, functools.partial(differs_in_the_head, os.getpid()))
     with pytest.raises(Error, match=r"another version of the code .the same cod. than the head"):
         executor.submit(square, 2).result()
     executor.shutdown()

@@ -11,7 +11,7 @@ from controllers.stack import Stack
 from iits_mj.core.messages import Decision
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, Observer, Simulation, Telemetry
-from iits_mj.simulation.bus import CommandPath
+from iits_mj.simulation.lock_step import CommandPath
 from iits_mj.simulation.telemetry import COLUMNS
 from iits_mj.truck import Truck
 

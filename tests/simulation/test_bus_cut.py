@@ -5,7 +5,7 @@ import pytest
 
 from controllers.planning.planner import PlannerConfig
 from controllers.planning.speed_plan import SpeedConfig
-from controllers.safe_stop.fallback import Driver, Fallback
+from controllers.safe_stop.fallback import CommandSource, Fallback
 from controllers.safe_stop.stop import SafeStop, StopPhase
 from controllers.stack import Stack
 from iits_mj.core.messages import Scene
@@ -74,7 +74,7 @@ def test_a_bus_that_returns_drives_the_truck_again():
     slowed = chain.drive(3.0, cut=True)
     assert slowed[-1, REAL_SPEED] < SPEED - 1.5
     rows = chain.drive(8.0)
-    assert chain.fallback.driver is Driver.COMMANDS
+    assert chain.fallback.source is CommandSource.COMMANDS
     assert rows[-1, REAL_SPEED] > rows[:, REAL_SPEED].min() + 1.0
     assert np.abs(rows[:, OFFSET]).max() < 0.4
     # The counters went on while nobody heard: no frame of the new start is lost.

@@ -18,13 +18,13 @@ import pytest
 from iits_mj.core.errors import BusError, InputError
 from iits_mj.core.messages import Decision, VehicleCommand
 from iits_mj.j1939 import Frame, command_to_frames, database_path, read_log
-from iits_mj.j1939.addresses import CONTROLLER
+from iits_mj.j1939.network import CONTROLLER
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, Simulation, Telemetry
 from iits_mj.simulation import driver as log_driver
-from iits_mj.simulation.bus import CommandPath
 from iits_mj.simulation.drive_log import BusLog
 from iits_mj.simulation.driver import LogDriver
+from iits_mj.simulation.lock_step import CommandPath
 from iits_mj.truck import Truck
 from tests.simulation.scripted import DRIVEN, drive, simulation, table, watch
 
@@ -66,7 +66,7 @@ def logged(tmp_path_factory: pytest.TempPathFactory) -> Logged:
     folder = tmp_path_factory.mktemp("logs")
     paths = {suffix: folder / f"drive.{suffix}" for suffix in SUFFIXES}
     with simulation(LEFT_AT_3, duration=SHORT, commands="j1939") as driven, ExitStack() as stack:
-        logs = [stack.enter_context(BusLog(path, driven)) for path in paths.values()]
+        logs = [stack.enter_context(BusLog(path, driven.truck)) for path in paths.values()]
         telemetry = watch(driven, *logs)
     return Logged(telemetry, paths)
 
@@ -208,9 +208,8 @@ def test_other_tools_read_plausible_values_at_the_rates_of_the_messages(logged: 
 def test_straight_commands_pass_untouched_and_their_frames_are_told() -> None:
     path = CommandPath(over_bytes=False)
     heard: list[Frame] = []
-    path.listen(heard.append)
     command = VehicleCommand(accelerator_pedal=0.3333, steering_wheel_angle=0.12345)
-    assert path.pass_on(command, 0.0) is command
+    assert path.transmit(command, 0.0, [heard.append]) is command
     assert {frame.source for frame in heard} == {CONTROLLER}
     assert len(heard) == 5
     assert not path.receiver.accepted
@@ -218,7 +217,7 @@ def test_straight_commands_pass_untouched_and_their_frames_are_told() -> None:
 
 def test_log_of_straight_commands_gives_the_drive_up_to_the_signals_steps(tmp_path: Path) -> None:
     path = tmp_path / "drive.log"
-    with simulation({}, duration=6.0) as driven, BusLog(path, driven) as log:
+    with simulation({}, duration=6.0) as driven, BusLog(path, driven.truck) as log:
         telemetry = watch(driven, log)
     again, _ = by_log(path)
     assert apart(again, telemetry, "station [m]") < 0.05
@@ -230,7 +229,7 @@ def test_drive_goes_on_when_its_log_is_closed_and_another_log_begins_anew(tmp_pa
     with simulation({}, duration=1.0, commands="j1939") as driven:
         for path in paths:
             driven.reset()
-            with BusLog(path, driven) as log:
+            with BusLog(path, driven.truck) as log:
                 driven.run([log])
         driven.reset()
         driven.run()
@@ -316,7 +315,7 @@ def test_empty_log_and_unknown_format_are_told(tmp_path: Path) -> None:
         simulation({}, duration=1.0) as driven,
         pytest.raises(BusError, match="suffix"),
     ):
-        BusLog(tmp_path / "drive.xyz", driven)
+        BusLog(tmp_path / "drive.xyz", driven.truck)
 
 
 def test_reports_and_commands_of_a_log_stand_in_the_order_of_time(logged: Logged) -> None:

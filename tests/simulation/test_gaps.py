@@ -3,11 +3,14 @@ import math
 import numpy as np
 import pytest
 
-from iits_mj.core.messages import EgoFootprint, EgoState, TrackedVehicle
+from iits_mj.core.boxes import box_distance
+from iits_mj.core.messages import EgoState, Scene, TrackedVehicle
 from iits_mj.parameters import TruckParameters
 from iits_mj.simulation import gaps
 
-FOOTPRINT = EgoFootprint()
+
+def lane_gaps(ego: EgoState, *vehicles: TrackedVehicle) -> tuple[float, float]:
+    return Scene(0.0, ego, vehicles).neighbors.corridor_gaps(0)
 
 
 def square(x: float, y: float, yaw: float = 0.0, half: float = 1.0) -> np.ndarray:
@@ -27,20 +30,20 @@ def square(x: float, y: float, yaw: float = 0.0, half: float = 1.0) -> np.ndarra
     ],
 )
 def test_box_distance_of_known_squares(other: np.ndarray, distance: float) -> None:
-    assert gaps.box_distance(square(0.0, 0.0), other) == pytest.approx(distance, abs=1e-12)
-    assert gaps.box_distance(other, square(0.0, 0.0)) == pytest.approx(distance, abs=1e-12)
+    assert box_distance(square(0.0, 0.0), other) == pytest.approx(distance, abs=1e-12)
+    assert box_distance(other, square(0.0, 0.0)) == pytest.approx(distance, abs=1e-12)
 
 
 def test_crossing_boxes_overlap_though_no_corner_lies_inside() -> None:
     long = square(0.0, 0.0) * [10.0, 0.1]
-    assert gaps.box_distance(long, long[:, ::-1].copy()) == 0.0
+    assert box_distance(long, long[:, ::-1].copy()) == 0.0
 
 
 def test_lane_gap_is_bumper_to_bumper() -> None:
     ego = EgoState(station=100.0)
     ahead = TrackedVehicle("a", station=150.0, length=5.0)
     behind = TrackedVehicle("b", station=60.0, length=4.0)
-    front, rear = gaps.lane_gaps(ego, 0, (ahead, behind), FOOTPRINT)
+    front, rear = lane_gaps(ego, ahead, behind)
     assert front == pytest.approx(150.0 - 2.5 - (100.0 + 1.4))
     assert rear == pytest.approx((100.0 + 1.4 - 16.5) - 62.0)
 
@@ -49,8 +52,8 @@ def test_vehicle_in_the_next_lane_is_no_leader_until_it_reaches_into_the_trucks_
     ego = EgoState(station=100.0, offset=0.0)
     beside = TrackedVehicle("a", station=130.0, offset=4.0, lane=1, width=1.9)
     cutting_in = TrackedVehicle("a", station=130.0, offset=2.0, lane=1, width=1.9)
-    assert gaps.lane_gaps(ego, 0, (beside,), FOOTPRINT) == (math.inf, math.inf)
-    assert gaps.lane_gaps(ego, 0, (cutting_in,), FOOTPRINT)[0] < 30.0
+    assert lane_gaps(ego, beside) == (math.inf, math.inf)
+    assert lane_gaps(ego, cutting_in)[0] < 30.0
 
 
 def test_truck_boxes_have_the_legal_length_when_straight_and_bend_at_the_kingpin() -> None:
@@ -81,8 +84,8 @@ def test_who_is_on_a_bridge_above_is_neither_ahead_nor_near() -> None:
     uphill = TrackedVehicle("a", x=200.0, z=8.0, station=300.0, lane=0)
     assert gaps.nearest_box_distance(ego, (above,), parameters) == math.inf
     assert gaps.nearest_box_distance(ego, (crossing,), parameters) == 0.0
-    assert gaps.lane_gaps(ego, 0, (above,), FOOTPRINT)[0] == math.inf
-    assert gaps.lane_gaps(ego, 0, (uphill,), FOOTPRINT)[0] < 200.0
+    assert lane_gaps(ego, above)[0] == math.inf
+    assert lane_gaps(ego, uphill)[0] < 200.0
 
 
 def _distance_by_arrays(corners: np.ndarray, box: np.ndarray) -> float:

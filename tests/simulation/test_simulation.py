@@ -8,12 +8,12 @@ import pytest
 
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import TrackedVehicle
-from iits_mj.simulation import DriveConfig, Frame, Simulation, Telemetry
+from iits_mj.simulation import DriveConfig, Frame, Observer, Simulation, Telemetry
 from iits_mj.simulation.frame import DivergedError
 from iits_mj.simulation.telemetry import COLUMNS
 
 
-class Listener:
+class Listener(Observer):
     """Notes when it was called."""
 
     def __init__(self, period: float) -> None:

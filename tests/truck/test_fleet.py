@@ -4,19 +4,21 @@ import pytest
 from iits_mj.core.errors import InputError
 from iits_mj.road import Route
 from iits_mj.truck import Truck
-from iits_mj.truck.fleet import TRUCKS_MAX, Fleet, prefix
-from iits_mj.truck.placement import Placement
+from iits_mj.truck.fleet import TRUCKS_MAX, TruckFleet, prefix
+from iits_mj.truck.placement import TruckPlacement
 
 ROUTE = Route.straight(length=2_000.0, lanes=2)
 
 
 @pytest.fixture(scope="module")
 def pair():
-    return Fleet.load([0.0, 36_000.0], route=ROUTE, visuals=False)
+    return TruckFleet.load([0.0, 36_000.0], route=ROUTE, visuals=False)
 
 
 def test_a_truck_of_a_fleet_drives_as_it_does_alone_bit_for_bit(pair):
-    pair.reset([Placement(station=200.0, speed=10.0), Placement(station=100.0, speed=12.0)])
+    pair.reset(
+        [TruckPlacement(station=200.0, speed=10.0), TruckPlacement(station=100.0, speed=12.0)]
+    )
     alone = Truck.load(0.0, route=ROUTE, visuals=False)
     alone.reset(station=200.0, speed=10.0)
     for truck in (pair.trucks[0], alone):
@@ -28,7 +30,9 @@ def test_a_truck_of_a_fleet_drives_as_it_does_alone_bit_for_bit(pair):
 
 
 def test_commands_and_loads_are_each_trucks_own(pair):
-    pair.reset([Placement(station=200.0, speed=10.0), Placement(station=100.0, speed=10.0)])
+    pair.reset(
+        [TruckPlacement(station=200.0, speed=10.0), TruckPlacement(station=100.0, speed=10.0)]
+    )
     pair.trucks[0].command(accelerator_pedal=0.0, xbr_demand=-3.0, xbr_mode=2)
     pair.trucks[1].command(accelerator_pedal=1.0)
     pair.step(2_500)
@@ -41,7 +45,9 @@ def test_commands_and_loads_are_each_trucks_own(pair):
 
 def test_trucks_touch_each_other_and_never_themselves(pair):
     length = pair.trucks[0].footprint.length
-    pair.reset([Placement(station=200.0), Placement(station=200.0 - length - 3.0, speed=8.0)])
+    pair.reset(
+        [TruckPlacement(station=200.0), TruckPlacement(station=200.0 - length - 3.0, speed=8.0)]
+    )
     assert not pair.touching()
     pair.trucks[0].command(parking_brake=1.0)
     for _ in range(100):
@@ -62,7 +68,9 @@ def test_names_have_the_trucks_prefix(pair):
 
 
 def test_all_start_anew_at_their_places(pair):
-    states = pair.reset([Placement(station=300.0, speed=5.0), Placement(station=250.0, offset=4.0)])
+    states = pair.reset(
+        [TruckPlacement(station=300.0, speed=5.0), TruckPlacement(station=250.0, offset=4.0)]
+    )
     np.testing.assert_allclose([s.station for s in states], [300.0, 250.0], atol=0.02)
     np.testing.assert_allclose([s.offset for s in states], [0.0, 4.0], atol=1e-3)
     assert pair.time == 0.0
@@ -70,17 +78,17 @@ def test_all_start_anew_at_their_places(pair):
 
 def test_wrong_numbers_are_refused(pair):
     with pytest.raises(InputError, match="3 places for 2 trucks"):
-        pair.reset([Placement()] * 3)
-    with pytest.raises(InputError, match="0 trucks"):
-        Fleet.load([], route=ROUTE)
-    with pytest.raises(InputError, match=f"{TRUCKS_MAX + 1} trucks"):
-        Fleet.load([0.0] * (TRUCKS_MAX + 1), route=ROUTE)
+        pair.reset([TruckPlacement()] * 3)
+    with pytest.raises(InputError, match="number of trucks = 0: allowed is 1 to"):
+        TruckFleet.load([], route=ROUTE)
+    with pytest.raises(InputError, match=f"trucks = {TRUCKS_MAX + 1}: "):
+        TruckFleet.load([0.0] * (TRUCKS_MAX + 1), route=ROUTE)
     with pytest.raises(InputError, match="payload"):
-        Fleet.load([0.0, -1.0], route=ROUTE)
+        TruckFleet.load([0.0, -1.0], route=ROUTE)
     with pytest.raises(InputError, match="speed"):
-        Placement(speed=-1.0)
+        TruckPlacement(speed=-1.0)
     with pytest.raises(InputError, match="heading"):
-        Placement(heading=float("nan"))
+        TruckPlacement(heading=float("nan"))
 
 
 def test_a_truck_can_be_put_askew_and_bent():

@@ -5,12 +5,12 @@ from iits_mj.core.errors import InputError
 from iits_mj.model.sensor_table import sensor_unit
 from iits_mj.road import Route
 from iits_mj.truck import Truck
-from iits_mj.truck.placement import Placement
+from iits_mj.truck.placement import TruckPlacement
 from iits_mj.truck.rollouts import Scenario, roll_out
 
 ROAD = Route.straight(length=3_000.0, lanes=2)
 SLIPPERY = Route.straight(length=3_000.0, lanes=2, friction=0.2)
-ROLLING = Placement(station=100.0, speed=15.0)
+ROLLING = TruckPlacement(station=100.0, speed=15.0)
 
 
 def test_a_drive_is_bit_for_bit_the_trucks_own():
@@ -42,7 +42,7 @@ def test_a_drive_is_bit_for_bit_the_trucks_own():
 
 def test_the_number_of_threads_changes_nothing():
     scenarios = [
-        Scenario(route=ROAD, place=Placement(station=100.0, speed=float(speed)))
+        Scenario(route=ROAD, place=TruckPlacement(station=100.0, speed=float(speed)))
         for speed in np.linspace(5.0, 20.0, 6)
     ]
     runs = [

@@ -39,7 +39,7 @@ def read_trajectories(path: str | Path, **options: Any) -> Trajectories:
     given = {name: value for name, value in options.items() if value is not None}
     head = _head(path)
     if head.startswith(b"PK"):
-        from traffic_bridge.datasets.own import of_recording
+        from traffic_bridge.datasets.recordings import of_recording
         from traffic_bridge.recording.recording import Recording
 
         route = given.pop("route", None)

@@ -1,1 +1,1 @@
-"""Mirror: the nearest vehicles as mocap bodies in the truck's MuJoCo model."""
+"""Shows the traffic as mocap bodies in the truck's MuJoCo model and detects contact."""

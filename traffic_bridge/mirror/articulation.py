@@ -1,8 +1,8 @@
-"""Where the two units of an articulated truck are, from the way of its middle alone.
+"""Poses of tractor and semitrailer from the path of the articulated truck's center alone.
 
-The traffic gives one pose a vehicle: that of its bounding box's centre, which lies on the
-semitrailer between kingpin and axles. The centre moves as told; the axle group, which does not slip
-sideways, is pulled after it (a tractrix), and the tractor points where the kingpin goes.
+The traffic gives one pose per vehicle: that of its bounding box's center, which lies on the
+semitrailer between kingpin and axles. The axle group, which does not slip sideways, is pulled after
+the center (a tractrix), and the tractor points in the direction in which the kingpin moves.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from iits_mj.core.errors import InputError
 KINGPIN_FROM_FRONT = 4.5
 AXLES_FROM_REAR = 3.8
 SHORTEST = 12.0
-# A centre that moved farther than this in one step was put elsewhere: no path leads there [m].
+# A center that moved farther than this in one step was moved by SUMO, without a path [m].
 LONGEST_STEP = 8.0
-BACKWARDS = 0.5  # cosine between motion and heading below which the way is not believed
-STEEPEST = 0.95  # sine of the greatest angle between centre's heading and semitrailer in a bend
+BACKWARDS = 0.5  # cosine between motion and heading below which the motion is ignored
+STEEPEST = 0.95  # sine of the largest angle between center's heading and semitrailer in a bend
 AT_REST = 1e-6  # [m]: so little motion has no direction
 
 
@@ -29,8 +29,8 @@ class Articulation:
     """Distances on an articulated truck.
 
     Attributes:
-      kingpin: from the box's centre forward to the kingpin [m].
-      axles: from the box's centre back to the middle of the semitrailer's axle group [m].
+      kingpin: from the box's center forward to the kingpin [m].
+      axles: from the box's center back to the middle of the semitrailer's axle group [m].
     """
 
     kingpin: float
@@ -50,25 +50,25 @@ class Articulation:
         return cls(0.5 * length - KINGPIN_FROM_FRONT, 0.5 * length - AXLES_FROM_REAR)
 
     def settled(self, yaw: float, curvature: float) -> float:
-        """Yaw of a semitrailer that has long been in a bend: its axles' circle is concentric [rad].
+        """Yaw of a semitrailer in a steady bend [rad]: its axles move on a concentric circle.
 
         Args:
-          yaw: direction in which the box's centre moves [rad].
-          curvature: of the centre's way [1/m], positive to the left.
+          yaw: direction in which the box's center moves [rad].
+          curvature: of the center's path [1/m], positive to the left.
         """
         return yaw - math.asin(min(max(curvature * self.axles, -STEEPEST), STEEPEST))
 
     def pulled(self, trailer_yaw: float, direction: float, way: float) -> float:
-        """Yaw of the semitrailer after its centre was moved along a straight line [rad].
+        """Yaw of the semitrailer after its center has moved along a straight line [rad].
 
         The exact tractrix of a straight pull: d(psi)/ds = sin(chi - psi) / d, with chi the pull's
         direction and d = `axles`, is solved by tan((chi - psi)/2) falling as exp(-s / d). Paths are
-        chains of such chords, so that the result does not depend on speed or time step.
+        chains of such chords, so the result does not depend on speed or time step.
 
         Args:
           trailer_yaw: before [rad].
           direction: of the motion [rad].
-          way: its length [m]; negative for where the semitrailer came from.
+          way: its length [m]; negative to go back in time.
         """
         half = 0.5 * math.remainder(direction - trailer_yaw, 2.0 * math.pi)
         return direction - 2.0 * math.atan(math.tan(half) * math.exp(-way / self.axles))
@@ -76,12 +76,12 @@ class Articulation:
     def tractor_yaw(self, yaw: float, trailer_yaw: float) -> float:
         """Yaw of the tractor: the direction in which the kingpin moves [rad].
 
-        The fifth wheel counts as above the drive axle, which does not slip sideways. The centre
+        The fifth wheel counts as above the drive axle, which does not slip sideways. The center
         moves towards `yaw`, which turns the semitrailer at v sin(delta) / d; the kingpin, e ahead,
         moves across the semitrailer by v sin(delta) (1 + e / d) and along it by v cos(delta).
 
         Args:
-          yaw: direction in which the box's centre moves [rad].
+          yaw: direction in which the box's center moves [rad].
           trailer_yaw: [rad].
         """
         delta = yaw - trailer_yaw
@@ -96,12 +96,12 @@ Quaternion = tuple[float, float, float, float]
 def units(
     truck: Articulation, trailer_yaw: float, pose: Pose
 ) -> tuple[tuple[float, float, float], Quaternion, Quaternion]:
-    """Where tractor and semitrailer are, in the plane of the road under the box.
+    """Poses of tractor and semitrailer in the plane of the road under the vehicle.
 
     Args:
       truck: its distances.
       trailer_yaw: [rad].
-      pose: of the box's centre: x, y, z [m], yaw, pitch, roll [rad].
+      pose: of the box's center: x, y, z [m], yaw, pitch, roll [rad].
 
     Returns:
       The kingpin on the ground [m]; quaternions, w first, of tractor and semitrailer.
@@ -139,7 +139,7 @@ class TrailerMemory:
         self._known: dict[str, tuple[float, float, float]] = {}
 
     def clear(self) -> None:
-        """Forgets everybody."""
+        """Forgets all vehicles."""
         self._known.clear()
 
     def follow(
@@ -150,12 +150,12 @@ class TrailerMemory:
     ) -> list[float]:
         """Yaw of the semitrailers in a new frame [rad].
 
-        Who is new, or was put elsewhere, is taken to have been in the present bend for long.
+        A new vehicle, or one that SUMO has moved, is assumed to be in a steady bend.
 
         Args:
           names: of the n trucks; others are forgotten.
           trucks: their distances.
-          places: of their boxes' centres: x, y [m], yaw [rad] and curvature of the way [1/m].
+          places: of their boxes' centers: x, y [m], yaw [rad] and curvature of the path [1/m].
         """
         known, self._known = self._known, {}
         found = []
@@ -172,7 +172,7 @@ class TrailerMemory:
 def _follow(
     truck: Articulation, last: tuple[float, float, float], x: float, y: float, yaw: float
 ) -> float | None:
-    """The semitrailer's yaw when its centre came from the last place, None if it did not."""
+    """The semitrailer's yaw if its center moved here from the last place, else None."""
     dx, dy = x - last[0], y - last[1]
     way = math.hypot(dx, dy)
     if way < AT_REST:

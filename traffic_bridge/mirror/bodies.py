@@ -1,8 +1,8 @@
-"""Mocap bodies of the mirrored vehicles: what is seen of them, and the boxes by which they touch.
+"""Mocap bodies of the mirrored vehicles, and contact between them and the truck.
 
-A body's frame is on the ground under the box's centre, of an articulated truck's two units under
-the kingpin: x forward, y left, z up. Everything that is seen is visual only; the hull takes part in
-contact detection.
+A body's frame is on the ground under the vehicle's center, for the two units of an articulated
+truck under the kingpin: x forward, y left, z up. Meshes are visual only; the boxes of the hull take
+part in contact detection.
 """
 
 from __future__ import annotations
@@ -15,20 +15,23 @@ import mujoco
 import numpy as np
 
 from iits_mj.model.visuals.shapes import VISUAL_GROUP, add_mesh
-from traffic_bridge.mirror.look_parts import Unit
-from traffic_bridge.vehicles.registry import VehicleType
+from traffic_bridge.mirror.looks import Unit
+from traffic_bridge.vehicles.types import VehicleType
 
 CONTACT_GROUP = 3
-# Contact bits: the truck's hull has type 2 and affinity 5. So vehicles meet the truck, not each
-# other and not the ground.
+# Contact bits: the truck's hull has type 2 and affinity 5, so vehicles collide with the truck but
+# not with each other or the ground.
 CONTACT_TYPE = 4
 CONTACT_AFFINITY = 2
-# Contacts are listed when the boxes touch (margin + gap = 0), but a margin this far below any
-# penetration keeps them out of the solver: detection without force.
+# MuJoCo lists contacts when the boxes touch (margin + gap = 0); the low margin keeps them out of
+# the solver: detection without force.
 DETECTION_GAP = 100.0
+# Greatest relative acceleration of two vehicles, both braking or steering as hard as tires allow.
+ACCELERATION = 20.0  # [m/s2]
+SLACK = 0.1  # [m] for heights, tilt and the correction of the newest frame
 
 PREFIX = "traffic"
-# Color, specular, shininess of what all vehicles share.
+# Color, specular and shininess of the materials that all vehicles share.
 MATERIALS = {
     "glass": ((0.06, 0.08, 0.10, 1.0), 0.9, 0.9),
     "dark": ((0.05, 0.05, 0.055, 1.0), 0.1, 0.1),
@@ -77,11 +80,11 @@ def add_unit(
     Args:
       spec: that has the meshes and materials of `add_assets`.
       name: of the body, see `unit_name`; its geoms' names begin with it.
-      kind: whose unit it is.
-      unit: what it looks like and where it touches.
+      kind: type of the vehicle.
+      unit: with meshes and hull.
       paint: number of the color in `kind.colors`.
-      parking: where the body is while nobody is in the slot [m].
-      visuals: adds what is seen; without, only the hull.
+      parking: position of the body while its slot is free [m].
+      visuals: adds the meshes; without them, only the hull.
     """
     body = spec.worldbody.add_body(name=name, mocap=True, pos=list(parking))
     for number, (center, size) in enumerate(unit.hull):
@@ -116,15 +119,11 @@ def _mesh_name(kind: VehicleType, unit: Unit, part: str) -> str:
     )
 
 
-# --- Contact between the truck and mirrored vehicles: which pairs touch, and whether any soon may
-
-# Greatest relative acceleration of two vehicles, both braking or steering as hard as tires allow.
-ACCELERATION = 20.0  # [m/s2]
-SLACK = 0.1  # [m]: what heights, tilt and the newest frame's correction may make
-
-
 class ContactFinder:
-    """Reads contacts between the truck's and the vehicles' hulls out of MuJoCo's list.
+    """Reads contacts between the truck's and the vehicles' hulls from MuJoCo's list.
+
+    Attributes:
+      hull: geoms of the truck's hull.
 
     Args:
       model: compiled with the bodies of the pool.
@@ -143,7 +142,7 @@ class ContactFinder:
         self.hull: list[int] = np.flatnonzero(self._truck).tolist()
 
     def pairs(self, data: mujoco.MjData) -> list[tuple[int, str]]:
-        """(number of the vehicle's body, name of the truck's body) of every pair in contact."""
+        """(number of the vehicle's body, name of the truck's body) of every contact, sorted."""
         count = data.ncon
         if count == 0:
             return []
@@ -159,7 +158,7 @@ class ContactFinder:
         return sorted(found)
 
     def truck_outlines(self, data: mujoco.MjData) -> list[Outline]:
-        """The truck's hull from above, and its motion, at the state last computed."""
+        """The truck's hull from above and its motion, at the state last computed."""
         model, found = self._model, []
         velocity = np.empty(6)
         for geom in self.hull:
@@ -170,7 +169,7 @@ class ContactFinder:
                 data.geom_xpos[geom].tolist(),
                 model.geom_size[geom].tolist(),
             )
-            # A hull that leans covers more ground.
+            # A tilted hull covers more ground.
             lean = height * math.hypot(xz, yz)
             spin = abs(float(velocity[2])) * math.hypot(length, width)
             yaw = math.atan2(yx, xx)
@@ -206,9 +205,9 @@ class Outline:
 
 
 def separation(a: Outline, b: Outline) -> float:
-    """Least distance of two rectangles, by separating axes [m].
+    """A lower bound of the distance of two rectangles, by separating axes [m]; <= 0: they overlap.
 
-    At most the true one, which differs where two corners face each other; <= 0 on overlap.
+    It is exact unless two corners face each other.
     """
     dx, dy = b.x - a.x, b.y - a.y
     cosine = abs(a.ahead_x * b.ahead_x + a.ahead_y * b.ahead_y)
@@ -226,7 +225,7 @@ def separation(a: Outline, b: Outline) -> float:
 
 
 def may_touch(a: Outline, b: Outline, within: float) -> bool:
-    """Whether two rectangles may meet within a time [s], whichever way they turn meanwhile."""
+    """Whether two rectangles may touch within a time [s], whatever they do until then."""
     closing = math.hypot(a.velocity_x - b.velocity_x, a.velocity_y - b.velocity_y)
     closing += a.spin + b.spin
     return separation(a, b) <= closing * within + 0.5 * ACCELERATION * within**2 + SLACK

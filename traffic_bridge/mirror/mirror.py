@@ -1,8 +1,8 @@
-"""Mirror: the nearest vehicles as mocap bodies in the truck's MuJoCo model.
+"""Mirror: shows the nearest vehicles as mocap bodies in the truck's MuJoCo model.
 
 A small pool of bodies is added before the model is compiled. Every 0.1 s the nearest vehicles get a
-slot and keep it while they are near; between two traffic steps they move on as they moved. Poses
-come from the traffic's frames alone: who makes a frame knows the road.
+slot and keep it while they are near; between two traffic steps their motion is extrapolated. Poses
+come from the traffic's frames alone, which include the road's height and slopes.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import mujoco
 import numpy as np
 
+from iits_mj.core.checks import is_number, is_whole
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import TrackedVehicle
 from traffic_bridge.frame import VehicleFrame
@@ -24,17 +25,16 @@ from traffic_bridge.mirror.bodies import (
     may_touch,
     unit_name,
 )
-from traffic_bridge.mirror.fleet import Fleet
 from traffic_bridge.mirror.looks import LOOKS
 from traffic_bridge.mirror.slots import Slot, Slots
-from traffic_bridge.vehicles.registry import VehicleType, default_types
+from traffic_bridge.mirror.units import VehicleUnits
+from traffic_bridge.vehicles.types import VehicleType, default_types
 
 DEFAULT_POOL = {"car": 14, "van": 5, "truck": 4, "articulated": 4}
 LARGEST_POOL = 500
 PARKING_DEPTH = -500.0  # [m]: unused bodies wait here, out of every camera's reach
 PARKING_SPACING = 25.0  # [m]: stacked bodies would be slow in collision detection
-# Whoever is farther from the truck than what two vehicles can do at this relative speed, and
-# `NEARBY` more, is not looked at closely.
+# `may_touch` skips vehicles that are farther away than this relative speed covers, plus `NEARBY`.
 SPEED_MAX = 100.0  # [m/s]
 NEARBY = 1.0  # [m]
 
@@ -55,11 +55,10 @@ class Mirror:
       view_range: vehicles farther away than this are not shown [m].
       types: dimensions, looks and colors; default: the shipped ones.
       step_length: of the traffic [s].
-      visuals: adds what is seen; without, the bodies only take part in contact detection.
+      visuals: adds visible shapes; without them, the bodies only take part in contact detection.
 
     Raises:
-      InputError: an unknown type or an impossible number in the pool, or one of the other
-        figures.
+      InputError: an unknown type or impossible number in the pool, or another impossible value.
     """
 
     def __init__(
@@ -71,21 +70,21 @@ class Mirror:
         step_length: float = 0.1,
         visuals: bool = True,
     ) -> None:
-        # Those of two units are the last, as the fleet wants them.
+        # `VehicleUnits` needs vehicles of two units last.
         types = sorted(types or default_types(), key=lambda kind: kind.look == "articulated")
         names = [kind.name for kind in types]
         if len(set(names)) != len(names):
             raise InputError(f"types {', '.join(names)}: each name may be there once")
         counts = _counts(DEFAULT_POOL if pool is None else pool, types, shared=pool is None)
         for name, value in (("view_range", view_range), ("step_length", step_length)):
-            if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0.0):
+            if not is_number(value) or value <= 0.0:
                 raise InputError(f"{name} {value!r}: must be positive and finite")
         self.view_range = float(view_range)
         self._types = types
         self._visuals = visuals
         self._looks = [LOOKS[kind.look](kind) for kind in types]
         self._slots = Slots(types, counts, self.view_range)
-        self._fleet = Fleet(types, self._looks, step_length)
+        self._units = VehicleUnits(types, self._looks, step_length)
         numbers = [k for count in counts for k in range(count)]
         self._bodies = [
             tuple(
@@ -101,7 +100,7 @@ class Mirror:
     # Building ----------------------------------------------------------------------------------
 
     def add_to(self, spec: mujoco.MjSpec) -> None:
-        """Adds the pool to a specification, parked."""
+        """Adds the pool's bodies to a specification, at their parking positions."""
         used = {slot.type for slot in self._slots.all}
         if self._visuals:
             add_assets(spec, {self._types[k]: self._looks[k] for k in sorted(used)})
@@ -112,7 +111,7 @@ class Mirror:
                 add_unit(spec, names[number], kind, unit, slot.paint, place, self._visuals)
 
     def bind(self, model: mujoco.MjModel) -> None:
-        """Finds the pool in a compiled model; nobody is shown yet.
+        """Finds the pool's bodies in a compiled model; no vehicle is shown yet.
 
         Raises:
           InputError: the model was compiled without `add_to`.
@@ -131,8 +130,8 @@ class Mirror:
             self._mocap.append(tuple(int(model.body_mocapid[body]) for body in bodies))
         self._finder = ContactFinder(model, owner)
         self._slots.clear()
-        self._fleet.clear()
-        self._show_others()
+        self._units.clear()
+        self._show_taken()
 
     # Showing -----------------------------------------------------------------------------------
 
@@ -144,22 +143,23 @@ class Mirror:
         elapsed: float = 0.0,
         now: VehicleFrame | None = None,
     ) -> int:
-        """Puts the bodies where the vehicles are.
+        """Moves the bodies to the poses of the vehicles.
 
         Args:
           data: of the bound model; its `mocap_pos` and `mocap_quat` are written.
-          vehicles: of the newest traffic step, best a `VehicleFrame`; None leaves those of the last
-            call and only moves them on (cheap, for every physics step or picture).
+          vehicles: of the newest traffic step, preferably a `VehicleFrame`; None keeps those of the
+            last call and only extrapolates them (cheap, for every physics step or picture).
           ego_xy: of the truck, in the map frame [m]; the nearest vehicles are shown.
-          elapsed: time since that traffic step [s]; see `motion.moved`. Minus one step to 0 gives
-            what was before.
-          now: who is known to be where at this very instant, as of a replay; others are moved on.
+          elapsed: time since that traffic step [s]; see `units.moved`. From minus one step to 0 it
+            gives the motion before.
+          now: vehicles whose poses at this instant are known, for instance from a replay; the
+            others are extrapolated.
 
         Returns:
           The number of vehicles shown.
 
         Raises:
-          InputError: the mirror is not bound, or a figure is not finite.
+          InputError: the mirror is not bound, or a value is not finite.
         """
         if self._finder is None:
             raise InputError("call mirror.bind(model) before update")
@@ -172,12 +172,12 @@ class Mirror:
                 if slot.vehicle is None:
                     self._park(data, slot)
             if changed:
-                self._show_others()
-            self._fleet.take(frame, self._slots.rows)
+                self._show_taken()
+            self._units.take(frame, self._slots.rows)
         if self._index.size:
-            self._fleet.move(elapsed, now)
-            data.mocap_pos[self._index] = self._fleet.position
-            data.mocap_quat[self._index] = self._fleet.quaternion
+            self._units.move(elapsed, now)
+            data.mocap_pos[self._index] = self._units.position
+            data.mocap_quat[self._index] = self._units.quaternion
         return len(self._slots.taken)
 
     @property
@@ -186,18 +186,18 @@ class Mirror:
         return tuple(sorted(slot.vehicle for slot in self._slots.taken if slot.vehicle))
 
     def bodies_of(self, vehicle: str) -> tuple[str, ...]:
-        """Names of the bodies that show a vehicle: one, tractor and semitrailer, or none."""
+        """Names of the bodies that show a vehicle: one, two (tractor, semitrailer) or none."""
         for slot in self._slots.taken:
             if slot.vehicle == vehicle:
                 return self._bodies[slot.place]
         return ()
 
-    def _show_others(self) -> None:
-        self._fleet.set_slots(self._slots.taken)
+    def _show_taken(self) -> None:
+        self._units.set_slots(self._slots.taken)
         self._index = np.array(
             [
                 self._mocap[slot.place][unit]
-                for slot, unit in zip(self._fleet.slots, self._fleet.units, strict=True)
+                for slot, unit in zip(self._units.slots, self._units.units, strict=True)
             ],
             dtype=np.intp,
         )
@@ -210,10 +210,10 @@ class Mirror:
     # Contact -----------------------------------------------------------------------------------
 
     def contacts(self, data: mujoco.MjData) -> list[tuple[str, str]]:
-        """(vehicle id, truck body) of every pair in contact, sorted; no force comes from it.
+        """(vehicle id, truck body) of every pair in contact, sorted; contacts exert no force.
 
-        They are those of the positions last computed: of the state before the last `mj_step`, of
-        the present one after `mj_forward`.
+        They belong to the positions last computed: after `mj_step` to the state before it, after
+        `mj_forward` to the present state.
         """
         if self._finder is None:
             return []
@@ -222,9 +222,9 @@ class Mirror:
         return sorted((vehicle, body) for vehicle, body in pairs if vehicle is not None)
 
     def may_touch(self, data: mujoco.MjData, within: float) -> bool:
-        """Whether the truck may meet a shown vehicle within a time, however both brake and steer.
+        """Whether the truck may touch a shown vehicle within a time, however both move.
 
-        False spares the look at every physics step; see `contact.may_touch`.
+        If False, contacts need not be read at every physics step; see `bodies.may_touch`.
 
         Args:
           data: of the bound model, its positions and velocities computed (`mj_forward`).
@@ -232,15 +232,15 @@ class Mirror:
         """
         if self._finder is None or not self._index.size or not self._finder.hull:
             return False
-        fleet, truck = self._fleet, self._finder.truck_outlines(data)
+        units, truck = self._units, self._finder.truck_outlines(data)
         center = np.array([(part.x, part.y) for part in truck])
-        apart = np.linalg.norm(fleet.position[:, None, :2] - center, axis=-1)
+        apart = np.linalg.norm(units.position[:, None, :2] - center, axis=-1)
         reach = np.array([math.hypot(part.half_length, part.half_width) for part in truck])
         reach += SPEED_MAX * within + NEARBY
-        near = np.flatnonzero((apart - reach).min(axis=1) < fleet.radius).tolist()
+        near = np.flatnonzero((apart - reach).min(axis=1) < units.radius).tolist()
         return any(
             may_touch(part, outline, within)
-            for outline in map(fleet.outline, near)
+            for outline in map(units.outline, near)
             for part in truck
         )
 
@@ -250,7 +250,7 @@ def _parking(slot: Slot, unit: int) -> tuple[float, float, float]:
 
 
 def _counts(pool: Mapping[str, int], types: Sequence[VehicleType], *, shared: bool) -> list[int]:
-    """Number of slots of each type; `shared` splits the pool's among the types of a look."""
+    """Number of slots of each type; `shared` divides the pool's among the types of a look."""
     if shared:
         looks = [kind.look for kind in types]
         return [-(-pool[kind.look] // looks.count(kind.look)) for kind in types]
@@ -258,8 +258,7 @@ def _counts(pool: Mapping[str, int], types: Sequence[VehicleType], *, shared: bo
         raise InputError(f"pool {pool!r}: give numbers of slots by name of type, {{'car': 14}}")
     known = [kind.name for kind in types]
     for name, count in pool.items():
-        whole = isinstance(count, int) and not isinstance(count, bool)
-        if name not in known or not whole or not 0 <= count <= LARGEST_POOL:
+        if name not in known or not is_whole(count) or not 0 <= count <= LARGEST_POOL:
             raise InputError(
                 f"pool {name!r}: {count!r}; types are {', '.join(known)}, "
                 f"counts 0 to {LARGEST_POOL}"

@@ -1,4 +1,4 @@
-"""Who is shown in which body: the nearest of each type, who keep it while they are near."""
+"""Assigns bodies to vehicles: the nearest vehicles of each type get one and keep it while near."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traffic_bridge.frame import VehicleFrame
-from traffic_bridge.vehicles.registry import VehicleType
+from traffic_bridge.vehicles.types import VehicleType
 
 IntArray = NDArray[np.intp]
 
-# A vehicle with a slot counts as this much nearer, so that two at the edge do not take turns.
+# A vehicle with a slot counts as this much nearer, so that two at the edge do not alternate.
 LOYALTY = 0.85
 APART = 1e12  # [m2] between the types in a common ranking by squared distance
 
 
 @dataclass
 class Slot:
-    """Place for one vehicle in the model.
+    """The bodies for one vehicle in the model.
 
     Attributes:
-      place: in the pool; type: number of the vehicle type; paint: number of its color.
-      vehicle: who is shown there.
-      row: of the vehicle in the newest frame.
+      place: index in the pool; type: number of the vehicle type; paint: number of its color.
+      vehicle: id of the shown vehicle, None if free.
+      row: of the vehicle in the newest frame, -1 if it is not there.
     """
 
     place: int
@@ -36,20 +36,20 @@ class Slot:
 
 
 class Slots:
-    """The pool of slots and who has them.
+    """The pool of slots and the vehicles in them.
 
-    A type's slots go to its nearest vehicles within range. Who has one keeps it until another
-    without one is nearer by the factor `LOYALTY`, or until it is out of range by that factor. A
-    free slot of the vehicle's own color is preferred, and one that was empty already to one that
-    loses its vehicle in the same frame.
+    A type's slots go to its nearest vehicles within range. A vehicle keeps its slot until another
+    one is nearer by the factor `LOYALTY`, or until it is out of range by that factor. Free slots of
+    the vehicle's own color are preferred; slots that were already empty are preferred to those that
+    lose their vehicle in the same frame.
 
     Args:
       types: of vehicles.
       counts: slots of each type.
-      view_range: beyond it nobody gets a slot [m].
+      view_range: vehicles farther away get no slot [m].
 
     Attributes:
-      all: every slot, by type; taken: those that have a vehicle, in the same order.
+      all: every slot, by type; taken: those with a vehicle, in the same order.
       rows: of the vehicles in the newest frame, in the order of `taken`.
     """
 
@@ -64,7 +64,7 @@ class Slots:
         ]
         self.all = [Slot(place, number, paint) for place, (number, paint) in enumerate(pool)]
         self._limit = view_range**2
-        # The last place is for vehicles that no type fits.
+        # The last entry is for vehicles that fit no type.
         self._capacity = np.array([*counts, 0], dtype=np.intp)
         self._sizes = {
             look: [
@@ -77,7 +77,7 @@ class Slots:
         self.clear()
 
     def clear(self) -> None:
-        """Takes everybody's slot."""
+        """Frees all slots."""
         for slot in self.all:
             slot.vehicle, slot.row = None, -1
         self.taken: list[Slot] = []
@@ -94,16 +94,16 @@ class Slots:
 
         Args:
           frame: of the traffic.
-          x: where the truck is [m].
-          y: as x.
+          x: of the truck [m].
+          y: of the truck [m].
 
         Returns:
-          Slots that changed hands or were left; `taken` and `rows` are new as well.
+          Slots that got another vehicle or became free; `taken` and `rows` are updated.
         """
         if frame.ids != self._ids:
             self._read(frame)
         dx, dy = frame.column("x") - x, frame.column("y") - y
-        # The types one after another, each by distance; equally near ones by their ids.
+        # Sorted by type, then distance, then id.
         key = (dx * dx + dy * dy) * self._weight + self._base
         order = key.argsort(kind="stable")
         chosen = np.empty(order.size, dtype=bool)
@@ -136,14 +136,14 @@ class Slots:
         )
 
     def _take_rows(self) -> None:
-        """Notes where the holders are in the frame, and that they count as nearer."""
+        """Notes the rows of the shown vehicles in the frame, and that they count as nearer."""
         self.rows = np.array([slot.row for slot in self.taken], dtype=np.intp)
         self._held = np.zeros(self._types.size, dtype=bool)
         self._held[self.rows[self.rows >= 0]] = True
         self._weight = np.where(self._held, LOYALTY**2, 1.0)
 
     def _read(self, frame: VehicleFrame) -> None:
-        """Takes a frame of other vehicles than the last one."""
+        """Takes a frame whose vehicles differ from the last one's."""
         place = {name: row for row, name in enumerate(frame.ids)}
         known = self._type_of
         if not known.keys() >= place.keys():
@@ -160,7 +160,7 @@ class Slots:
         self._take_rows()
 
     def _rank(self) -> None:
-        """Prepares the ranking: which places of each type's ranking have a slot."""
+        """Prepares the ranking: the keys up to which vehicles of each type get a slot."""
         self._weight = np.ones(self._types.size)
         self._base = APART * self._types
         ranked = np.sort(self._types)
@@ -168,7 +168,7 @@ class Slots:
         self._limits = np.where(place < self._capacity[ranked], APART * ranked + self._limit, -1.0)
 
     def _type(self, frame: VehicleFrame, row: int) -> int:
-        """The type of a vehicle's look whose size is the nearest to its own."""
+        """Number of the type with the vehicle's look and the most similar size."""
         candidates = self._sizes.get(frame.kinds[row], ())
         size = frame.columns("length", "width", "height")[:, row]
         return min(

@@ -10,8 +10,8 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint, EgoState
 from iits_mj.road import Route
 from traffic_bridge.modes.smoothing import Box
-from traffic_bridge.modes.teleported_vehicle import EGO_TYPE, END, Beside, PlacedVehicle
-from traffic_bridge.network.lanes import LaneTable, RouteLanes
+from traffic_bridge.modes.teleported_vehicle import EGO_TYPE, END, LaneOverlap, TeleportedVehicle
+from traffic_bridge.network.route_lanes import LaneTable, RouteLanes
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles.ego_room import EgoRoom
 
@@ -96,8 +96,8 @@ class EgoInTraffic:
         self._footprint = footprint
         self._step = step
         # The truck by its name, the shadows by SUMO's route that they are on.
-        self._placed: dict[str, PlacedVehicle] = {}
-        self._beside = Beside(session, lanes, route)
+        self._teleported: dict[str, TeleportedVehicle] = {}
+        self._overlap = LaneOverlap(session, lanes, route)
         self._has_way_against = False
         self._shadows = 0
 
@@ -159,14 +159,14 @@ class EgoInTraffic:
             truck = self._known(EGO)
             truck.cut(length, hidden)
             self._put(truck, ego, station, offset, lane, (x, y))
-            edges = self._beside.edges(self._footprint.width, (ego.offset, ego.trailer_offset))
-            self._place_shadow(ego, station, self._beside.second(lane, station, edges), hidden)
-            against = self._beside.opposite(station, edges)
+            edges = self._overlap.edges(self._footprint.width, (ego.offset, ego.trailer_offset))
+            self._place_shadow(ego, station, self._overlap.second(lane, station, edges), hidden)
+            against = self._overlap.opposite(station, edges)
             self._place_against(against, station - length + hidden, edges)
 
     def _put(
         self,
-        placed: PlacedVehicle,
+        vehicle: TeleportedVehicle,
         ego: EgoState,
         station: float,
         offset: float,
@@ -175,12 +175,12 @@ class EgoInTraffic:
     ) -> None:
         speed = max(ego.speed, 0.0)
         if lane >= 0:
-            table = self._beside.table(lane, station)
+            table = self._overlap.table(lane, station)
             if table is not None:
                 position = table.position_of(station)
-                placed.put(table, position, offset - table.at(position)[1], speed)
+                vehicle.put(table, position, offset - table.at(position)[1], speed)
                 return
-        placed.move(*self._lanes.to_sumo(*point), ego.yaw, speed)
+        vehicle.move(*self._lanes.to_sumo(*point), ego.yaw, speed)
 
     def _place_shadow(self, ego: EgoState, station: float, second: int, hidden: float) -> None:
         """Has a shadow in a second lane of the route; -1 is none."""
@@ -203,24 +203,24 @@ class EgoInTraffic:
         if not self._has_way_against:
             self._api.route.add(AGAINST, list(self._lanes.oncoming_edges))
             self._has_way_against = True
-        table = self._beside.opposite(rear, edges) or table
+        table = self._overlap.opposite(rear, edges) or table
         position = min(table.position_of(rear), table.length - END)
         self._known(AGAINST).put(table, max(position, 0.0), 0.0, 0.0)
 
-    def _known(self, role: str) -> PlacedVehicle:
+    def _known(self, role: str) -> TeleportedVehicle:
         """The truck or a shadow, which SUMO has from now on."""
-        if role not in self._placed:
+        if role not in self._teleported:
             name = role
             if role != EGO:
                 name = f"{SHADOW}.{self._shadows}"
                 self._shadows += 1
             way = AGAINST if role == AGAINST else ALONG
-            self._placed[role] = PlacedVehicle(
+            self._teleported[role] = TeleportedVehicle(
                 self._session, self._lanes, name, self._step, way=way
             )
-        return self._placed[role]
+        return self._teleported[role]
 
     def _drop(self, role: str) -> None:
         """Takes the truck or a shadow out of SUMO."""
-        if role in self._placed:
-            self._placed.pop(role).remove()
+        if role in self._teleported:
+            self._teleported.pop(role).remove()

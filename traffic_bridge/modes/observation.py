@@ -14,7 +14,7 @@ from iits_mj.core.messages import EgoState
 from iits_mj.road import Route
 from traffic_bridge.frame import COLUMNS, VehicleFrame
 from traffic_bridge.modes.smoothing import Box, LateralSmoother, Shift
-from traffic_bridge.network.lanes import RouteLanes
+from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles.registry import Vehicles
 

@@ -21,7 +21,7 @@ from iits_mj.core.messages import EgoState
 from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.frame import VehicleFrame
-from traffic_bridge.modes.sumo_modes import InterSim, PureSim
+from traffic_bridge.modes.sumo_modes import InterSim, Mode, PureSim
 from traffic_bridge.modes.world_process import END_TIME, Failure, WorldProcess, message_of
 
 MODES: dict[str, type[PureSim]] = {"InterSim": InterSim, "PureSim": PureSim}
@@ -317,7 +317,7 @@ def _one_a_world(what: str, given: Any, asked: tuple[int, ...]) -> tuple[Any, ..
 # A script that makes one does so under `if __name__ == "__main__":`, see `TrafficWorlds`.
 
 
-class SeparateTraffic(Closing):
+class SeparateTraffic(Mode):
     """`InterSim` or `PureSim` elsewhere: bit for bit the same vehicles.
 
     Lights and signs stay in the other process, so it is for roads without lights and for traffic

@@ -1,4 +1,4 @@
-"""Replayed vehicles as guests of a running SUMO, for the traffic there to mind."""
+"""Replayed vehicles as replayed of a running SUMO, for the traffic there to mind."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import math
 from typing import NamedTuple
 
 from iits_mj.road import Route
-from traffic_bridge.modes.teleported_vehicle import END, Beside, PlacedVehicle
-from traffic_bridge.network.lanes import LaneTable, RouteLanes
-from traffic_bridge.recording.replay import Replay
+from traffic_bridge.modes.teleported_vehicle import END, LaneOverlap, TeleportedVehicle
+from traffic_bridge.network.route_lanes import LaneTable, RouteLanes
+from traffic_bridge.recording.replay import InterpolatedRecording
 from traffic_bridge.session import Session
 
-PREFIX = "guest."
+# Names in SUMO: of a replayed vehicle, and the ending of its second one in another lane.
+PREFIX = "replayed."
+OVERLAP_SUFFIX = ".overlap"
 CENTERED = 0.25  # [m] from its lane's centre: nobody there reaches into another one so far
 # Time before a recorded lane change from which a vehicle claims the lane it goes to, as one that
 # indicates [s].
@@ -39,7 +41,7 @@ class _Place(NamedTuple):
         return self.station + 0.5 * self.length
 
 
-class Guests:
+class ReplayedVehicles:
     """Keeps replayed vehicles in SUMO where they are recorded.
 
     One that reaches into a second lane stands in both, and does so already before it changes lanes.
@@ -53,29 +55,34 @@ class Guests:
     """
 
     def __init__(
-        self, session: Session, lanes: RouteLanes, route: Route, replay: Replay, step: float
+        self,
+        session: Session,
+        lanes: RouteLanes,
+        route: Route,
+        replay: InterpolatedRecording,
+        step: float,
     ) -> None:
         self._session = session
         self._lanes = lanes
         self._route = route
         self._replay = replay
         self._step = step
-        self._beside = Beside(session, lanes, route)
-        self._placed: dict[str, PlacedVehicle] = {}
+        self._overlap = LaneOverlap(session, lanes, route)
+        self._teleported: dict[str, TeleportedVehicle] = {}
 
     def place(self, time: float) -> None:
         """Has everybody at the place of a time [s] after the coming step; who is gone, leaves."""
         wanted = self._wanted(time)
         with self._session.guard("placing the replayed vehicles"):
-            for name in sorted(self._placed.keys() - wanted.keys()):
-                self._placed.pop(name).remove()
+            for name in sorted(self._teleported.keys() - wanted.keys()):
+                self._teleported.pop(name).remove()
             for name, place in wanted.items():
-                if name not in self._placed:
+                if name not in self._teleported:
                     size = place.length, place.width
-                    self._placed[name] = PlacedVehicle(
+                    self._teleported[name] = TeleportedVehicle(
                         self._session, self._lanes, name, self._step, size
                     )
-                self._put(self._placed[name], place)
+                self._put(self._teleported[name], place)
 
     def _wanted(self, time: float) -> dict[str, _Place]:
         """Who stands where, by the name in SUMO."""
@@ -94,29 +101,29 @@ class Guests:
             wanted[PREFIX + name] = place
             second = self._second_lane(place, ahead.get(name, lane))
             if second >= 0:
-                wanted[f"{PREFIX}{name}.beside"] = place._replace(lane=second)
+                wanted[PREFIX + name + OVERLAP_SUFFIX] = place._replace(lane=second)
         return wanted
 
     def _second_lane(self, place: _Place, goal: int) -> int:
         """The other lane that a vehicle reaches into or is about to go to, -1 for none."""
-        if abs(goal - place.lane) == 1 and goal >= 0 and self._beside.table(goal, place.front):
+        if abs(goal - place.lane) == 1 and goal >= 0 and self._overlap.table(goal, place.front):
             return goal
-        table = self._beside.table(place.lane, place.front)
+        table = self._overlap.table(place.lane, place.front)
         if table is not None and abs(_side(table, place)) < CENTERED:
             return -1
-        edges = self._beside.edges(place.width, (place.offset,))
-        return self._beside.second(place.lane, place.front, edges)
+        edges = self._overlap.edges(place.width, (place.offset,))
+        return self._overlap.second(place.lane, place.front, edges)
 
-    def _put(self, placed: PlacedVehicle, place: _Place) -> None:
-        table = self._beside.table(place.lane, place.front) if place.lane >= 0 else None
+    def _put(self, vehicle: TeleportedVehicle, place: _Place) -> None:
+        table = self._overlap.table(place.lane, place.front) if place.lane >= 0 else None
         speed = max(place.speed, 0.0)
         if table is not None:
-            placed.put(table, table.position_of(place.front), _side(table, place), speed)
+            vehicle.put(table, table.position_of(place.front), _side(table, place), speed)
             return
         ahead = 0.5 * place.length
         x = place.x + ahead * math.cos(place.yaw)
         y = place.y + ahead * math.sin(place.yaw)
-        placed.move(*self._lanes.to_sumo(x, y), place.yaw, speed)
+        vehicle.move(*self._lanes.to_sumo(x, y), place.yaw, speed)
 
 
 def _side(table: LaneTable, place: _Place) -> float:

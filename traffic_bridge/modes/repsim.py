@@ -13,12 +13,12 @@ from iits_mj.core.messages import EgoState
 from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.frame import VehicleFrame
-from traffic_bridge.modes.replayed_vehicles import PREFIX, Guests
+from traffic_bridge.modes.replayed_vehicles import OVERLAP_SUFFIX, PREFIX, ReplayedVehicles
 from traffic_bridge.modes.resim import check_map
 from traffic_bridge.modes.sumo_modes import Mode, PureSim
-from traffic_bridge.modes.world import World
+from traffic_bridge.modes.sumo_traffic import SumoTraffic
 from traffic_bridge.recording.recording import COLUMNS, Recording
-from traffic_bridge.recording.replay import Replay
+from traffic_bridge.recording.replay import InterpolatedRecording
 
 
 class RepSim(Mode):
@@ -62,7 +62,7 @@ class RepSim(Mode):
         self.route = route
         self.view_range = view_range
         self.step_length = step_length
-        self.replay = Replay(loaded)
+        self.replay = InterpolatedRecording(loaded)
         self._steps = 0
 
     @property
@@ -85,8 +85,12 @@ class RepSim(Mode):
         self._steps += 1
         return self.at(self.time, ego)
 
+    def exact_vehicles(self, time: float) -> VehicleFrame | None:
+        """Returns the recorded vehicles at a time between two steps [s]."""
+        return self.replay.at(time)
+
     def at(self, time: float, ego: EgoState | None = None) -> VehicleFrame:
-        """The vehicles at any time, between recorded frames by interpolation; see `Replay`.
+        """The vehicles at any time, interpolated between the recorded frames.
 
         Args:
           time: since the recording's beginning [s].
@@ -189,19 +193,23 @@ class MixedSim(PureSim):
         self._note_conflicts()
         return self._with_replayed(frame, ego)
 
-    def _prepare(self, world: World) -> None:
-        world.guests = Guests(
+    def exact_vehicles(self, time: float) -> VehicleFrame | None:
+        """Returns the recorded vehicles at a time between two steps [s]."""
+        return self.replay.at(time)
+
+    def _prepare(self, world: SumoTraffic) -> None:
+        world.replayed = ReplayedVehicles(
             world.session, world.lanes, self.route, self.replay, self.config.step_length
         )
 
     def _note_conflicts(self) -> None:
         for collision in self._running.session.api.simulation.getCollisions():
             pair = collision.collider, collision.victim
-            guests = [name for name in pair if name.startswith(PREFIX)]
-            others = [name for name in pair if name in self._running.vehicles]
-            if guests and others:
-                replayed = guests[0].removeprefix(PREFIX).removesuffix(".beside")
-                self._conflicts.add((replayed, self._prefix + others[0]))
+            replayed = [name for name in pair if name.startswith(PREFIX)]
+            live = [name for name in pair if name in self._running.vehicles]
+            if replayed and live:
+                recorded = replayed[0].removeprefix(PREFIX).removesuffix(OVERLAP_SUFFIX)
+                self._conflicts.add((recorded, self._prefix + live[0]))
 
     def _with_replayed(self, live: VehicleFrame, ego: EgoState | None) -> VehicleFrame:
         replayed = self.replay.at(self.time)

@@ -17,8 +17,8 @@ from iits_mj.road import RoadMap, Route
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.modes.ego import check_ego
-from traffic_bridge.modes.world import World
-from traffic_bridge.network.lanes import RouteLanes
+from traffic_bridge.modes.sumo_traffic import SumoTraffic
+from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.session import Session
 from traffic_bridge.signals.controller import TrafficController
 from traffic_bridge.vehicles.registry import Vehicles
@@ -43,12 +43,26 @@ class Traffic(Protocol):
     def close(self) -> None:
         """Ends the traffic; may be called again."""
 
+    def signal_controller(self) -> TrafficController | None:
+        """Returns the lights and changing limits; None where the traffic has none."""
+
+    def exact_vehicles(self, time: float) -> VehicleFrame | None:
+        """Returns the vehicles whose places between two steps are known; None without any."""
+
 
 class Mode(Closing):
     """Context manager of every mode."""
 
     def close(self) -> None:
         """Ends the traffic; may be called again."""
+
+    def signal_controller(self) -> TrafficController | None:
+        """Returns the lights and changing limits; None where the traffic has none."""
+        return None
+
+    def exact_vehicles(self, time: float) -> VehicleFrame | None:  # noqa: ARG002
+        """Returns the vehicles whose places between two steps are known; None without any."""
+        return None
 
 
 class PureSim(Mode):
@@ -77,7 +91,7 @@ class PureSim(Mode):
         if not is_whole(seed) or not 0 <= seed < 2**31:
             raise InputError(f"seed {shown(seed)}: a whole number from 0 to {2**31 - 1}")
         self.seed = whole("seed", seed)
-        self._world: World | None = None
+        self._world: SumoTraffic | None = None
         self._lanes: RouteLanes | None = None
 
     @property
@@ -94,6 +108,10 @@ class PureSim(Mode):
     def signals(self) -> TrafficController:
         """Traffic lights, speed limits and lane closures."""
         return self._running.signals
+
+    def signal_controller(self) -> TrafficController | None:
+        """Returns the lights and changing limits."""
+        return self.signals
 
     @property
     def session(self) -> Session:
@@ -117,7 +135,7 @@ class PureSim(Mode):
         self.close()
         if ego is not None:
             check_ego(ego, self.route if self.with_ego else None)
-        self._world = World(self.route, self.config, self.seed, self.with_ego, self._lanes)
+        self._world = SumoTraffic(self.route, self.config, self.seed, self.with_ego, self._lanes)
         self._lanes = self._world.lanes
         self._prepare(self._world)
         with self._world.session.guard("beginning the traffic"):
@@ -145,11 +163,11 @@ class PureSim(Mode):
             self._world.close()
             self._world = None
 
-    def _prepare(self, world: World) -> None:
+    def _prepare(self, world: SumoTraffic) -> None:
         """Adds to a new world what a mode has beside the traffic."""
 
     @property
-    def _running(self) -> World:
+    def _running(self) -> SumoTraffic:
         if self._world is None:
             raise TrafficError("the traffic has not been started: call reset() first")
         return self._world

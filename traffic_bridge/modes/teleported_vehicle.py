@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 
 from iits_mj.road import Route
-from traffic_bridge.network.lanes import LaneTable, RouteLanes
+from traffic_bridge.network.route_lanes import LaneTable, RouteLanes
 from traffic_bridge.session import Session
 
 # --- Which lanes a vehicle reaches into beside its own: SUMO knows one lane a vehicle ---
@@ -15,7 +15,7 @@ from traffic_bridge.session import Session
 OVERLAP = 0.3
 
 
-class Beside:
+class LaneOverlap:
     """The lanes beside the one that a vehicle is in, along the route and against it.
 
     Args:
@@ -88,7 +88,7 @@ END = 1.0  # [m] before the end of the route: SUMO would let a vehicle arrive an
 MATCH_RADIUS = 30.0  # [m] in which SUMO looks for its lane; SUMO's default of 100 costs more
 
 
-class PlacedVehicle:
+class TeleportedVehicle:
     """A vehicle of SUMO that is where it is told to be.
 
     SUMO's search for the place of a point of the map costs more than all else in a step, and is not
@@ -157,7 +157,7 @@ class PlacedVehicle:
         way = None
         # What is cut does not advance in SUMO, but has its speed for those behind.
         if here and not self._cut:
-            way = self._lanes.way(here, self._get_position(self.name), table, position)
+            way = self._lanes.distance(here, self._get_position(self.name), table, position)
         if way is None or not -ROLLBACK <= way <= FASTEST * self._step:
             way = min(speed * self._step, position)
             vehicle.moveTo(self.name, table.id, position - way)

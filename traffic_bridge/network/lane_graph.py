@@ -1,243 +1,142 @@
-"""How the lanes of a net are joined at their ends. Once read, it needs no SUMO to run."""
+"""How the lanes and edges of a net are connected, and the quickest paths through it."""
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
 
-from iits_mj.core.errors import TrafficError
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.core.errors import InputError, TrafficError
 from iits_mj.road import Route
-from traffic_bridge.network.net_file import NetFile, NetLane
+from traffic_bridge.network.net_file import NetEdge, NetFile, NetLane
 
-# The edge that follows an edge on a vehicle's way; None where its way ends.
+# The edge that follows an edge on a vehicle's way; None at the end of the way.
 Onward = Callable[[str], str | None]
 
-
-@dataclass(frozen=True, slots=True)
-class Lane:
-    """One lane of a net.
-
-    Attributes:
-      id: SUMO's lane id; edge: its edge; index: from the right.
-      length: [m].
-      links: (lane that begins at this one's end, edge to which it leads).
-    """
-
-    id: str
-    edge: str
-    index: int
-    length: float
-    links: tuple[tuple[str, str], ...] = ()
-
-    @property
-    def internal(self) -> bool:
-        """Inside a junction, where nobody changes lanes."""
-        return self.edge.startswith(":")
-
-    def beside(self, side: int) -> str:
-        """Id of the lane to the right (-1) or left (+1), whether there is one or not."""
-        return f"{self.edge}_{self.index + side}"
+LOOK_AHEAD = 400.0  # [m] in which slower lanes matter
+GENTLE = 1.2  # [m/s2], a braking every vehicle can do (judgement)
+LEAST_SPEED = 0.1  # [m/s]: a limit of nearly zero gives a long time instead of a division by zero
 
 
 class LaneGraph:
-    """The lanes of a net and how they are joined.
+    """The lanes of a net and how they are connected.
 
     Args:
       lanes: all of them.
+      links: (lane that begins at its end, edge to which it leads) of each lane, by id.
+      connections: (start, end) of each connection between two lanes, over the junction.
+
+    Attributes:
+      lanes: by id, sorted.
     """
 
-    def __init__(self, lanes: Iterable[Lane]) -> None:
-        self.lanes: Mapping[str, Lane] = {lane.id: lane for lane in lanes}
-        self._before: dict[str, list[Lane]] = {name: [] for name in self.lanes}
+    def __init__(
+        self,
+        lanes: Iterable[NetLane],
+        links: Mapping[str, Iterable[tuple[str, str]]],
+        connections: Iterable[tuple[str, str]] = (),
+    ) -> None:
+        self.lanes = {lane.id: lane for lane in sorted(lanes, key=lambda lane: lane.id)}
+        self._links = {name: tuple(links.get(name, ())) for name in self.lanes}
+        self._before: dict[str, list[NetLane]] = {name: [] for name in self.lanes}
         for lane in self.lanes.values():
-            for after, _ in lane.links:
+            for after, _ in self._links[lane.id]:
                 if lane not in self._before[after]:
                     self._before[after].append(lane)
+        self._leads_to: dict[str, list[str]] = {}
+        for start, end in connections:
+            if not start.startswith(":") and self.lanes[end].is_driving:
+                self._leads_to.setdefault(start, []).append(end)
+        self._reaches: dict[tuple[str, tuple[str, ...]], float] = {}
 
     @classmethod
-    def read(cls, api: Any) -> LaneGraph:
-        """The lanes of the net that SUMO has loaded."""
-        lanes = []
-        for name in api.lane.getIDList():
-            edge, _, index = name.rpartition("_")
-            links = tuple(
-                (link[4] or link[0], link[0].rpartition("_")[0]) for link in api.lane.getLinks(name)
-            )
-            lanes.append(Lane(name, edge, int(index), api.lane.getLength(name), links))
-        return cls(lanes)
+    def of(cls, net: NetFile) -> LaneGraph:
+        """The lane graph of a net."""
+        return cls(net.lanes.values(), net.links, ((c.start, c.end) for c in net.connections))
 
-    def after(self, lane: Lane, onward: Onward) -> Lane | None:
-        """The lane that a vehicle drives on to at a lane's end; None where it cannot go on."""
+    def after(self, lane: NetLane, onward: Onward) -> NetLane | None:
+        """The lane that a vehicle drives on to at a lane's end; None if its way ends there."""
+        links = self._links[lane.id]
         if lane.internal:
-            return self.lanes[lane.links[0][0]] if lane.links else None
+            return self.lanes[links[0][0]] if links else None
         edge = onward(lane.edge)
-        return next((self.lanes[name] for name, target in lane.links if target == edge), None)
+        return next((self.lanes[name] for name, target in links if target == edge), None)
 
-    def before(self, lane: Lane) -> list[Lane]:
+    def before(self, lane: NetLane) -> list[NetLane]:
         """The lanes whose ends lead to a lane's beginning."""
         return self._before[lane.id]
 
     def from_entries(self, edges: Collection[str], reach: float) -> dict[str, float]:
-        """How far the beginnings of lanes are from where traffic enters [m], by lane.
+        """Distance of the beginnings of lanes from where traffic enters [m], by lane.
 
         Args:
-          edges: at whose beginnings it enters.
+          edges: edges at whose beginnings traffic enters.
           reach: lanes farther away are left out [m].
         """
         found = {lane.id: 0.0 for lane in self.lanes.values() if lane.edge in edges}
         todo = list(found)
         while todo:
             lane = self.lanes[todo.pop()]
-            way = found[lane.id] + lane.length
-            for after, _ in lane.links:
-                if way < min(reach, found.get(after, math.inf)):
-                    found[after] = way
+            distance = found[lane.id] + lane.length
+            for after, _ in self._links[lane.id]:
+                if distance < min(reach, found.get(after, math.inf)):
+                    found[after] = distance
                     todo.append(after)
         return found
 
-
-# --- The edges of a loaded net along a route's roads ---
-
-
-class RouteEdges:
-    """Finds the edges that netconvert has made of a route's roads.
-
-    Args:
-      api: of the loaded simulation.
-      route: the ego's road.
-    """
-
-    def __init__(self, api: Any, route: Route) -> None:
-        self._api = api
-        self._route = route
-
-    def along(self, sense: int) -> tuple[str, ...]:
-        """Edges in driving order, along the route (+1) or on its way back (-1, empty for none).
-
-        Raises:
-          TrafficError: the net does not hold the route's roads.
-        """
-        known = [edge for edge in self._api.edge.getIDList() if not edge.startswith(":")]
-        segments = self._route.segments if sense > 0 else reversed(self._route.segments)
-        chain: list[str] = []
-        for segment in segments:
-            # A road inside a junction has become internal lanes between two edges.
-            if self._in_junction(segment.road_id):
-                continue
-            base = ("-" if segment.direction * sense > 0 else "") + segment.road_id
-            pieces = [e for e in known if e == base or re.fullmatch(_pieces(base), e)]
-            if not pieces and sense < 0:
-                return ()
-            if not pieces:
-                raise TrafficError(
-                    f"the SUMO net has no edge for road {segment.road_id!r} of the route; "
-                    "was it made from another map?"
-                )
-            chain += self._in_order(pieces)
-        return tuple(dict.fromkeys(chain))
-
-    def _in_junction(self, road_id: str) -> bool:
-        return self._route.road_map.roads[road_id].junction not in (None, "-1", "")
-
-    def _in_order(self, pieces: list[str]) -> list[str]:
-        """Edges that netconvert cut from one road, in driving order (a loop begins anywhere)."""
-        following = {}
-        for edge in pieces:
-            targets = {target for target, _ in links_of(self._api, edge)}
-            following[edge] = next((e for e in pieces if e in targets and e != edge), None)
-        reached = set(following.values())
-        first = next((e for e in pieces if e not in reached), min(pieces))
-        ordered = [first]
-        while (after := following[ordered[-1]]) is not None and after not in ordered:
-            ordered.append(after)
-        return ordered
-
-
-def links_of(api: Any, edge: str) -> list[tuple[str, str]]:
-    """(edge, internal lane or "") that can be reached from an edge of a loaded net."""
-    found = []
-    for i in range(api.edge.getLaneNumber(edge)):
-        for link in api.lane.getLinks(f"{edge}_{i}"):
-            found.append((link[0].rpartition("_")[0], link[4]))
-    return found
-
-
-def _pieces(base: str) -> str:
-    """Pattern of the edges netconvert makes when it splits a road: `-1#1`, `-1.250.00`."""
-    return re.escape(base) + r"(#\d+|\.\d+(\.\d+)?)+"
-
-
-# --- How far one can drive along a way without changing lanes ---
-
-LOOK_AHEAD = 400.0  # [m] in which slower lanes matter
-GENTLE = 1.2  # [m/s2], a braking every vehicle can do (judgement)
-
-
-class LaneWays:
-    """Which lanes lead on to which, for the lanes of a net that are open to cars."""
-
-    def __init__(self, net: NetFile) -> None:
-        self._lanes = {lane.id: lane for edge in net.edges for lane in edge.lanes}
-        self._after: dict[str, list[str]] = {}
-        for link in net.connections:
-            if not link.start.startswith(":") and self._lanes[link.end].is_driving:
-                self._after.setdefault(link.start, []).append(link.end)
-        self._rooms: dict[tuple[str, tuple[str, ...]], float] = {}
-
-    def lane(self, name: str) -> NetLane:
-        """The net's record of a lane."""
-        return self._lanes[name]
-
     def leads_to(self, lane: str) -> list[str]:
-        """Lanes that a lane leads to, over the junction, sorted."""
-        return sorted(self._after.get(lane, ()))
+        """The driving lanes that a lane leads to over the junction, sorted."""
+        return sorted(self._leads_to.get(lane, ()))
 
-    def room(self, lane: str, edges: tuple[str, ...]) -> float:
-        """Distance from the beginning of a lane to where one must have left it [m].
+    def reach(self, lane: str, edges: tuple[str, ...]) -> float:
+        """Distance from the beginning of a lane to where a vehicle must have left it [m].
 
         Args:
           lane: on the first edge.
           edges: to drive along.
 
         Returns:
-          Infinite where the lane leads along all edges; 0 where cars may not drive on it.
+          Infinite if the lane leads along all edges; 0 if cars may not drive on it.
         """
         key = (lane, edges)
-        if key not in self._rooms:
-            self._rooms[key] = self._find_room(lane, edges)
-        return self._rooms[key]
+        if key not in self._reaches:
+            self._reaches[key] = self._find_reach(lane, edges)
+        return self._reaches[key]
 
-    def speed(self, lane: str, position: float, edges: tuple[str, ...]) -> float:
-        """Highest speed at which SUMO lets a vehicle begin at a place [m/s].
+    def entry_speed(self, lane: str, position: float, edges: tuple[str, ...]) -> float:
+        """Highest speed at which SUMO inserts a vehicle at a position of a lane [m/s].
 
-        Nobody begins faster than the limit of a lane within the distance in which it could stop.
+        SUMO inserts no vehicle faster than the limit of a lane within its stopping distance.
 
         Args:
           lane: on the first edge.
           position: on it [m].
           edges: to drive along.
         """
-        here = self._lanes[lane]
-        limit, way = here.speed, here.length - position
+        here = self.lanes[lane]
+        limit, distance = here.speed, here.length - position
         for edge in edges[1:]:
-            if way > LOOK_AHEAD:
+            if distance > LOOK_AHEAD:
                 break
             ahead = [end for end in self.leads_to(lane) if end.rpartition("_")[0] == edge]
             if not ahead:
                 break
             lane = ahead[0]
-            slowest = self._lanes[lane].speed
-            limit = min(limit, max(slowest, math.sqrt(2.0 * GENTLE * max(way, 0.0))))
-            way += self._lanes[lane].length
+            slowest = self.lanes[lane].speed
+            limit = min(limit, max(slowest, math.sqrt(2.0 * GENTLE * max(distance, 0.0))))
+            distance += self.lanes[lane].length
         return limit
 
-    def _find_room(self, lane: str, edges: tuple[str, ...]) -> float:
-        if not self._lanes[lane].is_driving:
+    def _find_reach(self, lane: str, edges: tuple[str, ...]) -> float:
+        if not self.lanes[lane].is_driving:
             return 0.0
-        # From the last edge backwards: one lane may be followed by several, the best counts.
+        # From the last edge backwards; of several lanes that follow, the best one counts.
         reach: dict[str, float] = {}
         for here, after in zip(reversed(edges), (None, *reversed(edges[1:])), strict=True):
             at_edge = {}
@@ -245,13 +144,193 @@ class LaneWays:
                 if after is None:
                     at_edge[name] = math.inf
                     continue
-                rooms = [reach[end] for end in self._after.get(name, ()) if end in reach]
-                at_edge[name] = self._lanes[name].length + max(rooms, default=0.0)
+                reaches = [reach[end] for end in self._leads_to.get(name, ()) if end in reach]
+                at_edge[name] = self.lanes[name].length + max(reaches, default=0.0)
             reach = at_edge
         return reach[lane]
 
     def _of_edge(self, edge: str) -> list[str]:
         found: list[str] = []
-        while (name := f"{edge}_{len(found)}") in self._lanes:
+        while (name := f"{edge}_{len(found)}") in self.lanes:
             found.append(name)
         return found
+
+
+def edges_along(net: NetFile, route: Route, sense: int) -> tuple[str, ...]:
+    """The edges that netconvert made of a route's roads, in driving order.
+
+    Args:
+      net: of the route's map.
+      route: the ego's road.
+      sense: along the route (+1), or in the opposite direction (-1; empty if there are no edges).
+
+    Raises:
+      TrafficError: the net does not hold the route's roads.
+    """
+    known = sorted(edge.id for edge in net.edges if not edge.internal)
+    chain: list[str] = []
+    for segment in route.segments if sense > 0 else reversed(route.segments):
+        # A road inside a junction has become internal lanes between two edges.
+        if route.road_map.roads[segment.road_id].junction not in (None, "-1", ""):
+            continue
+        base = ("-" if segment.direction * sense > 0 else "") + segment.road_id
+        # netconvert splits a road into edges such as `-1#1` and `-1.250.00`.
+        split = re.compile(re.escape(base) + r"(#\d+|\.\d+(\.\d+)?)*")
+        pieces = [edge for edge in known if split.fullmatch(edge)]
+        if not pieces and sense < 0:
+            return ()
+        if not pieces:
+            raise TrafficError(
+                f"the SUMO net has no edge for road {segment.road_id!r} of the route; "
+                "was it made from another map?"
+            )
+        chain += _in_driving_order(net, pieces)
+    return tuple(dict.fromkeys(chain))
+
+
+def _in_driving_order(net: NetFile, pieces: list[str]) -> list[str]:
+    """The edges of one road in driving order; a loop begins at any of them."""
+    following = {}
+    for edge in pieces:
+        targets = {target for target, _ in net.links_of(edge)}
+        following[edge] = next((e for e in pieces if e in targets and e != edge), None)
+    reached = set(following.values())
+    ordered = [next((e for e in pieces if e not in reached), min(pieces))]
+    while (after := following[ordered[-1]]) is not None and after not in ordered:
+        ordered.append(after)
+    return ordered
+
+
+@dataclass(frozen=True)
+class MapPath:
+    """A path through the map.
+
+    Attributes:
+      edges: SUMO edges in driving order, without those inside junctions.
+      length: from the beginning of the first to the end of the last edge, junctions included [m].
+      time: at the speed limits [s].
+    """
+
+    edges: tuple[str, ...]
+    length: float
+    time: float
+
+
+class MapPaths:
+    """The graph of a net's edges that are open to cars, and the quickest paths through it.
+
+    Paths rely on lane changes: an edge leads on if any of its lanes does.
+
+    Attributes:
+      ids: of the edges, sorted.
+      entrances: edges to which no edge leads; exits: edges that lead to no edge.
+    """
+
+    def __init__(self, net: NetFile) -> None:
+        self._name = net.path.name
+        self._edges: dict[str, NetEdge] = {
+            edge.id: edge
+            for edge in net.edges
+            if not edge.internal and any(lane.is_driving for lane in edge.lanes)
+        }
+        self.ids = tuple(sorted(self._edges))
+        self._index = {name: k for k, name in enumerate(self.ids)}
+        # (length, time) of the shortest connection inside the junction, for each pair of edges.
+        self._links: dict[tuple[str, str], tuple[float, float]] = {}
+        for connection in net.connections:
+            start, end = net.lanes[connection.start], net.lanes[connection.end]
+            if start.internal or not (start.is_driving and end.is_driving):
+                continue
+            length, time, via = 0.0, 0.0, connection.via
+            while via:
+                length += net.lanes[via].length
+                time += net.lanes[via].length / max(net.lanes[via].speed, LEAST_SPEED)
+                via = net.inside.get(via, "")
+            key = (start.edge, end.edge)
+            self._links[key] = min(self._links.get(key, (length, time)), (length, time))
+        self._after: dict[str, tuple[str, ...]] = {
+            name: tuple(sorted(end for start, end in self._links if start == name))
+            for name in self.ids
+        }
+        ends = {end for _, end in self._links}
+        self.entrances = tuple(name for name in self.ids if name not in ends)
+        self.exits = tuple(name for name in self.ids if not self._after[name])
+
+    def after(self, edge: str) -> tuple[str, ...]:
+        """The edges that an edge leads to, sorted; InputError if there is no such edge."""
+        self._check(edge)
+        return self._after[edge]
+
+    def reachable(self, edge: str) -> frozenset[str]:
+        """All edges that can be reached from an edge, itself included.
+
+        Raises:
+          InputError: there is no such edge.
+        """
+        times, _ = self._searched
+        row = times[self._check(edge)]
+        return frozenset(self.ids[int(k)] for k in np.flatnonzero(np.isfinite(row)))
+
+    def exits_from(self, edge: str) -> tuple[str, ...]:
+        """The map's exits that can be reached from an edge, sorted."""
+        reached = self.reachable(edge)
+        return tuple(name for name in self.exits if name in reached)
+
+    def path(self, start: str, end: str) -> MapPath:
+        """The path of least travel time at the speed limits.
+
+        Raises:
+          InputError: there is no such edge, or no path between the two.
+        """
+        i, j = self._check(start), self._check(end)
+        times, before = self._searched
+        if not np.isfinite(times[i, j]):
+            reached = ", ".join(sorted(self.reachable(start) - {start})[:8]) or "no other edge"
+            raise InputError(
+                f"there is no way from edge {start!r} to edge {end!r}; from {start!r} one reaches "
+                f"{reached}"
+            )
+        chain = [j]
+        while chain[-1] != i:
+            chain.append(int(before[i, chain[-1]]))
+        edges = tuple(self.ids[k] for k in reversed(chain))
+        links = [self._links[pair] for pair in itertools.pairwise(edges)]
+        length = sum(self._edges[name].length for name in edges) + sum(link[0] for link in links)
+        time = sum(self._time(name) for name in edges) + sum(link[1] for link in links)
+        return MapPath(edges, length, time)
+
+    def routes(self) -> tuple[MapPath, ...]:
+        """The quickest path from every entrance to every exit that can be reached from it."""
+        return tuple(
+            self.path(entrance, leave)
+            for entrance in self.entrances
+            for leave in self.exits_from(entrance)
+        )
+
+    def _time(self, edge: str) -> float:
+        lanes = [lane for lane in self._edges[edge].lanes if lane.is_driving]
+        return self._edges[edge].length / max(max(lane.speed for lane in lanes), LEAST_SPEED)
+
+    def _check(self, edge: str) -> int:
+        if edge not in self._index:
+            raise InputError(
+                f"no edge {edge!r} for cars in {self._name}; there are "
+                f"{', '.join(self.ids[:8])}{' ...' if len(self.ids) > 8 else ''}"
+            )
+        return self._index[edge]
+
+    @cached_property
+    def _searched(self) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+        """Times between all pairs of edges [s], and the edge before each on the way to it."""
+        from scipy.sparse import csr_array
+        from scipy.sparse.csgraph import dijkstra
+
+        rows, columns, weights = [], [], []
+        for (start, end), (_, time) in sorted(self._links.items()):
+            rows.append(self._index[start])
+            columns.append(self._index[end])
+            weights.append(self._time(start) + time)
+        shape = (len(self.ids), len(self.ids))
+        graph = csr_array((weights, (rows, columns)), shape=shape)
+        times, before = dijkstra(graph, return_predecessors=True)
+        return times, before

@@ -1,16 +1,17 @@
-"""Where SUMO's lanes lie on the road's surface: on or off the ego's route, inside junctions too.
+"""Where SUMO's lanes lie on the road's surface, on and off the ego's route and inside junctions.
 
-SUMO's own shapes are polylines without cross slope. A lane's place is taken from the roads it was
-made of instead: netconvert's shape is asked only for the stretch of road that a lane covers.
+SUMO's shapes are polylines without cross slope. So a lane's position comes from the roads that it
+was made of; netconvert's shape only tells which part of a road the lane covers.
 
-A lane inside a junction joins the lanes before and after it without a step: it follows its
-connecting road, moved by what is missing at both ends (some centimetres), and where SUMO has put a
-short joint of its own, a cubic from end to end.
+A lane inside a junction connects the lanes before and after it without a step: it follows its
+connecting road, moved by the differences at both ends (some centimeters). A short joint of SUMO's
+own, without a road, is a cubic from end to end.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -19,18 +20,10 @@ from numpy.typing import ArrayLike
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError, TrafficError
 from iits_mj.road.road_frames import RoadFrame, RoadFrames, SurfacePoint
-from traffic_bridge.network.lane_joints import (
-    Inside,
-    LaneSeams,
-    Stretch,
-    blended,
-    half_step,
-    joint,
-    moved,
-)
-from traffic_bridge.network.net_file import NetEdge, NetFile, NetLane
+from traffic_bridge.network.lane_blending import LaneSeams, blended, half_step, joint, moved
+from traffic_bridge.network.net_file import NetConnection, NetFile, NetLane, distances_along
 
-STEP = 2.0  # [m] between the places at which the length of a lane's centre is summed
+STEP = 2.0  # [m] between the points that measure the length of a lane's center
 
 
 class LaneSurface(NamedTuple):
@@ -38,7 +31,7 @@ class LaneSurface(NamedTuple):
 
     Attributes:
       position: along the lane, as SUMO counts [m], evenly spaced from 0 to the lane's length.
-      x, y, z: of the lane's centre on the road's surface, map frame [m].
+      x, y, z: of the lane's center on the road's surface, map frame [m].
       heading: of travel [rad]; continuous along the lane.
       grade: dz over horizontal distance, positive uphill in travel.
       bank: roll angle of the surface in travel [rad], positive where the left side is higher.
@@ -53,12 +46,58 @@ class LaneSurface(NamedTuple):
     bank: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """The part of a road that a SUMO lane covers: stations `s` at fractions `part` of its length.
+
+    Fractions grow evenly with the length of the lane's center, averaged over the lanes of an edge,
+    so that vehicles at the same position of neighboring lanes are side by side. `lanes` are the
+    lane's OpenDRIVE ids by lane section.
+    """
+
+    frame: RoadFrame
+    lanes: dict[int, int]
+    part: FloatArray
+    s: FloatArray
+
+    @property
+    def sense(self) -> float:
+        """+1 where stations grow in the direction of travel, -1 where they fall."""
+        return 1.0 if self.s[-1] > self.s[0] else -1.0
+
+    def lane_end(self, end: int) -> SurfacePoint:
+        """The lane's center at the beginning (0) or end (-1) of the stretch, columns (1,)."""
+        return self.frame.evaluate(self.lanes, self.s[[end]])
+
+    def road_end(self, end: int) -> SurfacePoint:
+        """The lane's center where its road begins (0) or ends (-1) in travel, columns (1,)."""
+        ends = (0.0, self.frame.length) if self.sense > 0 else (self.frame.length, 0.0)
+        return self.frame.evaluate(self.lanes, ends[end])
+
+    def s_at(self, part: ArrayLike) -> FloatArray:
+        """Stations of the road at fractions of the lane."""
+        return np.interp(np.asarray(part, dtype=float), self.part, self.s)
+
+    def part_at(self, s: float) -> float:
+        """Fraction of the lane at a station, 0 to 1."""
+        order = slice(None) if self.s[-1] > self.s[0] else slice(None, None, -1)
+        return float(np.interp(s, self.s[order], self.part[order]))
+
+
+class JunctionLane(NamedTuple):
+    """A lane inside a junction: part of a connection, from fraction `start` to `end` of it."""
+
+    connection: NetConnection
+    start: float
+    end: float
+
+
 class LaneSurfaces:
     """Surfaces of every lane of a net.
 
     Attributes:
       lanes: by SUMO's id.
-      inside: lanes inside junctions, and the way that each is part of.
+      inside: lanes inside junctions and the connection that each is part of.
 
     Args:
       net: the file.
@@ -71,21 +110,18 @@ class LaneSurfaces:
     def __init__(self, net: NetFile, frames: RoadFrames) -> None:
         self._net = net
         self._frames = frames
-        self.lanes: dict[str, NetLane] = {
-            lane.id: lane for edge in net.edges for lane in edge.lanes
-        }
-        self._edges: dict[str, NetEdge] = {edge.id: edge for edge in net.edges}
+        self.lanes: dict[str, NetLane] = net.lanes
         self._stretches: dict[str, Stretch | None] = {}
         self.inside = self._find_inside()
         joints = (name for name in self.inside if self.lanes[name].origin is None)
         self._seams = LaneSeams(net, frozenset(joints))
-        self._found_steps: dict[str, tuple[FloatArray | None, FloatArray | None]] = {}
+        self._steps: dict[str, tuple[FloatArray | None, FloatArray | None]] = {}
         for lane in self.lanes.values():
             if lane.origin is not None:
                 self._check(lane, *lane.origin)
 
     def surface(self, lane: str, spacing: float = 1.0) -> LaneSurface:
-        """Samples of a lane, about `spacing` metres apart and at both ends; at least two.
+        """Samples of a lane, about `spacing` meters apart and at both ends; at least two.
 
         Raises:
           InputError: there is no such lane, or the spacing is not positive.
@@ -98,11 +134,7 @@ class LaneSurfaces:
         return LaneSurface(position, *point._replace(heading=np.unwrap(point.heading)))
 
     def lane(self, name: str) -> NetLane:
-        """The lane of a SUMO lane id.
-
-        Raises:
-          InputError: there is none.
-        """
+        """The lane of a SUMO lane id; InputError if there is none."""
         if name not in self.lanes:
             raise InputError(
                 f"no lane {name!r} in {self._net.path.name}; there are "
@@ -116,7 +148,7 @@ class LaneSurfaces:
         Args:
           name: SUMO lane id.
           position: along the lane, as SUMO counts [m], shape (n,).
-          offset: to the left of its centre [m], shape (n,) or a number.
+          offset: to the left of its center [m], shape (n,) or a number.
 
         Raises:
           InputError: there is no such lane.
@@ -129,7 +161,12 @@ class LaneSurfaces:
         if stretch is None:
             raise InputError(f"lane {name!r} belongs to no road of the map")
         point = stretch.frame.evaluate(stretch.lanes, stretch.s_at(part), offset)
-        start, end = self._steps(name, stretch)
+        if name not in self._steps:
+            self._steps[name] = (
+                self._half_step(stretch, self._seams.before.get(name), 0),
+                self._half_step(stretch, self._seams.after.get(name), -1),
+            )
+        start, end = self._steps[name]
         if start is not None:
             point = blended(point, part * lane.length, lane.length, start, at_end=False)
         if end is not None:
@@ -140,12 +177,10 @@ class LaneSurfaces:
         """The part of a road that a lane covers; None for SUMO's own joints."""
         if name not in self._stretches:
             lane = self.lane(name)
-            if lane.internal:
-                self._stretches[name] = self._measure([lane])[0]
-            else:
-                lanes = self._edges[lane.edge].lanes
-                for each, found in zip(lanes, self._measure(list(lanes)), strict=True):
-                    self._stretches[each.id] = found
+            # The lanes of an edge share their stations.
+            lanes = [lane] if lane.internal else list(self._net.edge[lane.edge].lanes)
+            for each, found in zip(lanes, self._measure(lanes), strict=True):
+                self._stretches[each.id] = found
         return self._stretches[name]
 
     # Inside ------------------------------------------------------------------------------------
@@ -160,29 +195,25 @@ class LaneSurfaces:
                 "was the net made from another map?"
             )
 
-    def _find_inside(self) -> dict[str, Inside]:
-        """Ways through junctions, by the lanes they use: one way may be two lanes long."""
-        onward = {}
-        for connection in self._net.connections:
-            if connection.start.startswith(":"):
-                onward[connection.start] = connection.via
+    def _find_inside(self) -> dict[str, JunctionLane]:
+        """The lanes inside junctions; one connection may be two lanes long."""
         found = {}
         for connection in self._net.connections:
             if connection.start.startswith(":") or not connection.via:
                 continue
-            way, lane = [], connection.via
-            while lane and lane not in way:
-                way.append(lane)
-                lane = onward.get(lane, "")
-            lengths = np.cumsum([0.0, *(self.lanes[name].length for name in way)])
-            for name, start, end in zip(way, lengths, lengths[1:], strict=False):
-                found[name] = Inside(
+            chain, lane = [], connection.via
+            while lane and lane not in chain:
+                chain.append(lane)
+                lane = self._net.inside.get(lane, "")
+            lengths = np.cumsum([0.0, *(self.lanes[name].length for name in chain)])
+            for name, start, end in zip(chain, lengths, lengths[1:], strict=False):
+                found[name] = JunctionLane(
                     connection, float(start / lengths[-1]), float(end / lengths[-1])
                 )
         return found
 
     def _measure(self, lanes: list[NetLane]) -> list[Stretch | None]:
-        """Stretches of the lanes of one edge, which share their stations."""
+        """Stretches of the lanes of one edge."""
         if lanes[0].origin is None:
             return [None] * len(lanes)
         frame = self._frames[lanes[0].origin[0]]
@@ -197,21 +228,21 @@ class LaneSurfaces:
         return [Stretch(frame, names, part, s) for names in named]
 
     def _names(self, lane: NetLane, frame: RoadFrame, s: FloatArray) -> dict[int, int]:
-        """OpenDRIVE ids of a SUMO lane in every lane section it runs through.
+        """OpenDRIVE ids of a SUMO lane in every lane section that it runs through.
 
-        The net's own name is right as a rule, also where netconvert lays a tapered lane beside its
-        place; but an edge may run through sections that count their lanes differently.
+        The net's own name is usually right, also where netconvert draws a tapered lane beside its
+        true position; but an edge may run through sections that count their lanes differently.
         """
         given = 0 if lane.origin is None else lane.origin[1]
         shape = self._map_shape(lane)
-        way = _lengths(shape)
+        along = distances_along(shape)
         low, high = sorted((float(s[0]), float(s[-1])))
         names = {}
         for section in range(frame.section(low), frame.section(high - 1e-3) + 1):
             start, end = frame.span(section)
             middle = 0.5 * (max(start, low) + min(end, high))
-            place = way[-1] * (middle - s[0]) / (s[-1] - s[0])
-            x, y = (float(np.interp(place, way, shape[:, axis])) for axis in (0, 1))
+            place = along[-1] * (middle - s[0]) / (s[-1] - s[0])
+            x, y = (float(np.interp(place, along, shape[:, axis])) for axis in (0, 1))
             middle, t = frame.locate(x, y, middle)
             names[section] = frame.nearest_lane(section, middle, t, given)
         return names
@@ -219,37 +250,28 @@ class LaneSurfaces:
     def _ends(self, lane: NetLane, frame: RoadFrame) -> tuple[float, float]:
         """Stations at which SUMO's shape of a lane begins and ends."""
         shape = self._map_shape(lane)
-        way = _lengths(shape)
-        half = 0.5 * way[-1]
-        x, y = (float(np.interp(half, way, shape[:, axis])) for axis in (0, 1))
+        along = distances_along(shape)
+        half = 0.5 * along[-1]
+        x, y = (float(np.interp(half, along, shape[:, axis])) for axis in (0, 1))
         sense = 1.0 if lane.origin is not None and lane.origin[1] < 0 else -1.0
-        # From the middle outwards: where a loop closes, begin and end are at one place.
+        # From the middle outwards: on a closed loop, begin and end are the same point.
         middle = frame.locate(x, y)[0]
         (x0, y0), (x1, y1) = shape[0].tolist(), shape[-1].tolist()
         first = frame.locate(x0, y0, middle - sense * half)[0]
         last = frame.locate(x1, y1, middle + sense * half)[0]
         if sense * (last - first) <= 0.0:
-            last = first + sense * max(float(way[-1]), 1e-3)
+            last = first + sense * max(float(along[-1]), 1e-3)
         return first, last
 
     def _map_shape(self, lane: NetLane) -> FloatArray:
         return lane.shape - np.asarray(self._net.offset)
 
-    def _steps(self, name: str, stretch: Stretch) -> tuple[FloatArray | None, FloatArray | None]:
-        """What the lane's beginning and end move by to meet their neighbors; None for nothing."""
-        if name not in self._found_steps:
-            before, after = self._seams.before.get(name), self._seams.after.get(name)
-            self._found_steps[name] = (
-                self._half_step(stretch, before, 0),
-                self._half_step(stretch, after, -1),
-            )
-        return self._found_steps[name]
-
     def _half_step(self, stretch: Stretch, neighbor: str | None, end: int) -> FloatArray | None:
+        """By how much a lane's end moves to meet its neighbor; None if it does not move."""
         other = None if neighbor is None else self.stretch(neighbor)
         if other is None or other.frame is stretch.frame:
             return None
-        # SUMO's lanes end some metres before the roads do: the roads' ends are what meets.
+        # SUMO's lanes end some meters before the roads do; the roads' ends meet.
         return half_step(stretch.road_end(end), other.road_end(-1 - end))
 
     def _at_inside(self, lane: NetLane, part: FloatArray, offset: FloatArray) -> SurfacePoint:
@@ -261,10 +283,12 @@ class LaneSurfaces:
         if stretch is None:
             point = joint(start, end, u)
         else:
-            way = [name for name, other in self.inside.items() if other.connection is connection]
+            chain = [name for name, other in self.inside.items() if other.connection is connection]
             point = stretch.frame.evaluate(stretch.lanes, stretch.s_at(part))
-            begun, ended = _end(self.stretch(way[0]), 0), _end(self.stretch(way[-1]), -1)
-            point = moved(point, u, start, begun, end, ended)
+            first, last = self.stretch(chain[0]), self.stretch(chain[-1])
+            given_start = None if first is None else first.lane_end(0)
+            given_end = None if last is None else last.lane_end(-1)
+            point = moved(point, u, start, given_start, end, given_end)
         if not np.any(offset):
             return point
         sine, cosine = np.sin(point.heading), np.cos(point.heading)
@@ -273,15 +297,3 @@ class LaneSurfaces:
             y=point.y + offset * cosine,
             z=point.z + offset * np.tan(point.bank),
         )
-
-
-def _end(stretch: Stretch | None, end: int) -> SurfacePoint | None:
-    """The point at the beginning (0) or end (-1) of a stretch as its road has it."""
-    if stretch is None:
-        return None
-    return stretch.frame.evaluate(stretch.lanes, stretch.s[[end]])
-
-
-def _lengths(shape: FloatArray) -> FloatArray:
-    """Distance of every point of a polyline from its first, shape (n,)."""
-    return np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))))

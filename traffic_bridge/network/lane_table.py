@@ -1,4 +1,7 @@
-"""One SUMO lane as a table: its centre in the map, on the road's surface and on the route."""
+"""One SUMO lane as a table: its center on the road's surface and on the route.
+
+`LaneTable` is one lane; `LanePoses` evaluates many lanes at once.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,6 @@ from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +17,20 @@ from numpy.typing import NDArray
 from iits_mj.core.arrays import FloatArray
 from iits_mj.road import Route
 from traffic_bridge.network.lane_surface import LaneSurface
+from traffic_bridge.network.net_file import NetLane, distances_along
 
 SAMPLE_SPACING = 5.0  # [m] of cubic pieces: exact to millimetres in a motorway's bends
 JUNCTION_SPACING = 1.0  # [m] where a truck's turn has a radius of some metres
 NEWTON_STEPS = 12
 SETTLED = 1e-6  # [m]
 FARTHEST_STEP = 30.0  # [m] of Newton's method
+POSE_ROWS = ("x", "y", "z", "station", "offset", "heading", "pitch", "roll", "curvature")
+# Columns of a stack of lanes: four coefficients of x, y and z, then two of each other row.
+_CUBIC = 3
+_LINEAR = 6
+_WIDTH = 4 * _CUBIC + 2 * _LINEAR
+
+IntArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,13 +39,13 @@ class LaneTable:
 
     Attributes:
       id: SUMO's lane id; edge: its edge; index: SUMO's index from the right.
-      lane: index from the right among the route's driving lanes; -1 for lanes that are none.
+      lane: index from the right among the route's driving lanes; -1 for other lanes.
       direction: +1 in the route's direction of travel, -1 for the route's oncoming lanes, 0 for
         lanes of other roads.
       length: as SUMO counts positions [m].
       spacing: between samples, in SUMO's positions [m].
-      station, offset: of the lane's centre at the samples, on the route [m], shape (n,).
-      pose: x, y, z, heading, pitch, roll, curvature of the lane's centre on the road's surface in
+      station, offset: of the lane's center at the samples, on the route [m], shape (n,).
+      pose: x, y, z, heading, pitch, roll, curvature of the lane's center on the road's surface in
         its own direction, in the map frame, heading continuous, shape (7, n).
     """
 
@@ -52,14 +62,15 @@ class LaneTable:
 
     @cached_property
     def _plain(self) -> tuple[list[float], list[float]]:
-        """Stations, increasing, and offsets in the order of the samples, as plain numbers."""
+        """Stations in increasing order, and offsets in the order of the samples, as floats."""
         stations = self.station if self.direction >= 0 else self.station[::-1]
         return stations.tolist(), self.offset.tolist()
 
     def at(self, position: float) -> tuple[float, float]:
         """Station and offset at a position along the lane; beyond its ends straight on.
 
-        An internal lane of some centimetres has no slope to go by: outside, a metre is a metre.
+        Beyond the ends a meter along the lane is a meter of station, because the slope of an
+        internal lane of some centimeters means nothing.
         """
         s, d = self._plain
         last = len(d) - 1
@@ -90,35 +101,33 @@ class LaneTable:
         return place * self.spacing
 
 
-def sample_shape(shape: Any, length: float, spacing: float) -> tuple[FloatArray, FloatArray]:
+def sample_spacing(lane: NetLane) -> float:
+    """Distance between the samples of a lane, at most [m]."""
+    return JUNCTION_SPACING if lane.internal else SAMPLE_SPACING
+
+
+def sample_shape(lane: NetLane) -> tuple[FloatArray, FloatArray]:
     """Points at even positions of a SUMO lane's polyline, in its coordinates: x, y, shape (n,)."""
-    points = np.asarray(shape, dtype=float)[:, :2]
-    way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
-    count = sample_count(length, spacing)
-    places = np.linspace(0.0, way[-1], count)
-    return np.interp(places, way, points[:, 0]), np.interp(places, way, points[:, 1])
-
-
-def sample_count(length: float, spacing: float) -> int:
-    """Samples of a lane of a length, both ends included."""
-    return max(math.ceil(length / spacing - 1e-9), 2) + 1
+    along = distances_along(lane.shape)
+    count = max(math.ceil(lane.length / sample_spacing(lane) - 1e-9), 2) + 1
+    places = np.linspace(0.0, along[-1], count)
+    return np.interp(places, along, lane.shape[:, 0]), np.interp(places, along, lane.shape[:, 1])
 
 
 def locate_along(
     route: Route, x: FloatArray, y: FloatArray, near: float, direction: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Stations and offsets of the points of a lane of the route, all at once by Newton's method.
+    """Stations and offsets of the points of a route's lane, all at once by Newton's method.
 
     Args:
       route: to locate on.
       x: of the points in the map frame, in the order of the lane [m], shape (n,).
-      y: the same.
+      y: likewise.
       near: station near the first point.
       direction: +1 where stations increase along the lane, -1 where they decrease.
     """
     first, _ = route.locate(float(x[0]), float(y[0]), near)
-    way = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
-    station = first + direction * way
+    station = first + direction * distances_along(np.column_stack((x, y)))
     for _ in range(NEWTON_STEPS):
         foot = route.evaluate(station)
         dx, dy = x - foot.x, y - foot.y
@@ -134,7 +143,7 @@ def locate_along(
 def locate_each(
     route: Route, x: FloatArray, y: FloatArray, near: float | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Nearest stations and offsets of points, one after the other."""
+    """Nearest stations and offsets of points, one after the other; shape (n,) each."""
     station, offset = np.empty(len(x)), np.empty(len(x))
     for k in range(len(x)):
         station[k], offset[k] = route.locate(float(x[k]), float(y[k]), near)
@@ -143,11 +152,11 @@ def locate_each(
 
 
 def route_pose(route: Route, station: FloatArray, offset: FloatArray, direction: int) -> FloatArray:
-    """Pose of a lane's centre from the route's own geometry, shape (7, n); see `LaneTable`."""
+    """Pose of a lane's center from the route's geometry, shape (7, n); see `LaneTable`."""
     point = route.evaluate(station, offset)
     stretch = np.maximum(1.0 - point.curvature * offset, 0.2)
     way = per_sample(station) * stretch
-    # Some internal lanes have no length at all, and no direction but the road's.
+    # Some internal lanes have no length, and no direction but the road's.
     aside = np.divide(per_sample(offset), way, out=np.zeros_like(way), where=np.abs(way) > 1e-6)
     heading = np.unwrap(point.heading + np.arctan(aside) + (math.pi if direction < 0 else 0.0))
     sense = float(direction)
@@ -166,7 +175,7 @@ def route_pose(route: Route, station: FloatArray, offset: FloatArray, direction:
 
 
 def surface_pose(surface: LaneSurface) -> FloatArray:
-    """Pose of a lane's centre from its road's surface, shape (7, n); see `LaneTable`."""
+    """Pose of a lane's center from its road's surface, shape (7, n); see `LaneTable`."""
     return with_curvature(
         np.stack(
             (
@@ -182,33 +191,25 @@ def surface_pose(surface: LaneSurface) -> FloatArray:
 
 
 def with_curvature(pose: FloatArray) -> FloatArray:
-    """Adds the curvature as the change of heading over the way, shape (6, n) to (7, n)."""
+    """Adds the curvature, the change of heading over the distance, shape (6, n) to (7, n)."""
     reach = np.hypot(per_sample(pose[0]), per_sample(pose[1]))
     curvature = np.divide(per_sample(pose[3]), reach, out=np.zeros_like(reach), where=reach > 1e-6)
     return np.concatenate((pose, curvature[None]))
 
 
 def per_sample(values: FloatArray) -> FloatArray:
-    """Change per sample, of second order at the ends too where there are three."""
+    """Change per sample; at the ends of second order too if there are three samples."""
     return np.gradient(values, edge_order=2) if len(values) > 2 else np.gradient(values)
 
 
-# --- Poses of many vehicles at once from the tables of their lanes, stacked ---
-
-IntArray = NDArray[np.intp]
-
-# Columns of the stack: four coefficients of x, y and z, then two of each of the others.
-_CUBIC = 3
-_LINEAR = 6
-_WIDTH = 4 * _CUBIC + 2 * _LINEAR
-POSE_ROWS = ("x", "y", "z", "station", "offset", "heading", "pitch", "roll", "curvature")
-
-
 class LanePoses:
-    """All lanes that vehicles have been on, by number.
+    """Poses of many vehicles at once, from the stacked tables of their lanes.
 
     Args:
-      make: makes the table of a SUMO lane, by id; asked once a lane.
+      make: makes the table of a SUMO lane by id; called once for each lane.
+
+    Attributes:
+      tables: of every lane that was asked for; a lane's number is its index here.
     """
 
     def __init__(self, make: Callable[[str], LaneTable]) -> None:
@@ -220,12 +221,12 @@ class LanePoses:
         # Of each lane: first piece, last piece, number on the route, direction on it.
         self._of_lane: IntArray = np.zeros((4, 0), dtype=np.intp)
         self._scale: FloatArray = np.zeros(0)
-        # Of the lanes asked for last: most often they are the same again.
+        # Of the lanes of the last call; most often they are the same in the next one.
         self._asked: IntArray | None = None
         self._answer = self._of_lane, self._scale
 
     def number(self, lane: str) -> int:
-        """Number of a lane; its table is made when it is new."""
+        """Number of a lane; makes its table if the lane is new."""
         found = self._numbers.get(lane)
         if found is None:
             found = self._numbers[lane] = len(self.tables)
@@ -233,10 +234,10 @@ class LanePoses:
         return found
 
     def evaluate(self, lane: IntArray, position: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Where the lanes' centres are at positions along them; beyond their ends straight on.
+        """Poses of the lanes' centers at positions along them; beyond their ends straight on.
 
         Args:
-          lane: numbers, shape (n,); not to be changed afterwards.
+          lane: numbers, shape (n,); must not be changed afterwards.
           position: as SUMO counts them [m], shape (n,).
 
         Returns:
@@ -279,13 +280,13 @@ class LanePoses:
 
 
 def _pieces(table: LaneTable) -> FloatArray:
-    """Polynomials between the samples of one lane: cubic Hermite for the place, else linear.
+    """Polynomials between the samples of a lane: cubic Hermite for x, y and z, else linear.
 
     Returns:
       Shape (samples - 1, _WIDTH), the variable going from 0 to 1 in each piece.
     """
     x, y, z, heading, pitch, roll, curvature = table.pose
-    # The tangent is the heading's: exact where the samples' differences are not.
+    # The tangent comes from the heading, which is exact; the samples' differences are not.
     reach = np.hypot(per_sample(x), per_sample(y))
     place = np.stack((x, y, z))
     slope = np.stack((reach * np.cos(heading), reach * np.sin(heading), per_sample(z)))

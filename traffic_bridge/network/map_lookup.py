@@ -1,4 +1,4 @@
-"""From a point of the map to road, lane, station and offset, and to SUMO's lane; and back."""
+"""Converts points of the map to road, lane, station and offset, and to SUMO's lanes; and back."""
 
 from __future__ import annotations
 
@@ -14,98 +14,10 @@ import numpy as np
 from iits_mj.core.errors import InputError
 from iits_mj.road.elements import DRIVING_TYPES
 from iits_mj.road.road_frames import RoadFrame, RoadFrames, wrap
-from traffic_bridge.network.lane_joints import Row, Stretch
-from traffic_bridge.network.lane_surface import LaneSurfaces
+from traffic_bridge.network.lane_surface import LaneSurfaces, Stretch
 from traffic_bridge.network.net_file import NetLane
 
-# --- Which of SUMO's lanes lies at a place of a road ---
-
-NEAR = 5.0  # [m] beyond a lane's end at which a place of its road still counts to it
-
-
-class LaneIndex:
-    """SUMO's lanes by road, OpenDRIVE lane and station."""
-
-    def __init__(self, surfaces: LaneSurfaces) -> None:
-        self._surfaces = surfaces
-
-    def lane_of(self, road: str, lane: int, s: float) -> tuple[str, float]:
-        """SUMO lane and position of a place of the road; ("", nan) where SUMO has no lane."""
-        starts, rows = self._index.get((road, lane), ([], []))
-        k = bisect_right(starts, s)
-        best: Row | None = None
-        distance = NEAR
-        for row in rows[max(k - 2, 0) : k + 1]:
-            away = max(row.low - s, s - row.high, 0.0)
-            if away < distance:
-                best, distance = row, away
-        if best is None:
-            return "", math.nan
-        inside = min(max(s, best.low), best.high)
-        if best.parts is None:
-            stretch = self._surfaces.stretch(best.lane)
-            part = 0.0 if stretch is None else stretch.part_at(inside)
-        else:
-            part = float(np.interp(inside, (best.low, best.high), best.parts))
-        return best.lane, part * self._surfaces.lanes[best.lane].length
-
-    @cached_property
-    def _index(self) -> dict[tuple[str, int], tuple[list[float], list[Row]]]:
-        rows: dict[tuple[str, int], list[Row]] = {}
-        for lane in self._surfaces.lanes.values():
-            stretch = self._surfaces.stretch(lane.id)
-            if stretch is not None:
-                low, high = sorted((float(stretch.s[0]), float(stretch.s[-1])))
-                first, last = min(stretch.lanes), max(stretch.lanes)
-                for section, number in stretch.lanes.items():
-                    start, end = stretch.frame.span(section)
-                    start, end = (
-                        low if section == first else start,
-                        high if section == last else end,
-                    )
-                    key = (stretch.frame.road.id, number)
-                    rows.setdefault(key, []).append(Row(start, end, lane.id))
-            if lane.id in self._surfaces.inside:
-                for key, row in self._overhangs(lane, stretch):
-                    rows.setdefault(key, []).append(row)
-        index = {}
-        for key, found in rows.items():
-            found.sort(key=lambda row: (row.low, row.high, row.lane))
-            index[key] = ([row.low for row in found], found)
-        return index
-
-    def _overhangs(
-        self, lane: NetLane, stretch: Stretch | None
-    ) -> Iterator[tuple[tuple[str, int], Row]]:
-        """What a lane inside a junction covers of the roads before and after it.
-
-        SUMO's junctions reach some metres into the roads that meet there.
-        """
-        connection, low, high = self._surfaces.inside[lane.id]
-        before, after = (
-            self._surfaces.stretch(connection.start),
-            self._surfaces.stretch(connection.end),
-        )
-        if before is None or after is None:
-            return
-        if stretch is None:
-            if before.frame is after.frame:
-                # Where a road closes to a loop the joint covers nothing of it.
-                covered = before.sense * (float(after.s[0]) - float(before.s[-1]))
-                if covered > 1e-6:
-                    yield before.beyond(True, covered, lane.id, (0.0, 1.0))
-            return
-        begins, ends = float(stretch.s[0]), float(stretch.s[-1])
-        road = (0.0, stretch.frame.length) if stretch.sense > 0 else (stretch.frame.length, 0.0)
-        early, late = stretch.sense * (road[0] - begins), stretch.sense * (ends - road[1])
-        if low == 0.0 and early > 1e-6:
-            yield before.beyond(True, early, lane.id, (0.0, stretch.part_at(road[0])))
-        if high == 1.0 and late > 1e-6:
-            yield after.beyond(False, late, lane.id, (stretch.part_at(road[1]), 1.0))
-
-
-# --- From a point of the map to road, lane, station and offset, and to SUMO's lane; and back ---
-
+NEAR = 5.0  # [m] beyond a lane's end at which a point of its road still belongs to it
 SAMPLE_SPACING = 5.0  # [m] between the reference lines' points in the spatial index
 END_TOLERANCE = 0.5  # [m] by which a point may lie beyond its road's end: roads leave small gaps
 HEADING_WEIGHT = 5.0  # [m/rad]: how much a wrong heading counts against a place
@@ -118,7 +30,7 @@ class Place:
     Attributes:
       road: OpenDRIVE's road id; lane: OpenDRIVE's lane id, negative on the right.
       station: along the road's reference line, OpenDRIVE's s [m].
-      offset: to the left of the lane's centre, in the lane's direction of travel [m].
+      offset: to the left of the lane's center, in the lane's direction of travel [m].
       junction: OpenDRIVE's junction id where the road lies in one, else "".
       edge, sumo_lane: SUMO's; "" where SUMO has no lane, as on a shoulder.
       position: along SUMO's lane [m]; NaN where there is none.
@@ -146,20 +58,24 @@ class MapPoint(NamedTuple):
 
 
 class MapLookup:
-    """Places of a map by points and points by places."""
+    """Finds the places of a map by points, and points by places.
+
+    Attributes:
+      frames: of the map's roads; surfaces: of SUMO's lanes.
+    """
 
     def __init__(self, frames: RoadFrames, surfaces: LaneSurfaces) -> None:
-        self._frames = frames
-        self._surfaces = surfaces
+        self.frames = frames
+        self.surfaces = surfaces
         self._lane_index = LaneIndex(surfaces)
 
     def locate(
         self, x: float, y: float, heading: float | None = None, z: float | None = None
     ) -> Place | None:
-        """The place of a point, or None beside every road.
+        """The place of a point, or None if it lies on no road.
 
-        Where roads lie over each other (in junctions, at bridges) the place is taken whose lane's
-        centre is nearest; heading and height, where given, decide before that.
+        Where roads lie over each other (in junctions, at bridges) the lane with the nearest center
+        is taken; height and heading, if given, are compared before that.
 
         Args:
           x: map frame [m].
@@ -175,7 +91,7 @@ class MapLookup:
                 raise InputError(f"a point to locate must be finite, not {value!r}")
         best: tuple[tuple[float, ...], Place] | None = None
         for order, road, near in self._near(x, y):
-            frame = self._frames[road]
+            frame = self.frames[road]
             s, t = frame.locate(x, y, near)
             beyond = max(-s, s - frame.length, 0.0)
             if beyond > END_TOLERANCE:
@@ -199,21 +115,21 @@ class MapLookup:
         return self._complete(Place(road, lane, self._check(road, lane, station, offset), offset))
 
     def place_on(self, sumo_lane: str, position: float, offset: float = 0.0) -> Place:
-        """The place at a position of a SUMO lane, as SUMO tells it.
+        """The place at a position of a SUMO lane.
 
         Raises:
           InputError: there is no such lane, or the position is not on it.
         """
-        lane = self._surfaces.lane(sumo_lane)
+        lane = self.surfaces.lane(sumo_lane)
         if not (math.isfinite(position) and 0.0 <= position <= lane.length):
             raise InputError(
                 f"position {position!r} m on lane {sumo_lane!r}: allowed is 0 to {lane.length:g}"
             )
-        stretch = self._surfaces.stretch(sumo_lane)
+        stretch = self.surfaces.stretch(sumo_lane)
         s = math.nan if stretch is None else float(stretch.s_at(position / lane.length))
         if stretch is None or not 0.0 <= s <= stretch.frame.length:
-            # SUMO's own joint, or a junction that reaches into the roads before and after it.
-            point = self._surfaces.at(sumo_lane, position, offset)
+            # SUMO's own joint, or a junction that extends into the roads before and after it.
+            point = self.surfaces.at(sumo_lane, position, offset)
             x, y, z, heading = (float(value[0]) for value in point[:4])
             found = self.locate(x, y, heading, z)
             if found is None:
@@ -239,7 +155,7 @@ class MapLookup:
           InputError: there is no such road or lane, or the station is not on the road.
         """
         s = self._check(place.road, place.lane, place.station, place.offset)
-        frame = self._frames[place.road]
+        frame = self.frames[place.road]
         point = frame.evaluate({frame.section(s): place.lane}, s, place.offset)
         return MapPoint(*(float(column[0]) for column in point))
 
@@ -252,7 +168,7 @@ class MapLookup:
         heading: float | None,
         z: float | None,
     ) -> tuple[tuple[float, ...], float]:
-        """How badly a place fits (height, kind of lane, the rest), and the offset in the lane."""
+        """Rank of a place by height, kind of lane and distance (0 is best); offset in the lane."""
         sense = 1.0 if lane < 0 else -1.0
         offset = sense * (t - frame.center_at(lane, s))
         turned, height = 0.0, 0.0
@@ -268,19 +184,19 @@ class MapLookup:
         return (height, other, abs(offset) + HEADING_WEIGHT * turned), offset
 
     def _complete(self, place: Place) -> Place:
-        """The place with SUMO's names."""
+        """The place with SUMO's edge, lane and position."""
         name, position = self._lane_index.lane_of(place.road, place.lane, place.station)
-        road = self._frames[place.road].road
-        edge = self._surfaces.lanes[name].edge if name else ""
+        road = self.frames[place.road].road
+        edge = self.surfaces.lanes[name].edge if name else ""
         return replace(
             place, junction=road.junction or "", edge=edge, sumo_lane=name, position=position
         )
 
     def _check(self, road: str, lane: int, station: float, offset: float) -> float:
-        roads = self._frames.road_map.roads
+        roads = self.frames.road_map.roads
         if road not in roads:
             raise InputError(f"no road {road!r} on the map; there are {', '.join(list(roads)[:8])}")
-        frame = self._frames[road]
+        frame = self.frames[road]
         if not (math.isfinite(station) and 0.0 <= station <= frame.length):
             raise InputError(
                 f"station {station!r} m of road {road!r}: allowed is 0 to {frame.length:g}"
@@ -303,7 +219,7 @@ class MapLookup:
             road = int(roads[k])
             if road not in found or away < found[road][0]:
                 found[road] = (away, float(stations[k]))
-        names = list(self._frames.road_map.roads)
+        names = list(self.frames.road_map.roads)
         return [(road, names[road], found[road][1]) for road in sorted(found)]
 
     @cached_property
@@ -312,8 +228,8 @@ class MapLookup:
         from scipy.spatial import cKDTree
 
         points, roads, stations, widest = [], [], [], 0.0
-        for order, name in enumerate(self._frames.road_map.roads):
-            frame = self._frames[name]
+        for order, name in enumerate(self.frames.road_map.roads):
+            frame = self.frames[name]
             s = np.linspace(0.0, frame.length, max(math.ceil(frame.length / SAMPLE_SPACING), 1) + 1)
             line = frame.surface(s, np.zeros_like(s))
             points.append(np.column_stack((line.x, line.y)))
@@ -329,3 +245,109 @@ class MapLookup:
             np.concatenate(stations),
             reach,
         )
+
+
+class _Covered(NamedTuple):
+    """Stations of a road that a SUMO lane covers; `parts` of the lane if it has no stretch."""
+
+    low: float
+    high: float
+    lane: str
+    parts: tuple[float, float] | None = None
+
+
+class LaneIndex:
+    """SUMO's lanes by road, OpenDRIVE lane and station."""
+
+    def __init__(self, surfaces: LaneSurfaces) -> None:
+        self._surfaces = surfaces
+
+    def lane_of(self, road: str, lane: int, s: float) -> tuple[str, float]:
+        """SUMO lane and position at a station of a road's lane; ("", nan) without a SUMO lane."""
+        starts, rows = self._index.get((road, lane), ([], []))
+        k = bisect_right(starts, s)
+        best: _Covered | None = None
+        distance = NEAR
+        for row in rows[max(k - 2, 0) : k + 1]:
+            away = max(row.low - s, s - row.high, 0.0)
+            if away < distance:
+                best, distance = row, away
+        if best is None:
+            return "", math.nan
+        inside = min(max(s, best.low), best.high)
+        if best.parts is None:
+            stretch = self._surfaces.stretch(best.lane)
+            part = 0.0 if stretch is None else stretch.part_at(inside)
+        else:
+            part = float(np.interp(inside, (best.low, best.high), best.parts))
+        return best.lane, part * self._surfaces.lanes[best.lane].length
+
+    @cached_property
+    def _index(self) -> dict[tuple[str, int], tuple[list[float], list[_Covered]]]:
+        rows: dict[tuple[str, int], list[_Covered]] = {}
+        for lane in self._surfaces.lanes.values():
+            stretch = self._surfaces.stretch(lane.id)
+            if stretch is not None:
+                low, high = sorted((float(stretch.s[0]), float(stretch.s[-1])))
+                first, last = min(stretch.lanes), max(stretch.lanes)
+                for section, number in stretch.lanes.items():
+                    start, end = stretch.frame.span(section)
+                    start = low if section == first else start
+                    end = high if section == last else end
+                    key = (stretch.frame.road.id, number)
+                    rows.setdefault(key, []).append(_Covered(start, end, lane.id))
+            if lane.id in self._surfaces.inside:
+                for key, row in self._overhangs(lane, stretch):
+                    rows.setdefault(key, []).append(row)
+        index = {}
+        for key, found in rows.items():
+            found.sort(key=lambda row: (row.low, row.high, row.lane))
+            index[key] = ([row.low for row in found], found)
+        return index
+
+    def _overhangs(
+        self, lane: NetLane, stretch: Stretch | None
+    ) -> Iterator[tuple[tuple[str, int], _Covered]]:
+        """What a lane inside a junction covers of the roads before and after it.
+
+        SUMO's junctions extend some meters into the roads that meet there.
+        """
+        connection, low, high = self._surfaces.inside[lane.id]
+        before = self._surfaces.stretch(connection.start)
+        after = self._surfaces.stretch(connection.end)
+        if before is None or after is None:
+            return
+        if stretch is None:
+            if before.frame is after.frame:
+                # Where a road closes to a loop the joint covers nothing of it.
+                covered = before.sense * (float(after.s[0]) - float(before.s[-1]))
+                if covered > 1e-6:
+                    yield _beyond(before, True, covered, lane.id, (0.0, 1.0))
+            return
+        begins, ends = float(stretch.s[0]), float(stretch.s[-1])
+        road = (0.0, stretch.frame.length) if stretch.sense > 0 else (stretch.frame.length, 0.0)
+        early, late = stretch.sense * (road[0] - begins), stretch.sense * (ends - road[1])
+        if low == 0.0 and early > 1e-6:
+            yield _beyond(before, True, early, lane.id, (0.0, stretch.part_at(road[0])))
+        if high == 1.0 and late > 1e-6:
+            yield _beyond(after, False, late, lane.id, (stretch.part_at(road[1]), 1.0))
+
+
+def _beyond(
+    stretch: Stretch, end: bool, covered: float, lane: str, parts: tuple[float, float]
+) -> tuple[tuple[str, int], _Covered]:
+    """What another lane covers of a stretch's road beyond the stretch.
+
+    Args:
+      stretch: of the road's own lane.
+      end: beyond its end, not before its beginning.
+      covered: length of road that is covered [m].
+      lane: the other lane.
+      parts: of the other lane, in travel.
+    """
+    near = float(stretch.s[-1] if end else stretch.s[0])
+    far = near + stretch.sense * (covered if end else -covered)
+    rising = stretch.sense > 0
+    section = (max if rising == end else min)(stretch.lanes)
+    row = _Covered(min(near, far), max(near, far), lane, parts if rising else parts[::-1])
+    return (stretch.frame.road.id, stretch.lanes[section]), row

@@ -1,4 +1,4 @@
-"""MapNetwork: the friendly map of where traffic drives. No SUMO runs for it."""
+"""MapNetwork: the roads, lanes, junctions and paths of a map, without starting SUMO."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from functools import cached_property
 from iits_mj.core.errors import InputError
 from iits_mj.road import RoadMap
 from iits_mj.road.road_frames import RoadFrames
+from traffic_bridge.network.lane_graph import MapPath, MapPaths
 from traffic_bridge.network.lane_surface import LaneSurface, LaneSurfaces
-from traffic_bridge.network.map_lookup import MapLookup, MapPoint, Place
-from traffic_bridge.network.map_paths import MapPath, MapPaths
+from traffic_bridge.network.map_lookup import MapLookup, Place
 from traffic_bridge.network.net_file import NetConnection, NetFile, NetJunction, NetLight
-from traffic_bridge.network.nets import Network, build_network
+from traffic_bridge.network.nets import build_network
 
 
 @dataclass(frozen=True)
 class MapLane:
-    """One of SUMO's lanes, and what it is on the map.
+    """One of SUMO's lanes and its place on the map.
 
     Attributes:
       id: SUMO's; edge: its edge; index: from the right.
@@ -25,7 +25,7 @@ class MapLane:
         short joints that SUMO puts between edges.
       begin, end: stations of the road where the lane begins and ends, in travel [m].
       length: as SUMO counts positions [m]; width: [m].
-      speed: limit [m/s]; inside junctions what the bend allows.
+      speed: limit [m/s]; inside junctions the speed that the bend allows.
       kind: OpenDRIVE's lane type.
       internal: inside one of SUMO's junctions.
       driving: open to cars and trucks.
@@ -57,45 +57,41 @@ class MapRoad:
     edges: tuple[str, ...]
 
 
-class MapNetwork:
-    """The roads of a map, SUMO's lanes on them, and the ways through.
+class MapNetwork(MapLookup):
+    """The roads of a map, SUMO's lanes on them, and the paths through it.
 
         network = MapNetwork.of(RoadMap.from_opendrive("town.xodr"))
         place = network.locate(x, y, heading)
         network.path(place.edge, network.exits[0]).edges
 
     Attributes:
-      road_map: the map, which is the truth for every position.
-      network: its SUMO net file.
+      road_map: the map, which defines every position.
+      net: its SUMO net.
       lanes: every lane by SUMO's id, junction-internal ones included.
-      connections: ways from lane to lane, with their turn and the light that controls them.
+      connections: from lane to lane, with their turn and the light that controls them.
       junctions: SUMO's nodes by id, in the map's coordinates.
       lights: programs of the traffic lights.
-      entrances, exits: edges where traffic comes onto the map, and where it leaves it.
+      entrances, exits: edges where traffic enters and leaves the map.
     """
 
-    def __init__(self, road_map: RoadMap, network: Network) -> None:
+    def __init__(self, road_map: RoadMap, net: NetFile) -> None:
         """Use `of`."""
+        frames = RoadFrames(road_map)
+        super().__init__(frames, LaneSurfaces(net, frames))
         self.road_map = road_map
-        self.network = network
-        self.net = NetFile.read(network.path)
-        self.frames = RoadFrames(road_map)
-        self.surfaces = LaneSurfaces(self.net, self.frames)
-        self._lookup = MapLookup(self.frames, self.surfaces)
-        self.connections: tuple[NetConnection, ...] = self.net.connections
-        self.lights: tuple[NetLight, ...] = self.net.lights
+        self.net = net
+        self.connections: tuple[NetConnection, ...] = net.connections
+        self.lights: tuple[NetLight, ...] = net.lights
 
     @classmethod
     def of(cls, road_map: RoadMap) -> MapNetwork:
-        """The network of a map, made by netconvert when it is not in the cache.
+        """The network of a map, made by netconvert unless it is in the cache.
 
         Raises:
           MapError: netconvert cannot use the map.
           TrafficError: netconvert is missing, or the net does not belong to the map.
         """
         return cls(road_map, build_network(road_map))
-
-    # What there is -----------------------------------------------------------------------------
 
     @cached_property
     def lanes(self) -> dict[str, MapLane]:
@@ -126,34 +122,16 @@ class MapNetwork:
         }
 
     def light_of(self, connection: NetConnection) -> str:
-        """The letter at the beginning of the light's program; "" where no light controls it."""
+        """The connection's first letter in the light's program; "" without a light."""
         if not connection.light:
             return ""
         light = next(light for light in self.lights if light.id == connection.light)
         return light.phases[0][1][connection.link]
 
-    # Positions ---------------------------------------------------------------------------------
-
-    def locate(
-        self, x: float, y: float, heading: float | None = None, z: float | None = None
-    ) -> Place | None:
-        """The place of a point of the map, or None beside every road; see `MapLookup.locate`."""
-        return self._lookup.locate(x, y, heading, z)
-
-    def place(self, road: str, lane: int, station: float, offset: float = 0.0) -> Place:
-        """The place at a station of a road's lane; see `MapLookup.place`."""
-        return self._lookup.place(road, lane, station, offset)
-
-    def place_on(self, sumo_lane: str, position: float, offset: float = 0.0) -> Place:
-        """The place at a position of a SUMO lane; see `MapLookup.place_on`."""
-        return self._lookup.place_on(sumo_lane, position, offset)
-
-    def point(self, place: Place) -> MapPoint:
-        """The point of the road's surface at a place; see `MapLookup.point`."""
-        return self._lookup.point(place)
+    # Lanes and paths ---------------------------------------------------------------------------
 
     def surface(self, lane: str, spacing: float = 1.0) -> LaneSurface:
-        """Where a SUMO lane lies: samples `spacing` metres apart, see `LaneSurface`.
+        """Samples of where a SUMO lane lies, `spacing` meters apart; see `LaneSurface`.
 
         Args:
           lane: SUMO lane id, on any road or inside a junction.
@@ -164,8 +142,6 @@ class MapNetwork:
         """
         return self.surfaces.surface(lane, spacing)
 
-    # Ways --------------------------------------------------------------------------------------
-
     @cached_property
     def paths(self) -> MapPaths:
         """The graph of the map's edges."""
@@ -173,12 +149,12 @@ class MapNetwork:
 
     @property
     def entrances(self) -> tuple[str, ...]:
-        """Edges that no other leads to: where traffic comes onto the map."""
+        """Edges to which no other edge leads: where traffic enters the map."""
         return self.paths.entrances
 
     @property
     def exits(self) -> tuple[str, ...]:
-        """Edges that lead nowhere: where traffic leaves the map."""
+        """Edges that lead to no other edge: where traffic leaves the map."""
         return self.paths.exits
 
     def routes(self) -> tuple[MapPath, ...]:
@@ -189,12 +165,12 @@ class MapNetwork:
         """The quickest path between two edges (or the edges of two places).
 
         Raises:
-          InputError: there is no such edge or no way, or a place has no edge.
+          InputError: there is no such edge or no path, or a place has no edge.
         """
         return self.paths.path(_edge(start), _edge(end))
 
     def reachable(self, start: str | Place | None) -> frozenset[str]:
-        """Edges one can come to from an edge (or from the edge of a place), itself included.
+        """All edges that can be reached from an edge (or the edge of a place), itself included.
 
         Raises:
           InputError: there is no such edge.

@@ -1,11 +1,15 @@
-"""Reads a SUMO net file (`.net.xml`) into plain records; SUMO itself does not run for it."""
+"""Reads a SUMO net file (`.net.xml`) into plain records, without starting SUMO.
+
+SUMO's own reader (`sumolib.net`) is not used: it drops the lanes' OpenDRIVE type, which says where
+cars may drive, takes twice as long, and reports a damaged file with errors of other libraries.
+"""
 
 from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -25,29 +29,36 @@ class NetLane:
     Attributes:
       id: SUMO's; edge: its edge; index: from the right.
       length: as SUMO counts positions [m]; width: [m]; speed: limit [m/s].
-      kind: OpenDRIVE's lane type; "" where the net does not say.
+      kind: OpenDRIVE's lane type; "" if the net does not name it.
       origin: (road id, lane id) in OpenDRIVE, or None for SUMO's own short joints.
-      internal: whether it lies inside a SUMO junction.
       open: to passenger cars.
-      shape: of its centre, in SUMO's coordinates [m], shape (n, 2).
+      shape: polyline of its center in SUMO's coordinates [m], shape (n, 2).
     """
 
     id: str
     edge: str
     index: int
     length: float
-    width: float
-    speed: float
-    kind: str
-    origin: tuple[str, int] | None
-    internal: bool
-    open: bool
-    shape: FloatArray
+    width: float = 3.2
+    speed: float = 13.89
+    kind: str = ""
+    origin: tuple[str, int] | None = None
+    open: bool = True
+    shape: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+
+    @property
+    def internal(self) -> bool:
+        """Whether the lane lies inside a SUMO junction, where vehicles do not change lanes."""
+        return self.edge.startswith(":")
 
     @property
     def is_driving(self) -> bool:
-        """Whether cars and trucks drive here."""
+        """Whether cars and trucks may drive on the lane."""
         return self.open and (self.kind in DRIVING_TYPES or not self.kind)
+
+    def neighbor(self, side: int) -> str:
+        """Id of the lane to the right (-1) or left (+1), whether it exists or not."""
+        return f"{self.edge}_{self.index + side}"
 
 
 @dataclass(frozen=True)
@@ -61,25 +72,25 @@ class NetEdge:
 
     @property
     def internal(self) -> bool:
-        """Whether it lies inside a SUMO junction."""
+        """Whether the edge lies inside a SUMO junction."""
         return self.id.startswith(":")
 
     @property
     def length(self) -> float:
-        """As SUMO counts positions [m]."""
+        """Length as SUMO counts positions [m]."""
         return self.lanes[0].length
 
 
 @dataclass(frozen=True)
 class NetConnection:
-    """A way from a lane to a lane.
+    """A connection from a lane to a lane.
 
     Attributes:
       start, end: SUMO lane ids.
       via: the first lane inside the junction, or "".
       turn: "s" straight, "l" left, "r" right, "L" and "R" half left and right, "t" back.
       light: the traffic light that controls it, or ""; link: its letter's index there, or -1.
-      yields: whether it gives way to others (as SUMO's state says).
+      yields: whether its vehicles give way to others (by SUMO's state).
     """
 
     start: str
@@ -105,7 +116,7 @@ class NetJunction:
 
 @dataclass(frozen=True)
 class NetLight:
-    """A traffic light's program: (duration [s], one letter a link) for each phase."""
+    """A traffic light's program: (duration [s], one letter per link) for each phase."""
 
     id: str
     program: str
@@ -114,7 +125,12 @@ class NetLight:
 
 @dataclass(frozen=True)
 class NetFile:
-    """All of a net that this project uses; `offset` is what SUMO adds to the map's x, y [m]."""
+    """A SUMO net: everything of it that this project uses.
+
+    Attributes:
+      path: of the file.
+      offset: what SUMO adds to the map's x and y [m].
+    """
 
     path: Path
     offset: tuple[float, float]
@@ -125,10 +141,10 @@ class NetFile:
 
     @classmethod
     def read(cls, path: Path) -> NetFile:
-        """Reads a net file.
+        """Reads a net file; a file that has not changed since is not read again.
 
         Raises:
-          TrafficError: it is missing, not a SUMO net, or was written without original names.
+          TrafficError: the file is missing, not a SUMO net, or was written without original names.
         """
         try:
             status = path.stat()
@@ -136,10 +152,45 @@ class NetFile:
         except (OSError, ElementTree.ParseError, ValueError, KeyError) as error:
             raise TrafficError(f"{path}: not a SUMO network: {error}") from error
 
+    @cached_property
+    def edge(self) -> dict[str, NetEdge]:
+        """The edges by id."""
+        return {edge.id: edge for edge in self.edges}
+
+    @cached_property
+    def lanes(self) -> dict[str, NetLane]:
+        """The lanes of all edges by id."""
+        return {lane.id: lane for edge in self.edges for lane in edge.lanes}
+
+    @cached_property
+    def links(self) -> dict[str, tuple[tuple[str, str], ...]]:
+        """(lane that begins at its end, edge to which it leads) of each lane that leads on."""
+        found: dict[str, tuple[tuple[str, str], ...]] = {}
+        for link in self.connections:
+            onward = (link.via or link.end, link.end.rpartition("_")[0])
+            found[link.start] = (*found.get(link.start, ()), onward)
+        return found
+
+    @cached_property
+    def inside(self) -> dict[str, str]:
+        """The lane that follows each lane inside a junction; "" at the junction's end."""
+        return {link.start: link.via for link in self.connections if link.start.startswith(":")}
+
+    def links_of(self, edge: str) -> list[tuple[str, str]]:
+        """(edge, internal lane or "") of every connection from an edge, from the right lane on."""
+        lanes = {lane.id: k for k, lane in enumerate(self.edge[edge].lanes)}
+        links = [link for link in self.connections if link.start in lanes]
+        links.sort(key=lambda link: lanes[link.start])
+        return [(link.end.rpartition("_")[0], link.via) for link in links]
+
+
+def distances_along(points: FloatArray) -> FloatArray:
+    """Distance of every point of a polyline (n, 2) from its first point along it, shape (n,)."""
+    return np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
+
 
 @lru_cache(maxsize=8)
 def _read(path: Path, _changed: int, _size: int) -> NetFile:
-    """The net of a file; kept while the file is the same."""
     root = ElementTree.parse(path).getroot()
     location = root.find("location")
     if root.tag != "net" or location is None:
@@ -177,7 +228,7 @@ def _lane(item: Element, edge: str) -> NetLane:
     origin = None
     for parameter in item.findall("param"):
         if parameter.get("key") == ORIGIN:
-            # Several names are lanes that netconvert joined; the first one begins here.
+            # Several names are lanes that netconvert joined; the lane begins with the first one.
             name = re.match(r"(.+?)_(-?\d+)(?: |$)", parameter.get("value", ""))
             origin = (name[1], int(name[2])) if name else None
     return NetLane(
@@ -189,7 +240,6 @@ def _lane(item: Element, edge: str) -> NetLane:
         speed=float(item.attrib["speed"]),
         kind=item.get("type", ""),
         origin=origin,
-        internal=edge.startswith(":"),
         open=_is_open(item.get("allow"), item.get("disallow", "")),
         shape=np.array([[float(point[0]), float(point[1])] for point in points]),
     )

@@ -1,4 +1,4 @@
-"""Map network: from a RoadMap to the SUMO net, made by netconvert and kept in a cache."""
+"""Makes the SUMO net of a map with netconvert and keeps it in a cache."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import subprocess
 import sys
 import tempfile
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -20,21 +19,139 @@ from xml.etree.ElementTree import Element
 from iits_mj.core.errors import InputError, MapError, TrafficError
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.elements import Lane, LaneSection, Road
-from iits_mj.road.road_map import MAPS
-from iits_mj.road.route import USABLE_LANE_WIDTH
+from iits_mj.road.route import MAPS, USABLE_LANE_WIDTH
 from iits_mj.road.writer import to_xml
 from iits_mj.road.xml_input import content_hash, parse_xml, read_file
+from traffic_bridge.network.net_file import NetFile
 
-# --- SUMO's netconvert: found, run, and its refusals told in one sentence ---
-
+CACHE_VARIABLE = "IITS_MJ_CACHE"
 TIMEOUT = 120.0  # [s]; the largest of our test maps takes 0.3 s.
+UNLIMITED = 70.0  # [m/s], the limit that SUMO gets for a road without one
+# [m/s2] across, at most, in a turn: what drivers accept at junctions in town (judgement).
+TURN_ACCELERATION = 3.0
+# With these options netconvert's net agrees with the exact geometry within 0.02 m, names the
+# OpenDRIVE lanes that it was made of, and has no U-turns at the ends of roads.
+OPENDRIVE_OPTIONS = (
+    "--no-turnarounds",
+    "--output.original-names",
+    "--opendrive.internal-shapes",
+    "--opendrive.curve-resolution",
+    "1",
+    "--geometry.max-grade",
+    "30",
+    "--junctions.limit-turn-speed",
+    str(TURN_ACCELERATION),
+    "--precision",
+    "3",
+)
+REVISION = "2"  # of our changes to nets after netconvert; raised when they change
+_SEAL = "<!-- sha256 "
+
+
+# Cache -------------------------------------------------------------------------------------------
+
+
+def cache_dir() -> Path:
+    """The folder of cached nets: $IITS_MJ_CACHE, else iits_mj in the user's cache folder."""
+    if os.environ.get(CACHE_VARIABLE):
+        return Path(os.environ[CACHE_VARIABLE]).expanduser()
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "iits_mj"
+
+
+def build_network(source: RoadMap | Route) -> NetFile:
+    """Returns the SUMO net of a map (or a route's map): shipped, cached or made now.
+
+    A cached net belongs to the map's content, netconvert's version and our options; a damaged file
+    is made again. Processes that make the same net at the same time each write their own file and
+    move it into place.
+
+    Raises:
+      InputError: `source` is neither a map nor a route.
+      MapError: netconvert cannot use the map; the message gives its reason.
+      TrafficError: netconvert is missing, the cache folder cannot be written, or the net file
+        cannot be read.
+    """
+    road_map = source.road_map if isinstance(source, Route) else source
+    if not isinstance(road_map, RoadMap):
+        raise InputError(f"a network is made of a RoadMap or a Route, not of {source!r}")
+    shipped = road_map.path.with_suffix(".net.xml")
+    # Only a net that comes with the package is certain to belong to the map beside it.
+    if road_map.path.resolve().parent == MAPS.resolve() and shipped.is_file():
+        return NetFile.read(shipped)
+    content = opendrive_for_netconvert(road_map)
+    target = _cached_file(content)
+    if not _is_whole(target):
+        _make(content, target, str(road_map.path))
+    return NetFile.read(target)
+
+
+def _cached_file(content: bytes) -> Path:
+    made_by = " ".join((*OPENDRIVE_OPTIONS, netconvert_version(), REVISION))
+    key = content + made_by.encode()
+    folder = cache_dir() / "nets"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    return folder / f"{hashlib.sha256(key).hexdigest()[:32]}.net.xml"
+
+
+def _unwritable(folder: Path, error: OSError) -> TrafficError:
+    return TrafficError(
+        f"cannot write to the cache folder {folder} ({error.strerror}); "
+        f"set {CACHE_VARIABLE} to a folder that can be written"
+    )
+
+
+def _is_whole(net: Path) -> bool:
+    """Whether a cached file exists and is undamaged: it ends with the hash of its content."""
+    try:
+        body, seal, digest = net.read_bytes().rpartition(_SEAL.encode())
+    except OSError:
+        return False
+    return bool(seal) and digest.split()[:1] == [hashlib.sha256(body).hexdigest().encode()]
+
+
+def _make(content: bytes, target: Path, name: str) -> None:
+    try:
+        # In the target's folder, so that the file can be moved in one operation.
+        folder = tempfile.TemporaryDirectory(dir=target.parent, prefix="making_")
+    except OSError as error:
+        raise _unwritable(target.parent, error) from error
+    with folder:
+        source, made = Path(folder.name) / "map.xodr", Path(folder.name) / "made.net.xml"
+        source.write_bytes(content)
+        arguments = ["--opendrive", str(source), *OPENDRIVE_OPTIONS, "--output-file", str(made)]
+        run_netconvert(arguments, name)
+        text = made.read_text(encoding="utf-8") if made.is_file() else ""
+        if "<edge " not in text:
+            raise MapError(f"{name}: netconvert found no road in the map that cars may use")
+        # The leading comment has date and paths; without it the same map gives the same file.
+        text = re.sub(r"<!--.*?-->\s*", "", text, count=1, flags=re.DOTALL)
+        text = re.sub(r"<lane [^>]*>", _close_if_narrow, text)
+        digest = hashlib.sha256(text.encode()).hexdigest()
+        made.write_text(f"{text}{_SEAL}{digest} -->\n", encoding="utf-8", newline="\n")
+        made.replace(target)
+
+
+def _close_if_narrow(lane: re.Match[str]) -> str:
+    """Closes a lane that is still opening or already ending: a vehicle does not fit on it."""
+    width = re.search(r'\bwidth="([^"]*)"', lane[0])
+    if width is None or float(width[1]) >= USABLE_LANE_WIDTH:
+        return lane[0]
+    bare = re.sub(r' (dis)?allow="[^"]*"', "", lane[0])
+    return bare.replace("<lane ", '<lane disallow="all" ', 1)
+
+
+# netconvert --------------------------------------------------------------------------------------
 
 
 def find_netconvert() -> Path:
-    """The netconvert program: of this Python environment, of PATH, or of the eclipse-sumo package.
+    """Path of netconvert: in this Python environment, on PATH, or in the package eclipse-sumo.
 
     Raises:
-      TrafficError: there is none.
+      TrafficError: netconvert is not installed.
     """
     own = Path(sys.prefix) / "bin" / "netconvert"
     if own.is_file():
@@ -55,17 +172,17 @@ def find_netconvert() -> Path:
 
 @cache
 def netconvert_version() -> str:
-    """Version of netconvert, as text."""
+    """Version of netconvert as text."""
     first = run_netconvert(["--version"]).splitlines()
     match = re.search(r"Version\s+(\S+)", " ".join(first[:2]))
     return match.group(1) if match else "unknown"
 
 
 def run_netconvert(arguments: list[str], name: str = "netconvert") -> str:
-    """Runs netconvert and returns what it prints; `name` is the map's in errors.
+    """Runs netconvert and returns its output; `name` is the map's name in errors.
 
     Raises:
-      MapError: its exit code or its messages say that it failed.
+      MapError: its exit code or its messages report a failure.
       TrafficError: it is missing, or did not end in time.
     """
     command = [str(find_netconvert()), *arguments]
@@ -85,23 +202,23 @@ def run_netconvert(arguments: list[str], name: str = "netconvert") -> str:
     return result.stdout
 
 
-# --- What of a map has to be said otherwise before netconvert reads it as we do ---
-# netconvert reads limits of lanes only, not of roads; takes an empty `junction` for a number;
-# ignores a limit that is none; and dies on direct junctions. The geometry stays as it is.
-
-UNLIMITED = 70.0  # [m/s], what SUMO is told where a road has no limit
-
-
 def opendrive_for_netconvert(road_map: RoadMap) -> bytes:
-    """The map as OpenDRIVE that netconvert reads rightly; made from memory where it has no file.
+    """The map as OpenDRIVE text that netconvert understands as `RoadMap` does.
+
+    netconvert reads speed limits of lanes but not of roads, takes an empty `junction` for a number,
+    ignores "no limit", and crashes on direct junctions. The geometry stays as it is. A map without
+    a file is written from memory.
 
     Raises:
-      MapError: the file cannot be read any more, or has changed since the map was read, or has
-        direct junctions.
+      MapError: the file cannot be read, has changed since the map was read, or has direct
+        junctions.
     """
     if road_map.path.is_file():
         content = read_file(road_map.path)
-        _check_unchanged(road_map, content)
+        if content_hash(content) != road_map.content_hash:
+            raise MapError(
+                f"{road_map.path}: the file has changed since the map was read; read it again"
+            )
     else:
         content = to_xml(road_map.content).encode()
     root = parse_xml(content, str(road_map.path))
@@ -112,7 +229,6 @@ def opendrive_for_netconvert(road_map: RoadMap) -> bytes:
                 "which SUMO's netconvert cannot read; drive it without traffic or use another map"
             )
     for item in root.findall("road"):
-        # An empty attribute means "in no junction", but netconvert wants the number.
         if not item.get("junction", "").strip():
             item.set("junction", "-1")
         road = road_map.roads.get(item.get("id", ""))
@@ -121,17 +237,10 @@ def opendrive_for_netconvert(road_map: RoadMap) -> bytes:
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
 
 
-def _check_unchanged(road_map: RoadMap, content: bytes) -> None:
-    if content_hash(content) != road_map.content_hash:
-        raise MapError(
-            f"{road_map.path}: the file has changed since the map was read; read it anew"
-        )
-
-
 def _set_speeds(item: Element, road: Road) -> None:
     """Writes the limit of every driving lane into the lane itself, in m/s."""
     sections = sorted(item.iter("laneSection"), key=lambda section: float(section.get("s", "0")))
-    # A section that begins beyond the road's end is in the file only.
+    # The file may have sections that begin beyond the road's end.
     for element, (start, end, section) in zip(sections, road.section_spans(), strict=False):
         for lane_item in element.iter("lane"):
             lane = section.lane(int(lane_item.get("id", "0")))
@@ -154,8 +263,8 @@ def _speeds(
 ) -> list[tuple[float, float]]:
     """(distance from the section's start [m], limit [m/s]): the lane's own, else the road's.
 
-    A road inside a junction that says nothing is left alone: netconvert takes the limits of the
-    roads before and after it, and what its bend allows.
+    A road inside a junction without limits gets none: netconvert takes the limits of the roads
+    before and after it, and the speed that its bend allows.
     """
     if lane.speeds:
         return list(lane.speeds)
@@ -163,160 +272,3 @@ def _speeds(
         return []
     inner = [record.s for record in road.types if start < record.s < end]
     return [(s - section.s, road.speed_at(s)) for s in (start, *inner)]
-
-
-# --- Map network: from a RoadMap to the SUMO net, made by netconvert and kept in a cache ---
-
-__all__ = ["Network", "build_network", "cache_dir", "find_netconvert", "lane_kinds"]
-
-CACHE_VARIABLE = "IITS_MJ_CACHE"
-
-# [m/s2] across, at most, in a turn: what drivers take at junctions in town (judgement).
-TURN_ACCELERATION = 3.0
-# What makes netconvert's net agree with the exact geometry within 0.02 m, names the OpenDRIVE lanes
-# it was made of, and lets nobody turn round at ends.
-OPENDRIVE_OPTIONS = (
-    "--no-turnarounds",
-    "--output.original-names",
-    "--opendrive.internal-shapes",
-    "--opendrive.curve-resolution",
-    "1",
-    "--geometry.max-grade",
-    "30",
-    "--junctions.limit-turn-speed",
-    str(TURN_ACCELERATION),
-    "--precision",
-    "3",
-)
-REVISION = "2"  # of what we do to nets after netconvert: raised when that changes
-_SEAL = "<!-- sha256 "
-
-
-@dataclass(frozen=True)
-class Network:
-    """A SUMO net file and where its coordinates lie.
-
-    Attributes:
-      path: of the `.net.xml` file.
-      offset: what SUMO adds to the map's x and y [m].
-    """
-
-    path: Path
-    offset: tuple[float, float]
-
-
-def cache_dir() -> Path:
-    """Folder for nets made once: $IITS_MJ_CACHE, else iits_mj in the user's cache folder."""
-    if os.environ.get(CACHE_VARIABLE):
-        return Path(os.environ[CACHE_VARIABLE]).expanduser()
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "iits_mj"
-
-
-def build_network(source: RoadMap | Route) -> Network:
-    """The SUMO net of a map (of a route's map): shipped, cached or made now.
-
-    A cached net belongs to the map's content, netconvert's version and our options; a file that was
-    damaged since is made again. Processes that make one net at once each write their own file and
-    move it into place whole.
-
-    Raises:
-      InputError: it is neither a map nor a route.
-      MapError: netconvert cannot use the map; the message gives its reason.
-      TrafficError: netconvert is missing or the cache folder cannot be written.
-    """
-    road_map = source.road_map if isinstance(source, Route) else source
-    if not isinstance(road_map, RoadMap):
-        raise InputError(f"a network is made of a RoadMap or a Route, not of {source!r}")
-    shipped = road_map.path.with_suffix(".net.xml")
-    # Only the maps that come with the package bring a net that is sure to belong to them.
-    if road_map.path.resolve().parent == MAPS.resolve() and shipped.is_file():
-        return Network(shipped, _net_offset(shipped))
-    content = opendrive_for_netconvert(road_map)
-    target = _cached_file(content)
-    if not _is_whole(target):
-        _make(content, target, str(road_map.path))
-    return Network(target, _net_offset(target))
-
-
-def lane_kinds(net: Path) -> dict[str, str]:
-    """OpenDRIVE's type of every lane of a net ("driving", "stop" ...), where the net has it."""
-    kinds = {}
-    for _, element in ElementTree.iterparse(net, events=("start",)):
-        if element.tag == "lane" and element.get("type"):
-            kinds[element.get("id", "")] = element.get("type", "")
-    return kinds
-
-
-def _cached_file(content: bytes) -> Path:
-    made_by = " ".join((*OPENDRIVE_OPTIONS, netconvert_version(), REVISION))
-    key = content + made_by.encode()
-    folder = cache_dir() / "nets"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise _unwritable(folder, error) from error
-    return folder / f"{hashlib.sha256(key).hexdigest()[:32]}.net.xml"
-
-
-def _unwritable(folder: Path, error: OSError) -> TrafficError:
-    return TrafficError(
-        f"cannot write to the cache folder {folder} ({error.strerror}); "
-        f"set {CACHE_VARIABLE} to a folder that can be written"
-    )
-
-
-def _is_whole(net: Path) -> bool:
-    """Whether a cached file is there and still what was written: it ends with its own hash."""
-    try:
-        body, seal, digest = net.read_bytes().rpartition(_SEAL.encode())
-    except OSError:
-        return False
-    return bool(seal) and digest.split()[:1] == [hashlib.sha256(body).hexdigest().encode()]
-
-
-def _make(content: bytes, target: Path, name: str) -> None:
-    try:
-        # Beside the target, so that it can be moved there in one go.
-        folder = tempfile.TemporaryDirectory(dir=target.parent, prefix="making_")
-    except OSError as error:
-        raise _unwritable(target.parent, error) from error
-    with folder:
-        source, made = Path(folder.name) / "map.xodr", Path(folder.name) / "made.net.xml"
-        source.write_bytes(content)
-        arguments = ["--opendrive", str(source), *OPENDRIVE_OPTIONS, "--output-file", str(made)]
-        run_netconvert(arguments, name)
-        text = made.read_text(encoding="utf-8") if made.is_file() else ""
-        if "<edge " not in text:
-            raise MapError(f"{name}: netconvert found no road in the map that cars may use")
-        # The leading comment holds date and paths: a net made again must be the same.
-        text = re.sub(r"<!--.*?-->\s*", "", text, count=1, flags=re.DOTALL)
-        text = re.sub(r"<lane [^>]*>", _close_if_narrow, text)
-        digest = hashlib.sha256(text.encode()).hexdigest()
-        made.write_text(f"{text}{_SEAL}{digest} -->\n", encoding="utf-8", newline="\n")
-        made.replace(target)
-
-
-def _close_if_narrow(lane: re.Match[str]) -> str:
-    """A lane that is still opening or closing is nobody's: there is no room beside the next."""
-    width = re.search(r'\bwidth="([^"]*)"', lane[0])
-    if width is None or float(width[1]) >= USABLE_LANE_WIDTH:
-        return lane[0]
-    bare = re.sub(r' (dis)?allow="[^"]*"', "", lane[0])
-    return bare.replace("<lane ", '<lane disallow="all" ', 1)
-
-
-def _net_offset(net: Path) -> tuple[float, float]:
-    """`netOffset` of a net file.
-
-    Raises:
-      TrafficError: the file is not a SUMO net.
-    """
-    try:
-        for _, element in ElementTree.iterparse(net, events=("start",)):
-            if element.tag == "location":
-                x, y = (float(value) for value in element.get("netOffset", "").split(","))
-                return x, y
-    except (ElementTree.ParseError, ValueError, OSError) as error:
-        raise TrafficError(f"{net}: not a SUMO network: {error}") from error
-    raise TrafficError(f"{net}: not a SUMO network: it has no <location netOffset=...>")

@@ -17,6 +17,7 @@ from traffic_bridge.network.nets import build_network
 from traffic_bridge.recording.provenance import net_hash, versions
 from traffic_bridge.recording.recording import COLUMNS, SCHEMA, SIZE_COLUMNS, PoseDigest, Recording
 from traffic_bridge.recording.rows import COMMAND_COLUMNS, EGO_COLUMNS, command_row, ego_row
+from traffic_bridge.signals.controller import TrafficController
 
 # --- A table that grows for hours in a bounded part of the memory: full pieces go to a file ---
 
@@ -156,6 +157,10 @@ class Recorder(Mode):
         """Steps the traffic and notes truck and vehicles."""
         truck = ego_row(ego)
         return self._note(truck, self.traffic.step(ego))
+
+    def signal_controller(self) -> TrafficController | None:
+        """Returns the lights and changing limits of the traffic."""
+        return self.traffic.signal_controller()
 
     def note_command(self, time: float, command: VehicleCommand) -> None:
         """Notes what the truck gets.

@@ -40,7 +40,7 @@ class _Segment(NamedTuple):
     rates: tuple[FloatArray, FloatArray]
 
 
-class Replay:
+class InterpolatedRecording:
     """The frames of a recording as functions of time.
 
     At a recorded time the recorded values are returned unchanged. Between two frames a vehicle of

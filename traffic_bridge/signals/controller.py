@@ -8,7 +8,7 @@ from typing import Any
 
 from iits_mj.core.errors import InputError
 from traffic_bridge.config import TrafficConfig
-from traffic_bridge.network.lanes import RouteLanes
+from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.overrides import Undo
 from traffic_bridge.session import Session
 from traffic_bridge.signals.event_runner import EventRunner
@@ -25,7 +25,7 @@ from traffic_bridge.signals.obstructions import (
 from traffic_bridge.vehicles.demand import MOBIL_MODE
 from traffic_bridge.vehicles.departures import Departure
 from traffic_bridge.vehicles.registry import Vehicles
-from traffic_bridge.vehicles.scripted import SUMO_MODE, Manner, Placement, ScriptedVehicles
+from traffic_bridge.vehicles.scripted import SUMO_MODE, Manner, ScriptedVehicle, ScriptedVehicles
 
 
 class TrafficController:
@@ -67,7 +67,7 @@ class TrafficController:
           InputError: an event or departure names a lane, light or type that is not there.
         """
         for number, departure in enumerate(self._departures):
-            self._scripted.check(self._placement(number, departure))
+            self._scripted.check(self._scripted_vehicle(number, departure))
         self._events.check()
         self._events.step(0.0, ego_station)
 
@@ -84,7 +84,7 @@ class TrafficController:
             and self._departures[self._departed].time <= time + 1e-9
         ):
             departure = self._departures[self._departed]
-            self._scripted.place([self._placement(self._departed, departure)])
+            self._scripted.place([self._scripted_vehicle(self._departed, departure)])
             self._departed += 1
         self._scripted.step()
         self._vehicles.dress()
@@ -214,7 +214,7 @@ class TrafficController:
 
     # Inside ------------------------------------------------------------------------------------
 
-    def _placement(self, number: int, departure: Departure) -> Placement:
+    def _scripted_vehicle(self, number: int, departure: Departure) -> ScriptedVehicle:
         kind = self._config.type_of(departure.type)
         station = departure.station
         if station is None:
@@ -224,6 +224,6 @@ class TrafficController:
         speed = departure.speed
         if speed is None:
             speed = kind.desired_speed_mean * self._config.speed_limit
-        return Placement(
+        return ScriptedVehicle(
             f"{kind.name}.d{number:05d}", kind.name, departure.lane, station, speed, Manner.FREE
         )

@@ -11,15 +11,15 @@ from traffic_bridge.overrides import Undo
 from traffic_bridge.signals.events import (
     Event,
     LaneClosure,
+    LightOverride,
     LightProgramRun,
-    LightState,
     SlowConvoy,
     SpeedLimit,
     StoppedVehicle,
     VehicleChange,
 )
 from traffic_bridge.signals.lights import LightPhase
-from traffic_bridge.vehicles.scripted import Manner, Placement
+from traffic_bridge.vehicles.scripted import Manner, ScriptedVehicle
 
 if TYPE_CHECKING:
     from traffic_bridge.signals.controller import TrafficController
@@ -113,7 +113,7 @@ def _is_past(event: Event, time: float) -> bool:
 def _check(event: Event, controller: TrafficController) -> None:
     parts = controller.obstructions
     match event:
-        case LightState():
+        case LightOverride():
             links = len(controller.state(event.light))
             if len(event.state) not in (1, links):
                 raise InputError(
@@ -129,10 +129,12 @@ def _check(event: Event, controller: TrafficController) -> None:
         case LaneClosure():
             parts.check_closure(event)
         case StoppedVehicle():
-            parts.check(Placement("", event.type, event.lane, event.station, 0.0, Manner.STANDING))
+            parts.check(
+                ScriptedVehicle("", event.type, event.lane, event.station, 0.0, Manner.STANDING)
+            )
         case SlowConvoy():
-            for placement in parts.convoy_group(0, event):
-                parts.check(placement)
+            for vehicle in parts.convoy_group(0, event):
+                parts.check(vehicle)
         case VehicleChange():
             controller.check_target(event.target)
 
@@ -140,7 +142,7 @@ def _check(event: Event, controller: TrafficController) -> None:
 def _begin(event: Event, controller: TrafficController) -> Undo:
     """Does what an event says; what is returned undoes it."""
     match event:
-        case LightState():
+        case LightOverride():
             return controller.traffic_lights.hold_state(event.light, event.state)
         case LightProgramRun():
             return controller.traffic_lights.hold_program(event.light, event.program)

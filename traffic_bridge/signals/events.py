@@ -88,7 +88,7 @@ class Event:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LightState(Event):
+class LightOverride(Event):
     """Sets a traffic light by hand; when it ends, the program that ran before runs on.
 
     Of several events of one light the newest that has not ended holds; one by one they end, and
@@ -113,7 +113,7 @@ class LightState(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class LightProgramRun(Event):
-    """Switches a traffic light to another program; when it ends, back as `LightState`.
+    """Switches a traffic light to another program; when it ends, back as `LightOverride`.
 
     Attributes:
       light: its name; program: of the light.
@@ -268,7 +268,7 @@ class VehicleChange(Event):
 EVENTS: dict[str, type[Event]] = {
     kind.name: kind
     for kind in (
-        *(LightState, LightProgramRun, SpeedLimit, LaneClosure),
+        *(LightOverride, LightProgramRun, SpeedLimit, LaneClosure),
         *(StoppedVehicle, SlowConvoy, VehicleChange),
     )
 }

@@ -8,8 +8,8 @@ from typing import Any
 
 from iits_mj.core.checks import in_range, is_number, is_whole
 from iits_mj.core.errors import InputError
-from traffic_bridge.network.lanes import RouteLanes
-from traffic_bridge.overrides import Orders, Undo
+from traffic_bridge.network.route_lanes import RouteLanes
+from traffic_bridge.overrides import Overrides, Undo
 from traffic_bridge.session import Guard, Session
 from traffic_bridge.signals.events import LIGHT_LETTERS
 
@@ -138,7 +138,7 @@ class TrafficLights:
         self._names = tuple(sorted(self._api.getIDList()))
         self._stops = stop_lines(self._api, self._names, lanes)
         # What is to hold for some time, and what each light did before the first of that.
-        self._orders = Orders()
+        self._overrides = Overrides()
         self._before: dict[str, _Setting] = {}
 
     def names(self) -> tuple[str, ...]:
@@ -162,7 +162,7 @@ class TrafficLights:
           InputError: no such light, a wrong letter or a wrong number of letters.
         """
         setting = _Setting(state=self._whole_state(light, state))
-        self._orders.forget(light)
+        self._overrides.forget(light)
         self._set(light, setting)
 
     def hold_state(self, light: str, state: str) -> Undo:
@@ -279,7 +279,7 @@ class TrafficLights:
           InputError: no such light or program.
         """
         self._logic(light, program)
-        self._orders.forget(light)
+        self._overrides.forget(light)
         self._set(light, _Setting(program))
 
     def ahead(self, station: float, lane: int | None = None) -> LightAhead | None:
@@ -330,15 +330,15 @@ class TrafficLights:
         return name
 
     def _hold(self, light: str, setting: _Setting) -> Undo:
-        if self._orders.newest("setting", light) is None:
+        if self._overrides.newest("setting", light) is None:
             self._before[light] = self._present(light)
-        undo = self._orders.add(light, {"setting": setting}, lambda: self._go_on(light))
+        undo = self._overrides.add(light, {"setting": setting}, lambda: self._go_on(light))
         self._set(light, setting)
         return undo
 
     def _go_on(self, light: str) -> None:
         """Puts into force what is held now."""
-        setting = self._orders.newest("setting", light) or self._before[light]
+        setting = self._overrides.newest("setting", light) or self._before[light]
         # What goes on already is not begun anew.
         if setting != self._present(light):
             self._set(light, setting)

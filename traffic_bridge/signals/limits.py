@@ -20,7 +20,7 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import is_number, is_whole
 from iits_mj.core.errors import InputError
-from traffic_bridge.network.lanes import LaneTable, RouteLanes, upstream
+from traffic_bridge.network.route_lanes import LaneTable, RouteLanes, upstream
 from traffic_bridge.session import Session
 from traffic_bridge.signals.events import LONGEST, SpeedLimit
 from traffic_bridge.vehicles.registry import Vehicles

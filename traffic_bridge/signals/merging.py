@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass
 
 from iits_mj.core.errors import InputError
-from traffic_bridge.network.lanes import LaneTable, RouteLanes, upstream
+from traffic_bridge.network.route_lanes import LaneTable, RouteLanes, upstream
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles.registry import Vehicles
 
@@ -29,7 +29,7 @@ EASY_BRAKING = 1.5  # [m/s2]
 SPACE = 4.0  # [m] left behind the waiting vehicle
 DELAY = 10.0  # [s] that one waits for a gap that comes by itself: stopping others costs flow
 PATIENCE = 20.0  # [s] after which a driver drives on, and lets nobody in again here
-REASON = "courtesy"
+REASON = "zipper merge"
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,11 @@ class Waiting:
 
     name: str
     station: float
-    beside: LaneTable
+    target: LaneTable
 
 
 @dataclass
-class _Favor:
+class _Yield:
     """Who is let in by whom, and for how long already [s]."""
 
     waiting: Waiting
@@ -54,7 +54,7 @@ class _Favor:
     age: float = 0.0
 
 
-class Courtesy:
+class ZipperMerge:
     """Makes gaps for waiting vehicles.
 
     Args:
@@ -65,7 +65,7 @@ class Courtesy:
     def __init__(self, session: Session, vehicles: Vehicles) -> None:
         self._api = session.api
         self._vehicles = vehicles
-        self._favors: dict[int, _Favor] = {}
+        self._gaps: dict[int, _Yield] = {}
         self._impatient: set[str] = set()
         self._waited: dict[str, float] = {}
 
@@ -77,23 +77,23 @@ class Courtesy:
           period: time since the last call [s].
         """
         self._impatient = {name for name in self._impatient if name in self._vehicles}
-        for number, favor in list(self._favors.items()):
-            favor.age += period
+        for number, gap in list(self._gaps.items()):
+            gap.age += period
             still = waiting.get(number)
-            if favor.age > PATIENCE:
-                self._impatient.add(favor.giver)
-            elif still is not None and still.name == favor.waiting.name:
-                favor.waiting = still
+            if gap.age > PATIENCE:
+                self._impatient.add(gap.giver)
+            elif still is not None and still.name == gap.waiting.name:
+                gap.waiting = still
                 continue
-            self._vehicles.hold_below(favor.giver, None, REASON)
-            del self._favors[number]
+            self._vehicles.hold_below(gap.giver, None, REASON)
+            del self._gaps[number]
         before = self._waited
         self._waited = {w.name: before.get(w.name, 0.0) + period for w in waiting.values()}
         for number, one in sorted(waiting.items()):
-            if number not in self._favors and self._waited[one.name] > DELAY:
-                giver = self._choose(one, {favor.giver for favor in self._favors.values()})
+            if number not in self._gaps and self._waited[one.name] > DELAY:
+                giver = self._choose(one, {gap.giver for gap in self._gaps.values()})
                 if giver is not None:
-                    self._favors[number] = _Favor(one, giver)
+                    self._gaps[number] = _Yield(one, giver)
 
     def step(self, step_length: float) -> None:
         """Holds the givers to the speed from which they can still stop behind the other, easily.
@@ -101,20 +101,20 @@ class Courtesy:
         Args:
           step_length: of the coming step of the traffic [s].
         """
-        for number, favor in list(self._favors.items()):
-            if favor.giver not in self._vehicles:
-                del self._favors[number]
+        for number, gap in list(self._gaps.items()):
+            if gap.giver not in self._vehicles:
+                del self._gaps[number]
                 continue
-            speed = float(self._api.vehicle.getSpeed(favor.giver))
-            left = max(self._distance(favor.giver, favor.waiting) - speed * step_length, 0.0)
+            speed = float(self._api.vehicle.getSpeed(gap.giver))
+            left = max(self._distance(gap.giver, gap.waiting) - speed * step_length, 0.0)
             allowed = max(math.sqrt(2.0 * EASY_BRAKING * left), speed - EASY_BRAKING * step_length)
-            self._vehicles.hold_below(favor.giver, allowed, REASON)
+            self._vehicles.hold_below(gap.giver, allowed, REASON)
 
     def _choose(self, one: Waiting, taken: set[str]) -> str | None:
         """The nearest driver behind who can stop easily behind the waiting vehicle."""
         best, nearest = None, math.inf
         vehicle = self._api.vehicle
-        for name in self._api.lane.getLastStepVehicleIDs(one.beside.id):
+        for name in self._api.lane.getLastStepVehicleIDs(one.target.id):
             unfit = name not in self._vehicles or self._vehicles.is_scripted(name)
             if unfit or name in taken or name in self._impatient:
                 continue
@@ -126,7 +126,7 @@ class Courtesy:
 
     def _distance(self, name: str, one: Waiting) -> float:
         """Way of a vehicle on the lane beside to its place behind the waiting one [m]."""
-        front, _ = one.beside.at(self._api.vehicle.getLanePosition(name))
+        front, _ = one.target.at(self._api.vehicle.getLanePosition(name))
         return one.station - float(self._api.vehicle.getLength(one.name)) - SPACE - front
 
 
@@ -179,7 +179,7 @@ class MergeGuide:
         self._leading: dict[int, frozenset[str]] = {}
         self._numbers = itertools.count()
         self._former_modes: dict[str, int] = {}
-        self._courtesy = Courtesy(session, vehicles)
+        self._zipper = ZipperMerge(session, vehicles)
 
     def add(self, obstacle: Obstacle) -> int:
         """Warns of an obstacle; returns a number to give to `remove`."""
@@ -213,7 +213,7 @@ class MergeGuide:
         with self._session.guard("guiding vehicles past an obstacle"):
             if due:
                 self._round()
-            self._courtesy.step(self._step_length)
+            self._zipper.step(self._step_length)
 
     # Inside ------------------------------------------------------------------------------------
 
@@ -225,7 +225,7 @@ class MergeGuide:
             for table in self._lanes.within(first, obstacle.end):
                 leads = table.id in self._leading[number] and not table.id.startswith(":")
                 inside |= self._guide(table, number, leads, waiting)
-        self._courtesy.choose(waiting, self._period)
+        self._zipper.choose(waiting, self._period)
         for name in sorted(set(self._former_modes) - inside):
             mode = self._former_modes.pop(name)
             if name in self._vehicles:

@@ -6,10 +6,10 @@ import itertools
 
 from iits_mj.core.errors import InputError
 from traffic_bridge.config import TrafficConfig
-from traffic_bridge.network.lanes import RouteLanes
+from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.signals.events import LaneClosure, SlowConvoy, StoppedVehicle
 from traffic_bridge.signals.merging import MergeGuide, Obstacle, check_obstacle
-from traffic_bridge.vehicles.scripted import Manner, Placement, ScriptedVehicles
+from traffic_bridge.vehicles.scripted import Manner, ScriptedVehicle, ScriptedVehicles
 from traffic_bridge.vehicles.types import VehicleType
 
 BLOCKER_SPACING = 80.0  # [m] between the safety trucks of a long closure
@@ -74,7 +74,7 @@ class Obstructions:
         first = start + kind.length
         count = max(int((end - first) / BLOCKER_SPACING) + 1, 1)
         group = [
-            Placement(
+            ScriptedVehicle(
                 f"{BLOCKER}.{number}.{k}",
                 kind.name,
                 lane,
@@ -85,11 +85,11 @@ class Obstructions:
             for k in range(count)
         ]
         # All places are found before the first truck waits: a closure is whole or not at all.
-        for placement in group:
-            self._scripted.check(placement)
-        for placement in group:
-            self._scripted.place([placement])
-        names = [placement.name for placement in group]
+        for vehicle in group:
+            self._scripted.check(vehicle)
+        for vehicle in group:
+            self._scripted.place([vehicle])
+        names = [vehicle.name for vehicle in group]
         self._closures[number] = self._guide.add(obstacle), names
         return number
 
@@ -103,9 +103,9 @@ class Obstructions:
         check_obstacle(obstacle, self._lanes)
         return obstacle
 
-    def check(self, placement: Placement) -> None:
+    def check(self, vehicle: ScriptedVehicle) -> None:
         """Refuses a scripted vehicle for which there is no lane, see `ScriptedVehicles.check`."""
-        self._scripted.check(placement)
+        self._scripted.check(vehicle)
 
     def open_lane(self, number: int) -> None:
         """Takes a closure away.
@@ -147,7 +147,7 @@ class Obstructions:
         number = next(self._numbers)
         kind = self._config.type_of(type)
         name = f"{STOPPED}.{number}"
-        self._scripted.place([Placement(name, type, lane, station, 0.0, Manner.STANDING)])
+        self._scripted.place([ScriptedVehicle(name, type, lane, station, 0.0, Manner.STANDING)])
         warned = None
         if notice is not None:
             warned = self._guide.add(Obstacle(lane, station - kind.length, station, notice))
@@ -176,15 +176,15 @@ class Obstructions:
         number = next(self._numbers)
         group = self.convoy_group(number, convoy)
         self._scripted.place(group)
-        self._groups[number] = [placement.name for placement in group], type, None
+        self._groups[number] = [vehicle.name for vehicle in group], type, None
         return number
 
-    def convoy_group(self, number: int, convoy: SlowConvoy) -> list[Placement]:
+    def convoy_group(self, number: int, convoy: SlowConvoy) -> list[ScriptedVehicle]:
         """The places of a convoy's vehicles, the first one first."""
         kind = self._config.type_of(convoy.type)
         spacing = kind.length + kind.minimum_gap + convoy.speed * CONVOY_HEADWAY
         return [
-            Placement(
+            ScriptedVehicle(
                 f"{CONVOY}.{number}.{k:02d}",
                 convoy.type,
                 convoy.lane,

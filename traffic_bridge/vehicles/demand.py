@@ -9,11 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from traffic_bridge.config import TrafficConfig
-from traffic_bridge.network.lane_graph import LaneWays
-from traffic_bridge.network.lanes import LaneTable, RouteLanes
-from traffic_bridge.network.map_paths import MapPaths
+from traffic_bridge.network.lane_graph import LaneGraph, MapPaths
 from traffic_bridge.network.net_file import NetFile, NetLane
-from traffic_bridge.network.nets import Network
+from traffic_bridge.network.route_lanes import LaneTable, RouteLanes
 from traffic_bridge.session import Session
 from traffic_bridge.signals.limits import SpeedLimits
 from traffic_bridge.vehicles.ego_room import EgoRoom
@@ -29,13 +27,13 @@ class MapDemand:
     Its exit is drawn evenly among those that can be reached from there.
 
     Args:
-      net: of the map; ways: its lanes' ways.
+      net: of the map; graph: of its lanes.
       route_edges: edges of the ego's route, whose flow comes from elsewhere.
     """
 
-    def __init__(self, net: NetFile, ways: LaneWays, route_edges: tuple[str, ...]) -> None:
+    def __init__(self, net: NetFile, graph: LaneGraph, route_edges: tuple[str, ...]) -> None:
         self._paths = MapPaths(net)
-        self._lane_ways = ways
+        self._graph = graph
         self._route_edges = frozenset(route_edges)
         self._edges = {edge.id: edge for edge in net.edges}
         self._ways: dict[str, tuple[tuple[str, ...], ...]] = {}
@@ -75,7 +73,7 @@ class MapDemand:
         if lane.edge in self._paths.exits:
             yield (lane.edge,)
             return
-        onward = sorted({name.rpartition("_")[0] for name in self._lane_ways.leads_to(lane.id)})
+        onward = sorted({name.rpartition("_")[0] for name in self._graph.leads_to(lane.id)})
         for leave in self._paths.exits_from(lane.edge):
             ways = [
                 self._paths.path(after, leave)
@@ -108,7 +106,6 @@ class Demand:
       vehicles: where new vehicles are noted.
       config: density, mix and speeds.
       rng: the source of randomness.
-      network: of the map.
       limits: that were set in the run.
     """
 
@@ -119,7 +116,6 @@ class Demand:
         vehicles: Vehicles,
         config: TrafficConfig,
         rng: np.random.Generator,
-        network: Network,
         limits: SpeedLimits,
     ) -> None:
         self._session = session
@@ -137,10 +133,8 @@ class Demand:
         self._entrances = [lanes.of_edge(lanes.edges[0])]
         self._define_routes("along", lanes.edges)
         self._map: MapDemand | None = None
-        net = NetFile.read(network.path)
-        self._ways = LaneWays(net)
         if config.scope == "map":
-            self._map = MapDemand(net, self._ways, lanes.edges)
+            self._map = MapDemand(lanes.net, lanes.graph, lanes.edges)
             # Its own generator: the flow along the route is the same in every scope.
             (self._map_rng,) = rng.spawn(1)
             self._trips: dict[tuple[str, ...], str] = {}
@@ -184,7 +178,7 @@ class Demand:
         mean_gap = config.speed_limit * 0.92 / config.probability
         position = float(self._rng.exponential(mean_gap))
         edges = self._lanes.edges if direction > 0 else self._lanes.oncoming_edges
-        end = min(table.length, self._ways.room(table.id, edges[index:]) - LANE_END)
+        end = min(table.length, self._lanes.graph.reach(table.id, edges[index:]) - LANE_END)
         while position < end:
             kind, desired = self._draw(table.lane, self._rng)
             station, _ = table.at(position)
@@ -192,7 +186,7 @@ class Demand:
             inside = low <= station <= high and position > vehicle.length + 1.0
             if inside and not _meets(ego, table, position, vehicle):
                 route = f"{'along' if direction > 0 else 'against'}.{index}"
-                limit = self._ways.speed(table.id, position, edges[index:])
+                limit = self._lanes.graph.entry_speed(table.id, position, edges[index:])
                 self._add(kind, desired, route, table, f"{position:.3f}", limit)
             # The next one far enough that SUMO can insert both at their speeds.
             least = vehicle.length + vehicle.minimum_gap + 1.5 * config.speed_limit
@@ -273,7 +267,7 @@ class Demand:
             trip = trips.trip(lane, rng)
             vehicle = config.type_of(kind)
             free = position > vehicle.length + 1.0 and low <= table.at(position)[0] <= high
-            free = free and position < self._ways.room(lane.id, trip) - LANE_END
+            free = free and position < self._lanes.graph.reach(lane.id, trip) - LANE_END
             if free and not _meets(ego, table, position, vehicle):
                 self._add_trip(kind, desired, trip, lane, f"{position:.3f}")
             least = vehicle.length + vehicle.minimum_gap + 1.5 * speed

@@ -9,7 +9,7 @@ import numpy as np
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import EgoFootprint
-from traffic_bridge.network.lanes import LaneTable
+from traffic_bridge.network.route_lanes import LaneTable
 
 # Free road kept around the ego in its own lane at the beginning: a minimum and a time [m], [s].
 EGO_GAP = 30.0

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from traffic_bridge.config import TrafficConfig
-from traffic_bridge.network.lane_graph import Lane, LaneGraph, Onward
+from traffic_bridge.network.lane_graph import LaneGraph, Onward
+from traffic_bridge.network.net_file import NetLane
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles.demand import MOBIL_MODE
-from traffic_bridge.vehicles.mobil import MARGIN, Driver, Surroundings, gain
+from traffic_bridge.vehicles.mobil import MARGIN, LaneNeighbors, MobilDriver, incentive
 from traffic_bridge.vehicles.registry import Vehicles, VehicleType
 
 # --- Who is before and behind whom: the vehicles on the lanes of a net ---
@@ -24,11 +25,11 @@ REACH = 300.0  # [m]: a vehicle farther away does not matter
 
 
 @dataclass(slots=True)
-class Place:
+class LanePosition:
     """A vehicle on a lane: who, which lane, front bumper's position [m], and its way onward."""
 
-    driver: Driver
-    lane: Lane
+    driver: MobilDriver
+    lane: NetLane
     position: float
     onward: Onward
 
@@ -45,11 +46,13 @@ class Occupancy:
       places: by vehicle name.
     """
 
-    def __init__(self, graph: LaneGraph, places: Iterable[Place], duration: float = 3.5) -> None:
+    def __init__(
+        self, graph: LaneGraph, places: Iterable[LanePosition], duration: float = 3.5
+    ) -> None:
         self._graph = graph
         self._duration = duration
         self.places = {place.driver.name: place for place in places}
-        self._leaving: list[tuple[str, Place, float]] = []
+        self._leaving: list[tuple[str, LanePosition, float]] = []
         self._rows: dict[str, list[tuple[float, str]]] = {}
         for name, place in self.places.items():
             self._rows.setdefault(place.lane.id, []).append((place.position, name))
@@ -66,7 +69,7 @@ class Occupancy:
         """
         self._leaving.append((lane, self.places[name], time))
 
-    def is_clear(self, place: Place, lane: Lane) -> bool:
+    def is_clear(self, place: LanePosition, lane: NetLane) -> bool:
         """Whether a vehicle on a lane beside its own would not meet who is still leaving that."""
         for left, other, time in self._leaving:
             if left != lane.id or other is place:
@@ -78,7 +81,7 @@ class Occupancy:
                 return False
         return True
 
-    def move(self, name: str, lane: Lane) -> None:
+    def move(self, name: str, lane: NetLane) -> None:
         """Puts a vehicle onto another lane of its edge, which it leaves in the time of a change."""
         place = self.places[name]
         self.note_leaving(name, place.lane.id, self._duration)
@@ -86,7 +89,7 @@ class Occupancy:
         insort(self._rows.setdefault(lane.id, []), (place.position, name))
         place.lane = lane
 
-    def surroundings(self, place: Place, lane: Lane) -> Surroundings:
+    def neighbors(self, place: LanePosition, lane: NetLane) -> LaneNeighbors:
         """Who is before and behind a vehicle on a lane of its edge.
 
         A vehicle whose front bumper is level with it or before it is ahead.
@@ -96,10 +99,10 @@ class Occupancy:
         mine = k < len(row) and row[k][1] == place.driver.name
         gap_ahead, speed_ahead = self._ahead(place, lane, row, k + mine)
         gap_behind, follower = self._behind(place, lane, row, k - 1)
-        return Surroundings(gap_ahead, speed_ahead, gap_behind, follower)
+        return LaneNeighbors(gap_ahead, speed_ahead, gap_behind, follower)
 
     def _ahead(
-        self, place: Place, lane: Lane, row: list[tuple[float, str]], k: int
+        self, place: LanePosition, lane: NetLane, row: list[tuple[float, str]], k: int
     ) -> tuple[float, float]:
         way = -place.position  # from the front bumper to the beginning of `lane`
         while k >= len(row):
@@ -120,14 +123,14 @@ class Occupancy:
         return way + position - leader.type.length, leader.speed
 
     def _behind(
-        self, place: Place, lane: Lane, row: list[tuple[float, str]], k: int
-    ) -> tuple[float, Driver | None]:
+        self, place: LanePosition, lane: NetLane, row: list[tuple[float, str]], k: int
+    ) -> tuple[float, MobilDriver | None]:
         rear = place.position - place.driver.type.length
         if k >= 0:
             position, name = row[k]
             return rear - position, self.places[name].driver
         # Where lanes join, the nearest on any of them counts.
-        best: tuple[float, Driver | None] = (math.inf, None)
+        best: tuple[float, MobilDriver | None] = (math.inf, None)
         todo, known = [(rear, lane)], {lane.id}
         while todo:
             way, lane = todo.pop()
@@ -147,9 +150,9 @@ class Occupancy:
 
 
 def decide(
-    graph: LaneGraph, occupancy: Occupancy, may_change: Callable[[Place, Lane], bool]
-) -> dict[str, Lane]:
-    """Lane changes of one round: name -> the lane to go to.
+    graph: LaneGraph, occupancy: Occupancy, may_change: Callable[[LanePosition, NetLane], bool]
+) -> dict[str, NetLane]:
+    """NetLane changes of one round: name -> the lane to go to.
 
     The vehicles are asked in the order of their names, and each sees the changes decided before
     it, so the result does not hang on SUMO's order and two never take the same gap. Nobody goes to
@@ -161,22 +164,22 @@ def decide(
       occupancy: the vehicles; it has the new lanes afterwards.
       may_change: whether a vehicle may go to a lane that lies beside its own.
     """
-    changes: dict[str, Lane] = {}
+    changes: dict[str, NetLane] = {}
     for name in sorted(occupancy.places):
         place = occupancy.places[name]
         if not place.driver.movable or place.lane.internal:
             continue
-        here: Surroundings | None = None
+        here: LaneNeighbors | None = None
         best, most = None, 0.0
         for side in (-1, 1):
-            target = graph.lanes.get(place.lane.beside(side))
+            target = graph.lanes.get(place.lane.neighbor(side))
             if target is None or not may_change(place, target):
                 continue
             if not occupancy.is_clear(place, target):
                 continue
-            here = here or occupancy.surroundings(place, place.lane)
-            there = occupancy.surroundings(place, target)
-            value = gain(place.driver, here, there, to_right=side < 0)
+            here = here or occupancy.neighbors(place, place.lane)
+            there = occupancy.neighbors(place, target)
+            value = incentive(place.driver, here, there, to_right=side < 0)
             if value is not None and value > most:
                 best, most = target, value
         if best is not None:
@@ -249,7 +252,7 @@ class LaneChanger:
         self._note_entries(frozenset(entries()))
         permitted: dict[str, bool] = {}
 
-        def may_change(place: Place, target: Lane) -> bool:
+        def may_change(place: LanePosition, target: NetLane) -> bool:
             if time - self._changed.get(place.driver.name, (-math.inf, 0))[0] < REST:
                 return False
             if self._is_near_entry(place):
@@ -264,12 +267,12 @@ class LaneChanger:
         for name, (begun, side) in self._changed.items():
             left = begun + duration - time
             if left > 0.0 and name in occupancy.places:
-                occupancy.note_leaving(name, occupancy.places[name].lane.beside(-side), left)
+                occupancy.note_leaving(name, occupancy.places[name].lane.neighbor(-side), left)
         for name, lane in decide(self._graph, occupancy, may_change).items():
             vehicle.changeLane(name, lane.index, PERIOD)
             self._changed[name] = time, lane.index - before[name]
 
-    def _places(self) -> list[Place]:
+    def _places(self) -> list[LanePosition]:
         vehicle, lanes = self._api.vehicle, self._graph.lanes
         places = []
         for name in vehicle.getIDList():
@@ -285,9 +288,9 @@ class LaneChanger:
             else:
                 kind, movable = self._obstacle(vehicle.getLength(name)), False
                 desired = max(speed, desired)
-            driver = Driver(name, speed, desired, kind, movable)
+            driver = MobilDriver(name, speed, desired, kind, movable)
             onward = self._way(vehicle.getRouteID(name))
-            places.append(Place(driver, lane, vehicle.getLanePosition(name), onward))
+            places.append(LanePosition(driver, lane, vehicle.getLanePosition(name), onward))
         return places
 
     def _obstacle_of_length(self, length: float) -> VehicleType:
@@ -307,15 +310,15 @@ class LaneChanger:
             self._entries = entries
             self._near_entry = self._graph.from_entries(entries, self._entry_reach)
 
-    def _is_near_entry(self, place: Place) -> bool:
+    def _is_near_entry(self, place: LanePosition) -> bool:
         begin = self._near_entry.get(place.lane.id, math.inf)
         return begin + place.position - place.driver.type.length < self._entry_zone
 
-    def _is_open(self, lane: Lane) -> bool:
+    def _is_open(self, lane: NetLane) -> bool:
         closed = self._api.lane.getDisallowed(lane.id)
         return "passenger" not in closed and "all" not in closed
 
-    def _goes_on(self, place: Place, lane: Lane) -> bool:
+    def _goes_on(self, place: LanePosition, lane: NetLane) -> bool:
         """Whether the vehicle's way can be driven on a lane for a while."""
         way = lane.length - place.position
         while way < LOOK_AHEAD:

@@ -30,7 +30,7 @@ MARGIN = 2.0  # [m] before and behind that must be free after a change
 
 
 @dataclass(frozen=True, slots=True)
-class Driver:
+class MobilDriver:
     """A vehicle as MOBIL sees it.
 
     Attributes:
@@ -48,7 +48,7 @@ class Driver:
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
+class LaneNeighbors:
     """Who is before and behind a vehicle on one lane, its own or one it may go to.
 
     Attributes:
@@ -61,10 +61,10 @@ class Surroundings:
     gap_ahead: float = math.inf
     speed_ahead: float = 0.0
     gap_behind: float = math.inf
-    follower: Driver | None = None
+    follower: MobilDriver | None = None
 
 
-def idm_acceleration(driver: Driver, gap: float = math.inf, speed_ahead: float = 0.0) -> float:
+def idm_acceleration(driver: MobilDriver, gap: float = math.inf, speed_ahead: float = 0.0) -> float:
     """IDM acceleration behind a leader, or on a free road [m/s2]; delta = 4.
 
     a [1 - (v / v0)^4 - (s* / s)^2] with s* = s0 + max(0, v T + v dv / (2 sqrt(a b))).
@@ -84,13 +84,15 @@ def idm_acceleration(driver: Driver, gap: float = math.inf, speed_ahead: float =
     return kind.acceleration * (free - share * share)
 
 
-def gain(driver: Driver, here: Surroundings, there: Surroundings, to_right: bool) -> float | None:
+def incentive(
+    driver: MobilDriver, here: LaneNeighbors, there: LaneNeighbors, to_right: bool
+) -> float | None:
     """What a lane change gains above its threshold [m/s2]; None where it is not safe.
 
     Args:
       driver: who decides.
-      here: its surroundings on its own lane.
-      there: its surroundings on the lane it would go to.
+      here: its neighbors on its own lane.
+      there: its neighbors on the lane it would go to.
       to_right: whether that lane is the one to the right.
     """
     kind = driver.type
@@ -124,14 +126,14 @@ def gain(driver: Driver, here: Surroundings, there: Surroundings, to_right: bool
     return own_after - own_before + kind.politeness * others - threshold
 
 
-def _behind_the_leader(driver: Driver, lane: Surroundings) -> float:
+def _behind_the_leader(driver: MobilDriver, lane: LaneNeighbors) -> float:
     """Acceleration of a lane's follower if the driver were not between it and the leader."""
     assert lane.follower is not None
     gap = lane.gap_behind + driver.type.length + lane.gap_ahead
     return idm_acceleration(lane.follower, gap, lane.speed_ahead)
 
 
-def _european(driver: Driver, right: float, left: float, left_lane: Surroundings) -> float:
+def _european(driver: MobilDriver, right: float, left: float, left_lane: LaneNeighbors) -> float:
     """Acceleration on the right lane without overtaking the left lane's leader on its right."""
     if left_lane.gap_ahead < math.inf and driver.speed > left_lane.speed_ahead > CRITICAL_SPEED:
         return min(right, left)

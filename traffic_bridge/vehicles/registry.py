@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, KeysView
 from typing import TYPE_CHECKING, Any
 
 from iits_mj.core.errors import InputError
-from traffic_bridge.overrides import Orders, Undo
+from traffic_bridge.overrides import Overrides, Undo
 from traffic_bridge.vehicles.changes import MOBIL_FIELDS, SUMO_NAMES, changed, check_changes
 from traffic_bridge.vehicles.types import (
     HEAVY,
@@ -39,7 +39,7 @@ class Vehicles:
         self._session = session
         self._base = {vehicle_type.name: vehicle_type for vehicle_type in types}
         self._types = dict(self._base)
-        self._orders = Orders()
+        self._overrides = Overrides()
         self._of_vehicle: dict[str, VehicleType] = {}
         self._drawn: dict[str, float] = {}
         self._desired: dict[str, float] = {}
@@ -66,7 +66,7 @@ class Vehicles:
         if scripted:
             self._scripted.add(name)
         self._desired[name] = self._wanted(name, "desired_speed")
-        if not LC2013_ATTRIBUTES.keys().isdisjoint(self._orders.fields(vehicle_type)):
+        if not LC2013_ATTRIBUTES.keys().isdisjoint(self._overrides.fields(vehicle_type)):
             self._undressed.append(name)
         return self._desired[name]
 
@@ -78,7 +78,7 @@ class Vehicles:
         for name in names:
             if name in self._of_vehicle:
                 # LC2013's figures of a class: SUMO does not hand them on to who comes later.
-                of_class = self._orders.fields(self._of_vehicle[name].name)
+                of_class = self._overrides.fields(self._of_vehicle[name].name)
                 motives = [field for field in of_class if field in LC2013_ATTRIBUTES]
                 self._refresh_vehicle(name, motives)
 
@@ -87,7 +87,7 @@ class Vehicles:
         for table in (self._of_vehicle, self._drawn, self._desired, self._ceilings):
             table.pop(name, None)
         self._scripted.discard(name)
-        self._orders.forget(name)
+        self._overrides.forget(name)
         for tell in self._told:
             tell(name)
 
@@ -204,7 +204,7 @@ class Vehicles:
         if target not in self._types:
             self.type_of(target)
         fields = tuple(values)
-        undo = self._orders.add(target, values, lambda: self._refresh(target, fields))
+        undo = self._overrides.add(target, values, lambda: self._refresh(target, fields))
         self._refresh(target, fields)
         return undo
 
@@ -233,7 +233,7 @@ class Vehicles:
         base = self._base[self._of_vehicle[name].name]
         # Events set the speed of scripted vehicles, classes do not.
         own = field == "desired_speed" and name in self._scripted
-        value = self._orders.newest(field, *((name,) if own else (name, base.name)))
+        value = self._overrides.newest(field, *((name,) if own else (name, base.name)))
         if value is not None:
             return value
         if field == "desired_speed":
@@ -266,7 +266,7 @@ class Vehicles:
     def _refresh_class(self, target: str, fields: Iterable[str]) -> None:
         base = self._base[target]
         # Each vehicle is given its desired speed when it comes; SUMO's class keeps its highest.
-        ordered = {f: self._orders.newest(f, target) for f in fields if f != "desired_speed"}
+        ordered = {f: self._overrides.newest(f, target) for f in fields if f != "desired_speed"}
         color = ordered.pop("color", None)
         values = {f: getattr(base, f) if v is None else v for f, v in ordered.items()}
         kind = changed(self._types[target], values)

@@ -11,13 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from iits_mj.core.errors import InputError
-from traffic_bridge.network.lanes import LaneTable, RouteLanes
+from traffic_bridge.network.route_lanes import LaneTable, RouteLanes
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles.registry import Vehicles
 
 REACTION = 1.0  # [s] in which a driver does not brake yet (judgement)
 HARD_BRAKING = 3.0  # [m/s2] that a vehicle appearing may ask of others (judgement)
-BESIDE = 5.0  # [m] before and behind a place that are to be free on the lanes beside it
+SIDE_CLEARANCE = 5.0  # [m] before and behind a place that are to be free on the lanes beside it
 LOOK = 250.0  # [m] behind and ahead of a place in which others matter
 
 # SUMO's lane-change modes (its manual, "lane change mode").
@@ -39,7 +39,7 @@ class Manner(enum.Enum):
 
 
 @dataclass(frozen=True)
-class Placement:
+class ScriptedVehicle:
     """A vehicle to be put on the road.
 
     Attributes:
@@ -75,32 +75,32 @@ class ScriptedVehicles:
         self._lanes = lanes
         self._vehicles = vehicles
         self._free_mode = free_mode
-        self._waiting: list[tuple[Placement, ...]] = []
+        self._waiting: list[tuple[ScriptedVehicle, ...]] = []
         self._fresh: list[tuple[int, float, float]] = []
         self._routes: set[int] = set()
 
-    def place(self, group: Sequence[Placement]) -> None:
+    def place(self, group: Sequence[ScriptedVehicle]) -> None:
         """Puts a group of vehicles on the road together, as soon as there is room for all.
 
         Raises:
           InputError: a place is not on the route, or a type is unknown; nothing waits then.
         """
-        for placement in group:
-            self.check(placement)
+        for vehicle in group:
+            self.check(vehicle)
         with self._session.guard("placing vehicles"):
             self._waiting.append(tuple(group))
 
-    def check(self, placement: Placement) -> None:
-        """Refuses a placement for which there is no lane.
+    def check(self, vehicle: ScriptedVehicle) -> None:
+        """Refuses a vehicle for which there is no lane.
 
         Raises:
           InputError: the type is unknown, or the lane does not exist there.
         """
-        length = self._length(placement.type)
-        for station in (placement.station, placement.station - length):
-            if station < 0.0 or self._lanes.find(placement.lane, station) is None:
+        length = self._length(vehicle.type)
+        for station in (vehicle.station, vehicle.station - length):
+            if station < 0.0 or self._lanes.find(vehicle.lane, station) is None:
                 raise InputError(
-                    f"{placement.type} at station {placement.station:g} m: lane {placement.lane} "
+                    f"{vehicle.type} at station {vehicle.station:g} m: lane {vehicle.lane} "
                     f"does not exist at station {station:g} m"
                 )
 
@@ -111,9 +111,9 @@ class ScriptedVehicles:
             return
         waiting, self._waiting = self._waiting, []
         for group in waiting:
-            if all(self._has_room(placement) for placement in group):
-                for placement in group:
-                    self._put(placement)
+            if all(self._has_room(vehicle) for vehicle in group):
+                for vehicle in group:
+                    self._put(vehicle)
             else:
                 self._waiting.append(group)
 
@@ -149,61 +149,61 @@ class ScriptedVehicles:
         known = ", ".join(kind.name for kind in self._vehicles.types())
         raise InputError(f"vehicle type {type_name!r}: the types are {known}")
 
-    def _has_room(self, placement: Placement) -> bool:
-        front = placement.station
-        rear = front - self._length(placement.type)
+    def _has_room(self, vehicle: ScriptedVehicle) -> bool:
+        front = vehicle.station
+        rear = front - self._length(vehicle.type)
         for lane, other_front, other_rear in self._fresh:
-            if lane == placement.lane and other_rear < front + 1.0 and other_front > rear - 1.0:
+            if lane == vehicle.lane and other_rear < front + 1.0 and other_front > rear - 1.0:
                 return False
-        vehicle = self._api.vehicle
+        api = self._api.vehicle
         for table in self._lanes.within(rear - LOOK, front + LOOK):
-            aside = abs(table.lane - placement.lane)
+            aside = abs(table.lane - vehicle.lane)
             if aside > 1:
                 continue
             for name in self._api.lane.getLastStepVehicleIDs(table.id):
-                other_front, _ = table.at(vehicle.getLanePosition(name))
-                other_rear = other_front - vehicle.getLength(name)
-                speed = vehicle.getSpeed(name)
+                other_front, _ = table.at(api.getLanePosition(name))
+                other_rear = other_front - api.getLength(name)
+                speed = api.getSpeed(name)
                 if aside:
                     # It may just have left this lane for SUMO and still be seen on it.
-                    if other_rear < front + BESIDE and other_front > rear - BESIDE:
+                    if other_rear < front + SIDE_CLEARANCE and other_front > rear - SIDE_CLEARANCE:
                         return False
                 elif other_front > front:
-                    if other_rear - front < _room(placement.speed, speed):
+                    if other_rear - front < _room(vehicle.speed, speed):
                         return False
-                elif rear - other_front < _room(speed, placement.speed):
+                elif rear - other_front < _room(speed, vehicle.speed):
                     return False
         return True
 
-    def _put(self, placement: Placement) -> None:
-        table = self._lanes.find(placement.lane, placement.station)
+    def _put(self, vehicle: ScriptedVehicle) -> None:
+        table = self._lanes.find(vehicle.lane, vehicle.station)
         if table is None:
-            raise InputError(f"lane {placement.lane} ends before station {placement.station:g} m")
-        name, vehicle = placement.name, self._api.vehicle
-        scripted = placement.manner is not Manner.FREE
-        desired = self._vehicles.add(name, placement.type, placement.speed, scripted)
+            raise InputError(f"lane {vehicle.lane} ends before station {vehicle.station:g} m")
+        name, api = vehicle.name, self._api.vehicle
+        scripted = vehicle.manner is not Manner.FREE
+        desired = self._vehicles.add(name, vehicle.type, vehicle.speed, scripted)
         with self._session.guard(f"placing {name}"):
             route = self._route(table)
             # SUMO refuses who departs faster than its type or the limit of the edge, which is the
             # first lane's.
             limits = [self._api.lane.getMaxSpeed(lane) for lane in (table.id, f"{table.edge}_0")]
-            fastest = self._api.vehicletype.getMaxSpeed(placement.type)
+            fastest = self._api.vehicletype.getMaxSpeed(vehicle.type)
             # A little less: SUMO compares the figure as it is written here.
-            speed = min(desired, placement.speed, fastest - 1e-3, *(v - 1e-3 for v in limits))
-            vehicle.add(name, route, typeID=placement.type, departSpeed=f"{speed:.3f}")
-            vehicle.moveTo(name, table.id, table.position_of(placement.station))
-            if placement.manner is Manner.STANDING:
-                vehicle.setSpeedMode(name, 0)
-                vehicle.setSpeed(name, 0.0)
-                vehicle.setLaneChangeMode(name, FIXED)
+            speed = min(desired, vehicle.speed, fastest - 1e-3, *(v - 1e-3 for v in limits))
+            api.add(name, route, typeID=vehicle.type, departSpeed=f"{speed:.3f}")
+            api.moveTo(name, table.id, table.position_of(vehicle.station))
+            if vehicle.manner is Manner.STANDING:
+                api.setSpeedMode(name, 0)
+                api.setSpeed(name, 0.0)
+                api.setLaneChangeMode(name, FIXED)
             else:
-                vehicle.setMaxSpeed(name, desired)
+                api.setMaxSpeed(name, desired)
                 if scripted:
-                    vehicle.setLaneChangeMode(name, LANE_END)
+                    api.setLaneChangeMode(name, LANE_END)
                 else:
                     self._set_free(name)
-        length = self._length(placement.type)
-        self._fresh.append((placement.lane, placement.station, placement.station - length))
+        length = self._length(vehicle.type)
+        self._fresh.append((vehicle.lane, vehicle.station, vehicle.station - length))
 
     def _set_free(self, name: str) -> None:
         self._api.vehicle.setLaneChangeMode(name, self._free_mode)

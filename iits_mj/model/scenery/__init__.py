@@ -1,1 +1,1 @@
-"""Scenery: the road's surface, structures, landscape and trees, for pictures only."""
+"""Visual road scenery: surface, structures, landscape and trees."""

@@ -1,4 +1,4 @@
-"""The route sampled for drawing: stations dense where it bends, sections across, markings."""
+"""Samples a route for drawing: stations dense in bends, points across the road, lane markings."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ DASH_LENGTH, DASH_PERIOD = 6.0, 15.0
 
 @dataclass(frozen=True)
 class Corridor:
-    """The route at drawing stations (n,): reference point, heading, tilt and pavement edges."""
+    """A route at drawing stations (n,): reference point, heading, tilt and pavement edges."""
 
     route: Route
     station: FloatArray
@@ -60,6 +60,10 @@ class Corridor:
         inner = self.station[(self.station > start + 0.01) & (self.station < end - 0.01)]
         return Corridor.sample(self.route, np.concatenate([[start], inner, [end]]))
 
+    def edge(self, side: float, beyond: float = 0.0) -> FloatArray:
+        """Offset of the pavement's left (`side` 1) or right (-1) edge, and some way beyond it."""
+        return (self.left if side > 0 else self.right) + side * beyond
+
     def across(self, offset: ArrayLike, lift: ArrayLike = 0.0) -> FloatArray:
         """Points on the tilted road plane, offsets (n, k) or (n,), raised by `lift` [m]."""
         offset = np.asarray(offset, dtype=float)
@@ -68,14 +72,8 @@ class Corridor:
         x, y, z, heading, tilt = (
             value.reshape(shape) for value in (self.x, self.y, self.z, self.heading, self.tilt)
         )
-        return np.stack(
-            [
-                x - offset * np.sin(heading),
-                y + offset * np.cos(heading),
-                z + offset * tilt + raised,
-            ],
-            axis=-1,
-        )
+        east, north = x - offset * np.sin(heading), y + offset * np.cos(heading)
+        return np.stack([east, north, z + offset * tilt + raised], axis=-1)
 
     def strip(
         self, left: ArrayLike, right: ArrayLike, lift: float = 0.0, tile: float = 0.0
@@ -92,9 +90,9 @@ class Corridor:
         return surface(points, texture, self._up(2))
 
     def extrude(self, profile: ArrayLike, base: ArrayLike, *, smooth: bool = False) -> Shape:
-        """A profile (k, 2) of (offset, height) about the offset `base`, swept along the route.
+        """Sweeps a profile (k, 2) of (offset, height) about the offset `base` along the route.
 
-        Seen in the direction of travel the profile runs clockwise round what is solid. A smooth
+        Seen in the direction of travel the profile runs clockwise around the solid. A smooth
         profile shares its vertices, one with edges does not.
         """
         points = np.asarray(profile, dtype=float)
@@ -120,7 +118,7 @@ class Corridor:
 
 
 def drawing_stations(route: Route) -> FloatArray:
-    """Stations from one run-out to the other whose chords stay near the road."""
+    """Returns stations from one run-out to the other whose chords stay near the road."""
     step = max(1.0, route.length / 20_000.0)
     longest = STEP_MAX * max(1.0, route.length / 30_000.0)
     fine = np.linspace(0.0, route.length, max(int(route.length / step), 2) + 1)
@@ -147,9 +145,9 @@ def drawing_stations(route: Route) -> FloatArray:
 
 
 def run_outs(route: Route) -> tuple[float, float]:
-    """Length of the straight run-outs before and after the route; 0 where it would meet the road.
+    """Returns the lengths of the straight run-outs at both ends; 0 where one would meet the road.
 
-    A truck at the start needs road below its trailer, but a closed ring needs no tail.
+    A truck at the start needs road below its trailer; a closed ring needs no run-out.
     """
     station = np.linspace(0.0, route.length, max(int(route.length / 10.0), 2) + 1)
     point = route.evaluate(station)
@@ -165,22 +163,21 @@ def run_outs(route: Route) -> tuple[float, float]:
     return lengths[0], lengths[1]
 
 
-def chunks(route: Route, wanted: float) -> Iterator[tuple[float, float]]:
-    """Intervals of about `wanted` metres that together cover route and run-outs."""
+def chunks(route: Route, length: float) -> Iterator[tuple[float, float]]:
+    """Yields intervals of about `length` metres that cover route and run-outs."""
     before, after = run_outs(route)
     start, end = -before, route.length + after
-    count = max(1, round((end - start) / wanted))
+    count = max(1, round((end - start) / length))
     edges = np.linspace(start, end, count + 1)
     yield from zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
 
 
 def markings(corridor: Corridor, start: float, end: float) -> dict[str, Shape]:
-    """Paint between two stations as one mesh per material; empty where there is none."""
+    """Returns the paint between two stations as one mesh per material; empty without paint."""
     route = corridor.route
     sections = [s for s in route.section_starts() if start < s < end]
-    edges = [start, *sections, end]
     found: dict[str, list[Shape]] = {}
-    for a, b in pairwise(edges):
+    for a, b in pairwise([start, *sections, end]):
         if b - a < 0.1:
             continue
         part = corridor.between(a, b - 1e-3)
@@ -201,7 +198,7 @@ def markings(corridor: Corridor, start: float, end: float) -> dict[str, Shape]:
                 shapes.append(part.strip(middle_line + half, middle_line - half, MARKING_LIFT))
         inner = route.boundary_offset(count, part.station)
         if np.all(part.left > inner + 2.0):
-            # A carriageway for oncoming traffic: close it with an edge line.
+            # The carriageway of oncoming traffic gets an edge line.
             line = part.left - 0.15
             shape = part.strip(line + 0.075, line - 0.075, MARKING_LIFT)
             found.setdefault("road_marking", []).append(shape)

@@ -1,8 +1,8 @@
-"""The ground beside the road: verges, embankments, hills, trees.
+"""The ground beside the road: verges, embankments and hills.
 
 The ground's height is one function of the map position, so nothing floats: near the road it
 follows the pavement of the nearest station, farther away it blends into hills. Fine ribbons along
-the road draw it near, a coarse grid that dives below the ribbons draws it far away.
+the road show the near ground, a coarse grid that lies below the ribbons shows the far ground.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.model.scenery.corridor import Corridor
-from iits_mj.model.scenery.materials import GRASS_TILE, periodic_noise
+from iits_mj.model.scenery.materials import GRASS_TILE, bilinear, periodic_noise
 from iits_mj.model.visuals.shapes import Shape, surface
 from iits_mj.road import Route
 
@@ -103,7 +103,7 @@ class Landscape:
     def ribbons(self, part: Corridor) -> Iterator[tuple[str, Shape]]:
         """(material, shape) of the verge and the ground on both sides of a stretch of road."""
         for side in (1.0, -1.0):
-            edge = part.left if side > 0 else part.right
+            edge = part.edge(side)
             points, normals = self._ribbon(part, edge, side)
             across = edge + side * VERGE[0]
             rows = part.across(np.stack([edge, across], axis=1), np.array([[0.0, -VERGE[1]]]))
@@ -153,7 +153,7 @@ class Landscape:
         return points, _grid_normals(points)
 
     def _own(self, part: Corridor, edge: FloatArray, side: float) -> FloatArray:
-        """How far ground is its own stretch of road's: where another one is not nearer, (n,)."""
+        """Distance up to which no other stretch of road is nearer [m], (n,)."""
         wide = self._ribbon_reach
 
         def beyond(reach: FloatArray) -> NDArray[np.bool_]:
@@ -180,24 +180,16 @@ class Landscape:
         return np.where(inside, np.sign(reach) * np.minimum(np.abs(reach), room), reach)
 
     def _sample(self, points: FloatArray, period: float) -> FloatArray:
-        size = self._noise.shape[0]
-        scaled = points / period * size / 4.0
-        cell = np.floor(scaled).astype(int)
-        u, v = np.moveaxis(scaled - cell, -1, 0)
-        i, j = np.moveaxis(cell % size, -1, 0)
-        k, m = (i + 1) % size, (j + 1) % size
-        noise = self._noise
-        upper = noise[i, j] * (1 - v) + noise[i, m] * v
-        return np.asarray(upper * (1 - u) + (noise[k, j] * (1 - v) + noise[k, m] * v) * u)
+        scaled = points / period * self._noise.shape[0] / 4.0
+        return bilinear(self._noise, scaled[..., 0], scaled[..., 1])
 
     def _valley(self, station: FloatArray, margin: float = 0.0) -> FloatArray:
         depth = np.zeros_like(station)
         for start, end in self.route.bridges:
             ramp = min(60.0, 0.4 * (end - start))
             rise = smoothstep(start - margin, start - margin + ramp, station)
-            depth += (
-                VALLEY_DEPTH * rise * (1 - smoothstep(end + margin - ramp, end + margin, station))
-            )
+            fall = 1 - smoothstep(end + margin - ramp, end + margin, station)
+            depth += VALLEY_DEPTH * rise * fall
         return depth
 
     def _tunnel(
@@ -240,13 +232,11 @@ class Plain:
     def ribbons(self, part: Corridor) -> Iterator[tuple[str, Shape]]:
         """(material, shape) of verges that fall below the plain."""
         for side in (1.0, -1.0):
-            edge = part.left if side > 0 else part.right
-            offsets = edge[:, None] + side * np.array([0.0, 1.3, 4.5])
+            offsets = part.edge(side)[:, None] + side * np.array([0.0, 1.3, 4.5])
             points = part.across(offsets, np.array([[0.0, -VERGE[1], -0.4]]))
-            points = points[:, ::-1] if side > 0 else points
-            inner, outer = (
-                (points[:, 1:], points[:, :2]) if side > 0 else (points[:, :2], points[:, 1:])
-            )
+            inner, outer = points[:, :2], points[:, 1:]
+            if side > 0:
+                inner, outer = inner[:, ::-1], outer[:, ::-1]
             yield "road_gravel", surface(inner)
             yield "road_grass", surface(outer, outer[..., :2] / GRASS_TILE)
 

@@ -1,4 +1,4 @@
-"""Materials, textures, sky and sun of the road scene; the textures are computed, not read."""
+"""Materials, computed textures, sky and sun of the road scene."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import functools
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
 
@@ -21,8 +20,8 @@ _PLAIN = {
     "road_gravel": ((0.47, 0.44, 0.39), 0.02, 0.0),
     "road_steel": ((0.63, 0.66, 0.69), 0.4, 0.05),
     "road_concrete": ((0.62, 0.61, 0.58), 0.05, 0.0),
-    # Inside a tunnel emission stands for the lamps, so that places which the sun's shadow map
-    # does not reach look nearly the same.
+    # Emission inside a tunnel represents the lamps, so that places beyond the sun's shadow map look
+    # nearly the same.
     "road_tunnel_wall": ((0.30, 0.305, 0.295), 0.0, 0.85),
     "road_tunnel_roof": ((0.12, 0.12, 0.125), 0.0, 0.5),
     "road_tunnel_light": ((1.0, 0.93, 0.76), 0.0, 1.0),
@@ -39,8 +38,8 @@ _SKY_ZENITH = np.array([0.22, 0.45, 0.78])
 
 def add_road_materials(spec: mujoco.MjSpec) -> None:
     """Adds the road scene's materials with their textures."""
-    _texture(spec, "asphalt", _asphalt())
-    _texture(spec, "grass", _grass())
+    _texture(spec, "road_asphalt", _asphalt())
+    _texture(spec, "road_grass", _grass())
     for name, texture, gray, emission in (
         ("road_asphalt", "road_asphalt", 1.0, 0.0),
         ("road_asphalt_tunnel", "road_asphalt", 0.6, 0.5),
@@ -64,10 +63,7 @@ def add_road_materials(spec: mujoco.MjSpec) -> None:
 
 def add_sky(spec: mujoco.MjSpec) -> None:
     """Adds a sky box with soft clouds, haze, a sun that follows the truck, and a fill light."""
-    texture = spec.add_texture(name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX)
-    faces = _sky_faces()
-    texture.width, texture.height, texture.nchannel = _SKY_SIZE, 6 * _SKY_SIZE, 3
-    texture.data = faces.tobytes()
+    _texture(spec, "sky", _sky_faces(), mujoco.mjtTexture.mjTEXTURE_SKYBOX)
     tractor = spec.body("tractor")
     body = tractor if tractor is not None else spec.worldbody
     body.add_light(
@@ -119,9 +115,15 @@ def periodic_noise(rng: np.random.Generator, size: int, exponent: float) -> Floa
     return np.asarray(noise / noise.std())
 
 
-def _texture(spec: mujoco.MjSpec, name: str, image: FloatArray) -> None:
+def _texture(
+    spec: mujoco.MjSpec,
+    name: str,
+    image: FloatArray,
+    kind: mujoco.mjtTexture = mujoco.mjtTexture.mjTEXTURE_2D,
+) -> None:
+    """Adds a texture from colors of 0 to 1, shape (height, width, 3)."""
     pixels = np.clip(np.round(255.0 * image), 0, 255).astype(np.uint8)
-    texture = spec.add_texture(name=f"road_{name}", type=mujoco.mjtTexture.mjTEXTURE_2D)
+    texture = spec.add_texture(name=name, type=kind)
     texture.height, texture.width, texture.nchannel = pixels.shape
     texture.data = pixels.tobytes()
 
@@ -143,12 +145,11 @@ def _grass() -> FloatArray:
 
 
 @functools.cache
-def _sky_faces() -> NDArray[np.uint8]:
+def _sky_faces() -> FloatArray:
     """Cube faces right, left, up, down, front, back stacked, (6 size, size, 3)."""
     size = _SKY_SIZE
-    u, v = np.meshgrid(
-        (np.arange(size) + 0.5) / size * 2 - 1, (np.arange(size) + 0.5) / size * 2 - 1
-    )
+    line = (np.arange(size) + 0.5) / size * 2 - 1
+    u, v = np.meshgrid(line, line)
     one = np.ones_like(u)
     # Axes of OpenGL cube maps: y is up there, v runs downwards.
     directions = (
@@ -171,15 +172,16 @@ def _sky_faces() -> NDArray[np.uint8]:
         reach = 1.0 / np.maximum(up + 0.08, 0.05)
         row = (x / norm * reach * 60.0 + 256.0) % 512
         column = (z / norm * reach * 60.0 + 256.0) % 512
-        density = _bilinear(cloud, row, column)
+        density = bilinear(cloud, row, column)
         cover = np.clip((density - 0.35) / 1.6, 0.0, 1.0) * np.clip((up - 0.03) / 0.22, 0.0, 1.0)
         color = color + (1.0 - color) * 0.85 * cover[..., None]
         color[up < 0.0] = _SKY_HORIZON * 0.96
         faces.append(color)
-    return np.clip(np.round(255.0 * np.concatenate(faces)), 0, 255).astype(np.uint8)
+    return np.concatenate(faces)
 
 
-def _bilinear(image: FloatArray, row: FloatArray, column: FloatArray) -> FloatArray:
+def bilinear(image: FloatArray, row: FloatArray, column: FloatArray) -> FloatArray:
+    """Interpolates a tileable image (n, n) at rows and columns of any shape."""
     size = image.shape[0]
     i, j = np.floor(row).astype(int), np.floor(column).astype(int)
     a, b = row - i, column - j

@@ -1,12 +1,13 @@
-"""The road as a picture: pavement, paint, rails, tunnels, bridges, landscape, sky and sun.
+"""Visual geoms of a route: pavement, paint, rails, tunnels, bridges, landscape, sky and sun.
 
-Nothing here touches the physics: all geoms are without contact. The tires stand on the compiled
-table of the route; the drawn pavement follows the same function within 5 mm of height.
+They have no contact and do not change the physics. The tires stand on the compiled table of the
+route; the drawn pavement follows the same function within 5 mm of height.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
 
 import mujoco
 import numpy as np
@@ -34,8 +35,8 @@ def add_road(spec: mujoco.MjSpec, route: Route, *, visuals: bool = True) -> None
     """Adds the visual road of a route, the sky and the light.
 
     Args:
-      spec: with the body `tractor`, which the sun follows; without it the sun stands still.
-      route: what to draw.
+      spec: the sun follows its body `tractor`, if it has one.
+      route: to draw.
       visuals: False adds only light and view settings.
     """
     start = route.evaluate(min(20.0, route.length))
@@ -47,50 +48,44 @@ def add_road(spec: mujoco.MjSpec, route: Route, *, visuals: bool = True) -> None
     corridor = Corridor.sample(route)
     plain = is_plain(route)
     ground = Plain(route) if plain else Landscape(route, corridor)
-    builder = _Builder(spec)
     if isinstance(ground, Plain):
         _add_plain(spec, ground)
     else:
-        builder.add("road_grass", "terrain", [ground.grid()])
+        _add_meshes(spec, "", {"road_terrain": [ground.grid()]}, "road_grass")
     rng = np.random.default_rng(5)
     length = max(CHUNK_LENGTH, route.length / CHUNKS_MAX)
     for index, (a, b) in enumerate(chunks(route, length)):
-        parts: dict[str, list[Shape]] = {}
-        for material, shape in markings(corridor, a, b).items():
-            parts.setdefault(material, []).append(shape)
+        parts = _by_material(markings(corridor, a, b).items())
         for begin, end, kind in _pieces(route, a, b):
             piece = corridor.between(begin, end)
             surface = "road_asphalt_tunnel" if kind == "tunnel" else "road_asphalt"
             pavement = piece.strip(piece.left, piece.right, 0.0, ASPHALT_TILE)
-            parts.setdefault(surface, []).append(pavement)
+            found = [(surface, pavement)]
             if kind != "open" and isinstance(ground, Landscape):
-                parts.setdefault("road_grass", []).append(ground.cover(piece))
-                continue
-            _open_road(parts, piece, ground, furnished=begin < FURNITURE_END[plain], rng=rng)
-        builder.add_all(f"{index}", parts)
+                found.append(("road_grass", ground.cover(piece)))
+            else:
+                furnished = begin < FURNITURE_END[plain]
+                found += _beside(piece, ground, furnished=furnished, rng=rng)
+            for material, shape in found:
+                parts[material].append(shape)
+        _add_meshes(spec, f"_{index}", parts)
     for index, (a, b) in enumerate(route.tunnels):
-        builder.add_all(f"tunnel{index}", _by_material(tunnel(corridor, a, b)))
+        _add_meshes(spec, f"_tunnel{index}", _by_material(tunnel(corridor, a, b)))
     for index, (a, b) in enumerate(route.bridges):
-        builder.add_all(f"bridge{index}", _by_material(bridge(corridor, ground, a, b)))
+        _add_meshes(spec, f"_bridge{index}", _by_material(bridge(corridor, ground, a, b)))
 
 
-def _open_road(
-    parts: dict[str, list[Shape]],
-    piece: Corridor,
-    ground: Landscape | Plain,
-    *,
-    furnished: bool,
-    rng: np.random.Generator,
-) -> None:
-    found = list(ground.ribbons(piece))
+def _beside(
+    piece: Corridor, ground: Landscape | Plain, *, furnished: bool, rng: np.random.Generator
+) -> Iterator[tuple[str, Shape]]:
+    """Ground, posts, trees and guard rails beside a stretch of open road."""
+    yield from ground.ribbons(piece)
     if furnished:
-        found += delineators(piece)
-        found += trees(piece, ground, rng)
+        yield from delineators(piece)
+        yield from trees(piece, ground, rng)
         middle = 0.5 * (piece.station[0] + piece.station[-1])
         if piece.route.lane_count(middle) > 1:
-            found += guard_rails(piece)
-    for material, shape in found:
-        parts.setdefault(material, []).append(shape)
+            yield from guard_rails(piece)
 
 
 def _pieces(route: Route, start: float, end: float) -> Iterable[tuple[float, float, str]]:
@@ -111,33 +106,29 @@ def _pieces(route: Route, start: float, end: float) -> Iterable[tuple[float, flo
 
 
 def _by_material(found: Iterable[tuple[str, Shape]]) -> dict[str, list[Shape]]:
-    parts: dict[str, list[Shape]] = {}
+    parts: dict[str, list[Shape]] = defaultdict(list)
     for material, shape in found:
-        parts.setdefault(material, []).append(shape)
+        parts[material].append(shape)
     return parts
 
 
-class _Builder:
-    """Adds merged shapes to the world as named meshes without contact."""
+def _add_meshes(
+    spec: mujoco.MjSpec, label: str, parts: dict[str, list[Shape]], material: str = ""
+) -> None:
+    """Adds one mesh without contact for each entry of `parts`, named after it and the label.
 
-    def __init__(self, spec: mujoco.MjSpec) -> None:
-        self.spec = spec
-
-    def add_all(self, label: str, parts: dict[str, list[Shape]]) -> None:
-        for material, shapes in parts.items():
-            self.add(material, f"{material.removeprefix('road_')}_{label}", shapes)
-
-    def add(self, material: str, name: str, shapes: list[Shape]) -> None:
-        name = f"road_{name}"
-        shape = merge(shapes)
+    The entry's name is also its material, unless one is given.
+    """
+    for stem, shapes in parts.items():
+        name, shape = f"{stem}{label}", merge(shapes)
         # Vertices relative to the mesh's own place keep single precision far from the origin.
         place = np.round(shape.vertices.mean(axis=0))
-        add_mesh(self.spec, name, shape.moved(-place))
-        self.spec.worldbody.add_geom(
+        add_mesh(spec, name, shape.moved(-place))
+        spec.worldbody.add_geom(
             name=name,
             type=mujoco.mjtGeom.mjGEOM_MESH,
             meshname=name,
-            material=material,
+            material=material or stem,
             pos=place,
             contype=0,
             conaffinity=0,

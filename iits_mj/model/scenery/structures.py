@@ -1,4 +1,7 @@
-"""Trees beside the road: a few vertices each, merged into a few meshes."""
+"""Structures beside the road: tunnels, bridges, guard rails, delineators and trees.
+
+Each function yields (material, shape); all copies of a thing are merged into few meshes.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +16,6 @@ from iits_mj.model.scenery.corridor import Corridor
 from iits_mj.model.visuals.shapes import Shape, boxes, merge, surface
 from iits_mj.road import Route
 
-# --- Tunnels, bridges, guard rails and roadside furniture ---
-
 Parts = Iterator[tuple[str, Shape]]
 
 WALL_GAP = 0.9  # [m] from the pavement's edge to a tunnel's wall
@@ -23,26 +24,27 @@ PORTAL_REACH, PORTAL_TOP = 21.0, 9.9
 DECK_DEPTH = 1.5
 PIER_SPACING = 40.0
 RAIL_GAP = 0.45
+TREES_PER_KM = 140
+NEAREST, FARTHEST = 15.0, 120.0  # [m] of the trees from the pavement's edge
+# Profile of a guard rail: offset, height [m].
 _RAIL = np.array(
     [(0.0, 0.44), (0.06, 0.49), (0.06, 0.53), (0.0, 0.60), (0.06, 0.67), (0.06, 0.71), (0.0, 0.76)]
 )
 
 
 class Ground(Protocol):
-    """Anything that knows the ground's height."""
+    """Gives the height of the ground."""
 
     def height(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Height and distance from the pavement [m]."""
 
 
 def tunnel(corridor: Corridor, start: float, end: float) -> Parts:
-    """Walls, roof, lights and portals of a tunnel; the road itself is drawn as elsewhere."""
+    """Walls, curbs, roof, lights and portals of a tunnel, without the road."""
     part = corridor.between(start, end)
     width = part.left - part.right + 2.0 * WALL_GAP
     base = part.right - WALL_GAP
-    crown = np.sin(np.linspace(0.0, np.pi, 9))
-    share = np.linspace(0.0, 1.0, 9)
-    height = TUNNEL_WALL + (TUNNEL_ROOF - TUNNEL_WALL) * crown**0.8
+    share, height = np.linspace(0.0, 1.0, 9), _vault()
 
     def sweep(points: list[tuple[float, float, float]]) -> Shape:
         """Points are (share of the width, metres beside it, height)."""
@@ -52,15 +54,11 @@ def tunnel(corridor: Corridor, start: float, end: float) -> Parts:
             strips.append(surface(part.across(offsets, np.array([[z0, z1]]))))
         return merge(strips)
 
-    walls = [
-        sweep([(0.0, 0.0, -0.3), (0.0, 0.0, 3.0)]),
-        sweep([(1.0, 0.0, 3.0), (1.0, 0.0, -0.3)]),
-    ]
+    inner = WALL_GAP
+    walls = [sweep([(0.0, 0.0, -0.3), (0.0, 0.0, 3.0)]), sweep([(1.0, 0.0, 3.0), (1.0, 0.0, -0.3)])]
     curbs = [
-        sweep([(0.0, WALL_GAP, -0.05), (0.0, WALL_GAP, 0.22)]),
-        sweep([(0.0, WALL_GAP, 0.22), (0.0, 0.0, 0.22)]),
-        sweep([(1.0, 0.0, 0.22), (1.0, -WALL_GAP, 0.22)]),
-        sweep([(1.0, -WALL_GAP, 0.22), (1.0, -WALL_GAP, -0.05)]),
+        sweep([(0.0, inner, -0.05), (0.0, inner, 0.22), (0.0, 0.0, 0.22)]),
+        sweep([(1.0, 0.0, 0.22), (1.0, -inner, 0.22), (1.0, -inner, -0.05)]),
     ]
     roof = [(0.0, 0.0, 3.0)] + [(f, 0.0, z) for f, z in zip(share, height, strict=True)]
     roof.append((1.0, 0.0, 3.0))
@@ -68,10 +66,14 @@ def tunnel(corridor: Corridor, start: float, end: float) -> Parts:
     yield "road_concrete", merge(curbs)
     yield "road_tunnel_roof", sweep(roof)
     yield "road_tunnel_light", _tunnel_lights(corridor.route, start, end)
-    yield (
-        "road_concrete",
-        merge([_portal(corridor.route, start, -1.0), _portal(corridor.route, end, 1.0)]),
-    )
+    portals = [_portal(corridor.route, start, -1.0), _portal(corridor.route, end, 1.0)]
+    yield "road_concrete", merge(portals)
+
+
+def _vault() -> FloatArray:
+    """Heights of a tunnel's ceiling from wall to wall [m], shape (9,)."""
+    crown = np.sin(np.linspace(0.0, np.pi, 9))
+    return TUNNEL_WALL + (TUNNEL_ROOF - TUNNEL_WALL) * crown**0.8
 
 
 def _tunnel_lights(route: Route, start: float, end: float) -> Shape:
@@ -90,19 +92,21 @@ def _tunnel_lights(route: Route, start: float, end: float) -> Shape:
 
 def _portal(route: Route, station: float, outward: float) -> Shape:
     """A head wall with the tube's opening, 1.2 m thick, facing away from the tunnel."""
-    row = Corridor.sample(route, np.array([station + outward * 0.6, station - outward * 0.6]))
-    front = Corridor.sample(route, np.array([station + outward * 0.6]))
+
+    def rows(*reach: float) -> Corridor:
+        """Rows at distances outward from the portal's middle [m]."""
+        return Corridor.sample(route, np.array([station + outward * out for out in reach]))
+
+    row, front = rows(0.6, -0.6), rows(0.6)
     right, left = float(front.right[0]) - WALL_GAP, float(front.left[0]) + WALL_GAP
-    crown = np.sin(np.linspace(0.0, np.pi, 9))
-    arch = TUNNEL_WALL + (TUNNEL_ROOF - TUNNEL_WALL) * crown**0.8
     inner = np.concatenate([[right], np.linspace(right, left, 9), [left]])
-    lower = np.concatenate([[-4.0], arch, [-4.0]])
+    lower = np.concatenate([[-4.0], _vault(), [-4.0]])
     top_left, top_right = left + PORTAL_REACH, right - PORTAL_REACH
     faces = []
 
     def sheet(offsets: list[float], low: list[float], high: list[float]) -> None:
         grid = np.stack([front.across(np.array([offsets]), np.array([z]))[0] for z in (low, high)])
-        # Columns run from right to left of the road: outside for one who drives towards `front`.
+        # Columns run from right to left of the road: outside as seen when driving towards `front`.
         faces.append(surface(grid if outward > 0 else grid[:, ::-1]))
 
     sheet([top_right, right], [-4.0, -4.0], [PORTAL_TOP, PORTAL_TOP])
@@ -113,10 +117,8 @@ def _portal(route: Route, station: float, outward: float) -> Shape:
         offsets = np.array([[inner[i], inner[i + 1]]] * 2)
         points = row.across(offsets, np.array([[lower[i], lower[i + 1]]]))
         faces.append(surface(points if outward < 0 else points[::-1]))
-    low, high, across = PORTAL_TOP - 0.5, PORTAL_TOP + 0.25, 0.9
-    thick = Corridor.sample(
-        route, np.array([station + outward * across, station - outward * across])
-    )
+    low, high = PORTAL_TOP - 0.5, PORTAL_TOP + 0.25
+    thick = rows(0.9, -0.9)
     top = thick.across(np.array([[top_left, top_right]] * 2), high)
     side = np.stack(
         [thick.across(np.array([[top_right, top_left]] * 2), z)[0] for z in (low, high)]
@@ -132,8 +134,8 @@ def bridge(corridor: Corridor, ground: Ground, start: float, end: float) -> Part
     d = DECK_DEPTH
     # Clockwise seen in the direction of travel: parapet's inside, top, outside, underside.
     right = [(0.0, 0.0), (0.0, 0.85), (-0.35, 0.85), (-0.35, -0.5), (0.6, -d)]
-    shapes = [part.extrude(_clockwise(right, 1.0), part.right)]
-    shapes.append(part.extrude(_clockwise([(-o, z) for o, z in right], -1.0), part.left))
+    shapes = [part.extrude(right, part.right)]
+    shapes.append(part.extrude([(-o, z) for o, z in reversed(right)], part.left))
     under = np.stack([part.right + 0.6, part.left - 0.6], axis=1)
     shapes.append(surface(part.across(under, -d)))
     count = max(1, round((end - start) / PIER_SPACING) - 1)
@@ -144,37 +146,27 @@ def bridge(corridor: Corridor, ground: Ground, start: float, end: float) -> Part
         bottom = float(ground.height(center[:1], center[1:2])[0][0]) - 2.0
         top = float(center[2]) - d + 0.2
         wide = 0.62 * float(row.left[0] - row.right[0])
-        abutment = station in (start, end)
-        size = (
-            2.4 if abutment else 1.4,
-            wide * (1.55 if abutment else 1.0),
-            max(top - bottom, 0.5),
-        )
-        block = boxes([((0.0, 0.0, 0.0), size)])
+        length, width = (2.4, wide * 1.55) if station in (start, end) else (1.4, wide)
+        block = boxes([((0.0, 0.0, 0.0), (length, width, max(top - bottom, 0.5)))])
         turned = _turned(block, float(row.heading[0]))
         shapes.append(turned.moved((center[0], center[1], 0.5 * (top + bottom))))
     yield "road_concrete", merge(shapes)
-
-
-def _clockwise(points: list[tuple[float, float]], side: float) -> list[tuple[float, float]]:
-    """The right-hand profile as given goes up facing the road; the left-hand one must go down."""
-    return points if side > 0 else points[::-1]
 
 
 def guard_rails(part: Corridor) -> Parts:
     """Steel rails on both sides with posts every 8 m."""
     shapes = []
     for side in (1.0, -1.0):
-        edge = (part.left if side > 0 else part.right) + side * (RAIL_GAP + 0.06)
+        edge = part.edge(side, RAIL_GAP + 0.06)
         profile = _RAIL * [-side, 1.0]
         facing = profile if side < 0 else profile[::-1]
-        shapes += [part.extrude(facing, edge, smooth=True)]
+        shapes.append(part.extrude(facing, edge, smooth=True))
         shapes.append(part.extrude(facing[::-1], edge, smooth=True))
     posts = np.arange(part.station[0] + 2.0, part.station[-1], 8.0)
     row = Corridor.sample(part.route, posts)
     for side in (1.0, -1.0):
-        edge = (row.left if side > 0 else row.right) + side * (RAIL_GAP + 0.14)
-        shapes.append(_stakes(row.across(edge), row.heading, 0.10, -0.6, 0.72))
+        points = row.across(row.edge(side, RAIL_GAP + 0.14))
+        shapes.append(_stakes(points, row.heading, 0.10, -0.6, 0.72))
     yield "road_steel", merge(shapes)
 
 
@@ -187,8 +179,7 @@ def delineators(part: Corridor) -> Parts:
     row = Corridor.sample(part.route, stations)
     posts, lights = [], []
     for side in (1.0, -1.0):
-        edge = (row.left if side > 0 else row.right) + side * 0.95
-        points = row.across(edge)
+        points = row.across(row.edge(side, 0.95))
         posts.append(_stakes(points, row.heading, 0.11, -0.3, 1.05))
         lights.append(_stakes(points, row.heading, 0.125, 0.78, 0.92))
     yield "road_post", merge(posts)
@@ -202,14 +193,19 @@ def _stakes(
     block = _stake(width, low, high)
     c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
     x, y, z = (block.vertices[:, i][None, :] for i in range(3))
-    vertices = np.stack([c * x - s * y, s * x + c * y, z + 0.0 * c], axis=-1) + points[:, None, :]
-    count = len(block.vertices)
-    faces = block.faces[None] + count * np.arange(len(points))[:, None, None]
-    return Shape(vertices.reshape(-1, 3), faces.reshape(-1, 3).astype(np.int32))
+    turned = np.stack([c * x - s * y, s * x + c * y, z + 0.0 * c], axis=-1)
+    return _placed(turned, block, points)
+
+
+def _placed(vertices: FloatArray, shape: Shape, points: FloatArray) -> Shape:
+    """Copies of a shape as one mesh: vertices of each (n, k, 3), moved to points (n, 3)."""
+    start = len(shape.vertices) * np.arange(len(points))[:, None, None]
+    faces = (shape.faces[None] + start).reshape(-1, 3).astype(np.int32)
+    return Shape((vertices + points[:, None, :]).reshape(-1, 3), faces)
 
 
 def _stake(width: float, low: float, high: float) -> Shape:
-    """Four upright faces with shared edges and no lid: 8 vertices, for things seen by thousands."""
+    """Four upright faces with shared edges and no lid, for shapes with thousands of copies."""
     half = 0.5 * width
     corners = np.array([(half, -half), (half, half), (-half, half), (-half, -half), (half, -half)])
     rows = np.stack([np.column_stack([corners, np.full(5, z)]) for z in (low, high)])
@@ -222,14 +218,8 @@ def _turned(shape: Shape, heading: float) -> Shape:
     return Shape(shape.vertices @ rotation.T, shape.faces)
 
 
-# --- Trees beside the road: a few vertices each, merged into a few meshes ---
-
-TREES_PER_KM = 140
-NEAREST, FARTHEST = 15.0, 120.0  # [m] from the pavement's edge
-
-
-def trees(part: Corridor, ground: Ground, rng: np.random.Generator) -> Iterator[tuple[str, Shape]]:
-    """(material, shape) of the trees along a stretch of road, clear of every road."""
+def trees(part: Corridor, ground: Ground, rng: np.random.Generator) -> Parts:
+    """Trees along a stretch of road, clear of every road."""
     length = part.station[-1] - part.station[0]
     count = max(1, int(TREES_PER_KM * length / 1000.0))
     # Groups: a few centres, trees scattered about them.
@@ -245,11 +235,16 @@ def trees(part: Corridor, ground: Ground, rng: np.random.Generator) -> Iterator[
     height = rng.uniform(6.0, 14.0, len(points))
     conifer = rng.random(len(points)) < 0.55
     if np.any(conifer):
-        yield "road_conifer", _copies(_CONIFER, points[conifer], height[conifer])
+        yield "road_conifer", _grown(_CONIFER, points[conifer], height[conifer])
     if np.any(~conifer):
-        yield "road_leaves", _copies(_BROADLEAF, points[~conifer], 0.75 * height[~conifer])
+        yield "road_leaves", _grown(_BROADLEAF, points[~conifer], 0.75 * height[~conifer])
     if len(points):
-        yield "road_trunk", _copies(_TRUNK, points, height)
+        yield "road_trunk", _grown(_TRUNK, points, height)
+
+
+def _grown(shape: Shape, points: FloatArray, height: FloatArray) -> Shape:
+    """Copies of a shape of unit height, scaled to heights [m]."""
+    return _placed(shape.vertices[None] * height[:, None, None], shape, points)
 
 
 def _cone(radius: float, low: float, high: float, sides: int = 7) -> Shape:
@@ -276,14 +271,6 @@ def _crown() -> Shape:
             a, b = i * sides + j, i * sides + (j + 1) % sides
             faces += [(a, b, b + sides), (a, b + sides, a + sides)]
     return Shape(np.concatenate(rows), np.array(faces, dtype=np.int32))
-
-
-def _copies(shape: Shape, points: FloatArray, height: FloatArray) -> Shape:
-    vertices = shape.vertices[None] * height[:, None, None] + points[:, None, :]
-    start = len(shape.vertices) * np.arange(len(points))[:, None, None]
-    return Shape(
-        vertices.reshape(-1, 3), (shape.faces[None] + start).reshape(-1, 3).astype(np.int32)
-    )
 
 
 _CONIFER = merge([_cone(0.24, 0.10, 0.55), _cone(0.19, 0.34, 0.78), _cone(0.13, 0.58, 1.0)])

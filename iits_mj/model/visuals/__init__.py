@@ -1,4 +1,4 @@
-"""How the truck looks: visual geoms without mass or contact, all in geom group 1."""
+"""Visual geoms of the truck, without mass or contact, all in geom group 1."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ from iits_mj.model.visuals.tractor import draw_tractor
 from iits_mj.model.visuals.trailer import draw_trailer
 from iits_mj.model.visuals.wheels import draw_axles
 from iits_mj.parameters import TruckParameters
-
-# --- Materials of the truck's pictures ---
 
 # name: (red, green, blue, alpha), specular, shininess, emission
 TRUCK_MATERIALS = {
@@ -34,25 +32,14 @@ TRUCK_MATERIALS = {
 }
 
 
-def add_materials(spec: mujoco.MjSpec) -> None:
-    """Adds the truck's materials to a specification."""
-    for name, (rgba, specular, shininess, emission) in TRUCK_MATERIALS.items():
-        spec.add_material(
-            name=name, rgba=rgba, specular=specular, shininess=shininess, emission=emission
-        )
-
-
-# --- How the truck looks: visual geoms without mass or contact, all in geom group 1 ---
-
-
 def decorate(spec: mujoco.MjSpec, parameters: TruckParameters, payload: float) -> None:
     """Adds the truck's visual geoms to its bodies.
 
     Args:
       spec: with the bodies `tractor` (origin on the ground below the steer axle), `trailer` (origin
         at the kingpin), the axles and the wheels, as `iits_mj.model.builder` names them.
-      parameters: give every dimension that physics knows; the styling scales with them.
-      payload: [kg]; shown as sealed curtains when laden, open straps when empty.
+      parameters: give the dimensions of the physics; the styling scales with them.
+      payload: [kg]; a laden trailer has buckled curtains, an empty one open straps.
 
     Raises:
       InputError: a body is missing.
@@ -60,7 +47,10 @@ def decorate(spec: mujoco.MjSpec, parameters: TruckParameters, payload: float) -
     for name in ("tractor", "trailer"):
         if spec.body(name) is None:
             raise InputError(f"the specification has no body {name!r} to decorate")
-    add_materials(spec)
+    for name, (rgba, specular, shininess, emission) in TRUCK_MATERIALS.items():
+        spec.add_material(
+            name=name, rgba=rgba, specular=specular, shininess=shininess, emission=emission
+        )
     draw_tractor(spec, parameters)
     draw_trailer(spec, parameters, laden=payload > 0)
     draw_axles(spec, parameters)

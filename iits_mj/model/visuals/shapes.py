@@ -1,7 +1,7 @@
-"""Triangle meshes for pictures: small builders in numpy, and a painter that adds them to a body.
+"""Triangle meshes for pictures: builders in numpy, and a painter that adds them to a body.
 
 All shapes are closed or one-sided surfaces whose triangles run counter-clockwise seen from outside
-(MuJoCo culls the other side). They carry no mass and no contact.
+(MuJoCo culls the other side). They have no mass and no contact.
 """
 
 from __future__ import annotations
@@ -125,15 +125,14 @@ def lathe(profile: ArrayLike, segments: int = 40, lug: ArrayLike | None = None) 
     groove = (np.arange(segments + 1) % 4 >= 2).astype(float)
     parts = []
     for (r0, y0), (r1, y1), d0, d1 in zip(points, points[1:], depth, depth[1:], strict=False):
-        rows = [
-            np.stack(
-                [(r - d * groove) * np.cos(angle), y + 0 * angle, (r - d * groove) * np.sin(angle)],
-                -1,
-            )
-            for r, y, d in ((r0, y0, d0), (r1, y1, d1))
-        ]
+        rows = [_circle(r - d * groove, angle, y) for r, y, d in ((r0, y0, d0), (r1, y1, d1))]
         parts.append(surface(np.stack(rows)))
     return merge(parts)
+
+
+def _circle(radius: ArrayLike, angle: FloatArray, y: float) -> FloatArray:
+    """Points about the y axis, (n, 3), at angles from x towards z."""
+    return np.stack([radius * np.cos(angle), y + 0 * angle, radius * np.sin(angle)], axis=-1)
 
 
 def ring(shape: Shape, count: int, radius: float) -> Shape:
@@ -154,17 +153,16 @@ def arch(
     """A fender about the y axis from angle `start` to `end` [rad], x towards z, y to y + width."""
     angle = np.linspace(start, end, 19)
 
-    def arc(r: float, side: float) -> FloatArray:
-        return np.stack([r * np.cos(angle), side + 0 * angle, r * np.sin(angle)], axis=-1)
-
     outer, inner = radius + thickness, radius
     strips = (
-        (arc(outer, y + width), arc(outer, y)),
-        (arc(inner, y), arc(inner, y + width)),
-        (arc(inner, y + width), arc(outer, y + width)),
-        (arc(outer, y), arc(inner, y)),
+        ((outer, y + width), (outer, y)),
+        ((inner, y), (inner, y + width)),
+        ((inner, y + width), (outer, y + width)),
+        ((outer, y), (inner, y)),
     )
-    return merge(surface(np.stack(strip)) for strip in strips)
+    return merge(
+        surface(np.stack([_circle(r, angle, side) for r, side in strip])) for strip in strips
+    )
 
 
 class Painter:
@@ -179,7 +177,7 @@ class Painter:
         self.origin = np.asarray(origin, dtype=float)
 
     def box(self, name: str, center: Point, size: Point, material: str) -> None:
-        """A box with its full size [m]."""
+        """Adds a box of full size [m]."""
         self._geom(
             name,
             material,
@@ -198,19 +196,24 @@ class Painter:
         *,
         round_ends: bool = False,
     ) -> None:
-        """A cylinder (or capsule) between two points."""
+        """Adds a cylinder (or capsule) between two points."""
         kind = mujoco.mjtGeom.mjGEOM_CAPSULE if round_ends else mujoco.mjtGeom.mjGEOM_CYLINDER
         fromto = [*(self.origin + start), *(self.origin + end)]
         self._geom(name, material, type=kind, fromto=fromto, size=[radius, 0, 0])
 
     def mesh(self, name: str, shape: Shape, material: str) -> None:
-        """A mesh of its own."""
+        """Adds a mesh and a geom that shows it."""
         mesh_name = f"{self.prefix}_{name}"
         add_mesh(self.spec, mesh_name, shape.moved(self.origin))
         self.reuse(name, mesh_name, material)
 
+    def pair(self, name: str, shapes: Shape | Iterable[Shape], material: str) -> None:
+        """Adds shapes on the left side together with their reflection, as one mesh."""
+        shape = shapes if isinstance(shapes, Shape) else merge(shapes)
+        self.mesh(name, shape.with_mirror(), material)
+
     def reuse(self, name: str, mesh_name: str, material: str, quat: Point = (1, 0, 0, 0)) -> None:
-        """A mesh that the specification already has."""
+        """Adds a geom that shows a mesh of the specification."""
         self._geom(
             name, material, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh_name, quat=list(quat)
         )

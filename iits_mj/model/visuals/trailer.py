@@ -1,4 +1,4 @@
-"""The curtain-sider semitrailer: body, livery, guards, legs and lights."""
+"""The curtain-sider semitrailer: body, livery, underbody, rear and lights."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _LETTERS: dict[str, list[list[tuple[float, float]]]] = {
 
 
 def draw_trailer(spec: mujoco.MjSpec, parameters: TruckParameters, *, laden: bool) -> None:
-    """Adds the semitrailer's look to the body `trailer`, whose origin is the kingpin."""
+    """Adds the semitrailer's visual geoms to the body `trailer`, whose origin is the kingpin."""
     height = parameters.fifth_wheel.height
     # Heights below are above the ground.
     painter = Painter(spec, spec.body("trailer"), "trailer", (0.0, 0.0, -height))
@@ -44,69 +44,46 @@ def _body(painter: Painter, p: TruckParameters, *, laden: bool) -> None:
     t = p.semitrailer
     front, rear = t.front_overhang, t.front_overhang - t.length
     middle, half, top = 0.5 * (front + rear), 0.5 * t.width, t.height
-    painter.box(
-        "body",
-        (middle, 0, 0.5 * (FLOOR + 0.14 + top - 0.06)),
-        (t.length - 0.06, t.width - 0.05, top - FLOOR - 0.20),
-        "trailer_curtain",
-    )
-    rails = [
-        ((middle, 0, FLOOR + 0.07), (t.length, t.width, 0.14)),
-        ((middle, half - 0.03, top - 0.05), (t.length, 0.06, 0.10)),
-        ((middle, -half + 0.03, top - 0.05), (t.length, 0.06, 0.10)),
-    ]
-    posts = [
+    size = (t.length - 0.06, t.width - 0.05, top - FLOOR - 0.20)
+    painter.box("body", (middle, 0, 0.5 * (FLOOR + 0.14 + top - 0.06)), size, "trailer_curtain")
+    sides = (half - 0.03, -half + 0.03)
+    frame = [((middle, 0.0, FLOOR + 0.07), (t.length, t.width, 0.14))]
+    frame += [((middle, y, top - 0.05), (t.length, 0.06, 0.10)) for y in sides]
+    frame += [
         ((x, y, 0.5 * (FLOOR + top)), (0.10, 0.06, top - FLOOR))
         for x in (front - 0.05, rear + 0.05)
-        for y in (half - 0.03, -half + 0.03)
+        for y in sides
     ]
-    painter.mesh("frame", boxes(rails + posts), "truck_aluminum")
-    corners = boxes([((front + 0.004, 0, 2.6), (0.01, t.width - 0.24, 2.3))])
-    painter.mesh("front_wall", corners, "trailer_strap")
-    painter.box(
-        "roof", (middle, 0, top - 0.030), (t.length - 0.1, t.width - 0.1, 0.02), "trailer_curtain"
-    )
+    painter.mesh("frame", boxes(frame), "truck_aluminum")
+    wall = boxes([((front + 0.004, 0, 2.6), (0.01, t.width - 0.24, 2.3))])
+    painter.mesh("front_wall", wall, "trailer_strap")
+    size = (t.length - 0.1, t.width - 0.1, 0.02)
+    painter.box("roof", (middle, 0, top - 0.030), size, "trailer_curtain")
     straps = np.arange(rear + 0.45, front - 0.3, STRAP_SPACING)
     # Laden curtains are buckled to the floor; an empty trailer's straps hang shorter.
-    low = FLOOR + (0.02 if laden else 0.30)
-    shapes = [
-        ((x, half - 0.016, 0.5 * (low + top - 0.1)), (0.045, 0.018, top - 0.1 - low))
-        for x in straps
-    ]
-    painter.mesh("straps", boxes(shapes).with_mirror(), "trailer_strap")
+    low, high = FLOOR + (0.02 if laden else 0.30), top - 0.1
+    shapes = [((x, half - 0.016, 0.5 * (low + high)), (0.045, 0.018, high - low)) for x in straps]
+    painter.pair("straps", boxes(shapes), "trailer_strap")
     buckles = [((x, half + 0.002, low + 0.10), (0.06, 0.02, 0.12)) for x in straps]
-    painter.mesh("buckles", boxes(buckles).with_mirror(), "truck_chassis")
+    painter.pair("buckles", boxes(buckles), "truck_chassis")
 
 
 def _livery(painter: Painter, p: TruckParameters) -> None:
     t = p.semitrailer
     y = 0.5 * t.width - 0.0055
     front, rear = t.front_overhang, t.front_overhang - t.length
-
-    def slant(start: float, width: float, low: float, high: float, lean: float) -> Shape:
-        points = [
-            (start, low),
-            (start - width, low),
-            (start - width - lean, high),
-            (start - lean, high),
-        ]
-        return prism(points, y, 0.006)
-
     low, high = FLOOR + 0.16, t.height - 0.11
-    red = [slant(rear + 4.6, 1.25, low, high, -1.2), slant(rear + 2.9, 0.30, low, high, -1.2)]
-    navy = [slant(rear + 2.35, 1.7, low, high, -1.2)]
-    band = prism(
-        [
-            (front - 0.12, low),
-            (rear + 0.12, low),
-            (rear + 0.12, low + 0.22),
-            (front - 0.12, low + 0.22),
-        ],
-        y,
-        0.004,
-    )
-    painter.mesh("stripes", merge(red).with_mirror(), "trailer_stripe")
-    painter.mesh("navy", merge([*navy, band]).with_mirror(), "trailer_navy")
+
+    def slant(start: float, width: float) -> Shape:
+        """A stripe that leans 1.2 m forward from its lower to its upper edge."""
+        top = start + 1.2
+        outline = [(start, low), (start - width, low), (top - width, high), (top, high)]
+        return prism(outline, y, 0.006)
+
+    ends = (front - 0.12, rear + 0.12)
+    band = [(ends[0], low), (ends[1], low), (ends[1], low + 0.22), (ends[0], low + 0.22)]
+    painter.pair("stripes", (slant(rear + 4.6, 1.25), slant(rear + 2.9, 0.30)), "trailer_stripe")
+    painter.pair("navy", (slant(rear + 2.35, 1.7), prism(band, y, 0.004)), "trailer_navy")
     left = _word("IITS", front - 1.3, 2.05, 1.25, y)
     right = _word("IITS", front - 1.3 - 4.45, 2.05, 1.25, y, forward=True).mirrored()
     painter.mesh("name", merge([left, right]), "trailer_navy")
@@ -118,44 +95,34 @@ def _word(word: str, x: float, z: float, size: float, y: float, *, forward: bool
     strokes = []
     cursor = 0.0
     for letter in word:
-        width = 0.55 if letter == "I" else 0.95
         for stroke in _LETTERS[letter]:
-            points = []
-            for u, v in stroke:
-                # Slanted a little, as moving things are.
-                along = cursor + (u - 0.5) * 0.78 * size + 0.14 * size * v
-                points.append((x + sign * along, z + v * size))
+            # The letters are slightly slanted.
+            along = [cursor + (u - 0.5) * 0.78 * size + 0.14 * size * v for u, v in stroke]
+            points = [(x + sign * a, z + v * size) for a, (_, v) in zip(along, stroke, strict=True)]
             strokes.append(prism(points, y, 0.006))
-        cursor += (width + 0.12) * size
+        cursor += ((0.55 if letter == "I" else 0.95) + 0.12) * size
     return merge(strokes)
 
 
 def _underbody(painter: Painter, p: TruckParameters) -> None:
     t = p.semitrailer
-    half = 0.5 * t.width
-    rear = t.front_overhang - t.length
+    half, rear = 0.5 * t.width, t.front_overhang - t.length
     beams = boxes([((rear + 4.6, 0.50, FLOOR - 0.17), (9.0, 0.12, 0.34))]).with_mirror()
-    cross = boxes(
-        [((x, 0, FLOOR - 0.06), (0.08, 2.3, 0.12)) for x in np.arange(rear + 0.6, 0.9, 1.1)]
-    )
-    painter.mesh("beams", merge([beams, cross]), "truck_chassis")
+    cross = [((x, 0, FLOOR - 0.06), (0.08, 2.3, 0.12)) for x in np.arange(rear + 0.6, 0.9, 1.1)]
+    painter.mesh("beams", merge([beams, boxes(cross)]), "truck_chassis")
     painter.box("kingpin_plate", (0.0, 0, FLOOR - 0.028), (2.2, 1.5, 0.05), "truck_chassis")
-    leg = boxes(
-        [
-            ((-2.55, 0.72, 0.82), (0.13, 0.13, 0.66)),
-            ((-2.55, 0.72, 0.47), (0.09, 0.09, 0.20)),
-            ((-2.55, 0.72, 0.37), (0.30, 0.24, 0.03)),
-        ]
-    )
-    brace = boxes([((-2.55, 0, 0.86), (0.06, 1.4, 0.06))])
-    painter.mesh("landing_legs", merge([leg.with_mirror(), brace]), "truck_chassis")
-    first = -t.axles[0].position + 0.75
-    guard = [
-        ((0.5 * (first - 3.0), half - 0.05, z), (abs(first + 3.0), 0.035, 0.13))
-        for z in (0.55, 0.82)
+    leg = [
+        ((-2.55, 0.72, 0.82), (0.13, 0.13, 0.66)),
+        ((-2.55, 0.72, 0.47), (0.09, 0.09, 0.20)),
+        ((-2.55, 0.72, 0.37), (0.30, 0.24, 0.03)),
     ]
-    posts = [((x, half - 0.07, 0.85), (0.06, 0.03, 0.66)) for x in (-3.2, -4.5, first + 0.25)]
-    painter.mesh("side_guards", boxes(guard + posts).with_mirror(), "truck_aluminum")
+    brace = boxes([((-2.55, 0, 0.86), (0.06, 1.4, 0.06))])
+    painter.mesh("landing_legs", merge([boxes(leg).with_mirror(), brace]), "truck_chassis")
+    first = -t.axles[0].position + 0.75
+    size = (abs(first + 3.0), 0.035, 0.13)
+    guards = [((0.5 * (first - 3.0), half - 0.05, z), size) for z in (0.55, 0.82)]
+    guards += [((x, half - 0.07, 0.85), (0.06, 0.03, 0.66)) for x in (-3.2, -4.5, first + 0.25)]
+    painter.pair("side_guards", boxes(guards), "truck_aluminum")
     painter.box("pallet_box", (-4.4, -0.78, 0.72), (2.2, 0.66, 0.52), "truck_chassis")
     painter.cylinder("air_tank", (-3.6, 0.42, 0.72), (-5.2, 0.42, 0.72), 0.15, "truck_aluminum")
     fenders = []
@@ -163,36 +130,28 @@ def _underbody(painter: Painter, p: TruckParameters) -> None:
         tire = p.tires[axle.tire]
         shape = arch(tire.free_radius + 0.045, 0.02, 0.95, 2.19, 0.5 * axle.track - 0.30, 0.60)
         fenders.append(shape.moved((-axle.position, 0.0, tire.free_radius - 0.01)))
-    painter.mesh("fenders", merge(fenders).with_mirror(), "truck_black")
+    painter.pair("fenders", fenders, "truck_black")
 
 
 def _rear(painter: Painter, p: TruckParameters) -> None:
     t = p.semitrailer
-    half, top = 0.5 * t.width, t.height
-    rear = t.front_overhang - t.length
-    middle = 0.5 * (FLOOR + 0.16 + top - 0.14)
-    tall = top - FLOOR - 0.30
+    half, top, rear = 0.5 * t.width, t.height, t.front_overhang - t.length
+    middle, tall = 0.5 * (FLOOR + 0.16 + top - 0.14), top - FLOOR - 0.30
     doors = boxes([((rear - 0.004, 0.5 * half - 0.02, middle), (0.03, half - 0.08, tall))])
-    painter.mesh("doors", doors.with_mirror(), "trailer_curtain")
-    # Flat on the doors: what stands out far throws ragged shadows in a low sun.
-    bars = boxes(
-        [((rear - 0.020, y, middle), (0.014, 0.035, tall + 0.1)) for y in (0.22, 0.86)]
-        + [((rear - 0.024, y - 0.08, 1.75), (0.014, 0.22, 0.05)) for y in (0.30, 0.94)]
-    )
-    hinges = boxes(
-        [((rear - 0.014, half - 0.05, z), (0.03, 0.10, 0.09)) for z in (1.6, 2.3, 3.0, 3.6)]
-    )
-    painter.mesh("door_bars", merge([bars, hinges]).with_mirror(), "truck_aluminum")
-    painter.box(
-        "door_stripe", (rear - 0.0215, 0, 1.52), (0.006, t.width - 0.26, 0.22), "trailer_stripe"
-    )
-    painter.box(
-        "under_run_guard", (rear + 0.06, 0, 0.56), (0.10, t.width - 0.1, 0.14), "truck_aluminum"
-    )
+    painter.pair("doors", doors, "trailer_curtain")
+    # Flat on the doors: protruding parts cast ragged shadows in a low sun.
+    bars = [((rear - 0.020, y, middle), (0.014, 0.035, tall + 0.1)) for y in (0.22, 0.86)]
+    bars += [((rear - 0.024, y - 0.08, 1.75), (0.014, 0.22, 0.05)) for y in (0.30, 0.94)]
+    bars += [((rear - 0.014, half - 0.05, z), (0.03, 0.10, 0.09)) for z in (1.6, 2.3, 3.0, 3.6)]
+    painter.pair("door_bars", boxes(bars), "truck_aluminum")
+    size = (0.006, t.width - 0.26, 0.22)
+    painter.box("door_stripe", (rear - 0.0215, 0, 1.52), size, "trailer_stripe")
+    size = (0.10, t.width - 0.1, 0.14)
+    painter.box("under_run_guard", (rear + 0.06, 0, 0.56), size, "truck_aluminum")
     arms = boxes([((rear + 0.14, 0.5, 0.83), (0.08, 0.10, 0.54))])
-    painter.mesh("guard_arms", arms.with_mirror(), "truck_chassis")
+    painter.pair("guard_arms", arms, "truck_chassis")
     flap = boxes([((-t.axles[-1].position - 0.68, 0.92, 0.55), (0.02, 0.58, 0.6))])
-    painter.mesh("mud_flaps", flap.with_mirror(), "truck_black")
+    painter.pair("mud_flaps", flap, "truck_black")
     painter.box("plate", (rear - 0.005, 0, 0.78), (0.02, 0.50, 0.12), "truck_plate")
 
 
@@ -200,17 +159,11 @@ def _lights(painter: Painter, p: TruckParameters) -> None:
     t = p.semitrailer
     half, rear = 0.5 * t.width, t.front_overhang - t.length
     lamp = boxes([((rear - 0.01, 0.86, 0.98), (0.05, 0.62, 0.17))])
-    painter.mesh("lamp_housings", lamp.with_mirror(), "truck_black")
-    red = boxes(
-        [
-            ((rear - 0.04, 0.72, 0.98), (0.02, 0.26, 0.12)),
-            ((rear - 0.03, half - 0.10, t.height - 0.06), (0.02, 0.12, 0.05)),
-        ]
-    )
-    painter.mesh("tail_lights", red.with_mirror(), "truck_tail_light")
+    painter.pair("lamp_housings", lamp, "truck_black")
+    red = [((rear - 0.04, 0.72, 0.98), (0.02, 0.26, 0.12))]
+    red += [((rear - 0.03, half - 0.10, t.height - 0.06), (0.02, 0.12, 0.05))]
+    painter.pair("tail_lights", boxes(red), "truck_tail_light")
     amber = [((rear - 0.04, 1.02, 0.98), (0.02, 0.24, 0.12))]
-    amber += [
-        ((x, half + 0.004, FLOOR + 0.06), (0.11, 0.02, 0.05))
-        for x in np.arange(rear + 1.0, 1.0, 2.3)
-    ]
-    painter.mesh("marker_lights", boxes(amber).with_mirror(), "truck_amber")
+    along = np.arange(rear + 1.0, 1.0, 2.3)
+    amber += [((x, half + 0.004, FLOOR + 0.06), (0.11, 0.02, 0.05)) for x in along]
+    painter.pair("marker_lights", boxes(amber), "truck_amber")

@@ -1,8 +1,6 @@
-"""Tires, rims and axle beams. The rims' holes and bolts make rotation visible."""
+"""Tires, rims and axle beams; holes and bolts of the rims make rotation visible."""
 
 from __future__ import annotations
-
-import math
 
 import mujoco
 import numpy as np
@@ -60,7 +58,7 @@ def _wheel_parts(tire: Tire) -> dict[str, Shape]:
         disc = [(0.275, face - 0.06), (0.205, face - 0.005), (0.135, face + 0.01)]
         hub = [(0.135, face + 0.01), (0.125, face + 0.055), (0.10, face + 0.07), (0.0, face + 0.07)]
     else:
-        # Outer wheel of a pair: the disc lies deep and the hub comes out of it.
+        # Outer wheel of a pair: the disc is recessed and the hub protrudes.
         disc = [(0.275, face - 0.15), (0.215, face - 0.17), (0.150, face - 0.17)]
         hub = [(0.150, face - 0.17), (0.140, face - 0.03), (0.115, face - 0.01), (0.0, face - 0.01)]
     lip = [(RIM_RADIUS, face - 0.035), (RIM_RADIUS, face - 0.012), (0.285, face - 0.010)]
@@ -89,20 +87,15 @@ def _wheel_parts(tire: Tire) -> dict[str, Shape]:
 
 def _tire(radius: float, width: float) -> Shape:
     half = 0.5 * width
-    profile = [
+    outside = [
         (RIM_RADIUS - 0.01, half - 0.035),
         (RIM_RADIUS + 0.02, half - 0.01),
         (0.5 * (RIM_RADIUS + radius), half),
         (radius - 0.06, half - 0.008),
         (radius - 0.018, half - 0.028),
         (radius, half - 0.06),
-        (radius, -half + 0.06),
-        (radius - 0.018, -half + 0.028),
-        (radius - 0.06, -half + 0.008),
-        (0.5 * (RIM_RADIUS + radius), -half),
-        (RIM_RADIUS + 0.02, -half + 0.01),
-        (RIM_RADIUS - 0.01, -half + 0.035),
     ]
+    profile = outside + [(r, -y) for r, y in reversed(outside)]
     depth = [0, 0, 0, 0, 0.014, 0.008, 0.008, 0.014, 0, 0, 0, 0]
     return lathe(profile, 80, np.array(depth))
 
@@ -115,13 +108,6 @@ def _beam(spec: mujoco.MjSpec, axle: Axle, *, driven: bool) -> None:
     half = 0.5 * axle.track - 0.15
     painter.cylinder("beam", (0, -half, 0), (0, half, 0), 0.075, "truck_chassis")
     if driven:
-        case = lathe(
-            [(0.0, 0.19), (0.13, 0.17), (0.22, 0.06), (0.22, -0.06), (0.13, -0.17), (0.0, -0.19)],
-            20,
-        )
-        painter.mesh("differential", case, "truck_chassis")
-
-
-def fender_angles() -> tuple[float, float]:
-    """Start and end of a fender about the wheel [rad], from ahead over the top to behind."""
-    return math.radians(12.0), math.radians(168.0)
+        half_case = [(0.0, 0.19), (0.13, 0.17), (0.22, 0.06)]
+        case = half_case + [(r, -y) for r, y in reversed(half_case)]
+        painter.mesh("differential", lathe(case, 20), "truck_chassis")

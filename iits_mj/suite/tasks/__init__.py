@@ -1,15 +1,24 @@
 """The tasks of the domain `truck`. A reward is the product of named tolerances in [0, 1]."""
 
-from iits_mj.suite.tasks.base import DrivingTask, PathTask
-from iits_mj.suite.tasks.dock import Dock
+from iits_mj.suite.tasks.base import DrivingTask
 from iits_mj.suite.tasks.highway import Highway
-from iits_mj.suite.tasks.lane_change import LaneChange
-from iits_mj.suite.tasks.lane_keep import LaneKeep
 from iits_mj.suite.tasks.longitudinal import Cruise, HillStart, Stop
-from iits_mj.suite.tasks.platoon import Platoon
-from iits_mj.suite.tasks.tight_turn import TightTurn
+from iits_mj.suite.tasks.maneuvers import Dock, TightTurn
+from iits_mj.suite.tasks.path import LaneChange, LaneKeep, PathTask, Platoon
+
+# Tasks of pedal, brakes and steering wheel by name, for dm_control and Gymnasium.
+DRIVING_TASKS: dict[str, type[DrivingTask]] = {
+    "cruise": Cruise,
+    "stop": Stop,
+    "hill_start": HillStart,
+    "lane_keep": LaneKeep,
+    "lane_change": LaneChange,
+    "tight_turn": TightTurn,
+    "dock": Dock,
+}
 
 __all__ = [
+    "DRIVING_TASKS",
     "Cruise",
     "Dock",
     "DrivingTask",

@@ -16,10 +16,12 @@ from dm_env import specs
 
 from controllers.decision.observation import RANGE_AHEAD, RANGE_BEHIND, ROWS
 from controllers.decision.trip import TripConfig
+from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import read_action
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import Decision
-from iits_mj.simulation.loop import CYCLE_PERIOD, Simulation
+from iits_mj.core.timing import CYCLE_PERIOD
+from iits_mj.simulation.loop import Simulation
 from iits_mj.simulation.truck_world import TruckWorld
 from iits_mj.suite.physics import INSTRUMENTS, Observed, Physics
 from iits_mj.suite.tasks.base import Observations
@@ -189,22 +191,17 @@ class Highway(base.Task):
 
     def get_observation(self, physics: HighwayPhysics) -> Observations:
         """Own speed [m/s] and offset [m]; of the others distance, offset [m], relative speed."""
-        simulation = physics.simulation
-        ego, footprint = simulation.frame.ego, simulation.truck.footprint
-        front = ego.station + footprint.front_overhang
-        seen = [
-            (v.station + 0.5 * v.length - front, v.offset - ego.offset, v.speed - ego.speed)
-            for v in simulation.vehicles
-            if v.lane >= 0
-        ]
-        ahead = sorted(row for row in seen if 0.0 < row[0] <= RANGE_AHEAD)
-        reach = RANGE_BEHIND + footprint.length
-        behind = sorted((row for row in seen if -reach <= row[0] <= 0.0), reverse=True)
+        scene = physics.simulation.scene
+        ego, neighbors = scene.ego, scene.neighbors
+        ahead, behind = neighbors.nearest_by_front(RANGE_AHEAD, RANGE_BEHIND)
+        reach = RANGE_BEHIND + scene.footprint.length
+        columns = neighbors.front_distance, neighbors.offset - ego.offset
+        rows = np.column_stack((*columns, neighbors.speed - ego.speed))
         return collections.OrderedDict(
             speed=np.array([ego.speed]),
             offset=np.array([ego.offset - float(physics.route.lane_offset(0, ego.station))]),
-            ahead=_rows(ahead, _AHEAD, RANGE_AHEAD),
-            behind=_rows(behind, _BEHIND, -reach),
+            ahead=_padded(rows[ahead[:_AHEAD]], _AHEAD, RANGE_AHEAD),
+            behind=_padded(rows[behind[:_BEHIND]], _BEHIND, -reach),
         )
 
     def reward_terms(self, physics: HighwayPhysics) -> dict[str, float]:
@@ -236,6 +233,8 @@ class Highway(base.Task):
         return 0.0 if physics.simulation.failed else 1.0
 
 
-def _rows(found: list[tuple[float, float, float]], count: int, absent: float) -> np.ndarray:
-    rows = (found + [(absent, 0.0, 0.0)] * count)[:count]
-    return np.array(rows).ravel()
+def _padded(rows: FloatArray, count: int, absent: float) -> FloatArray:
+    """Rows of vehicles as one array; missing vehicles are at the distance `absent`."""
+    result = np.tile((absent, 0.0, 0.0), (count, 1))
+    result[: len(rows)] = rows
+    return result.ravel()

@@ -6,21 +6,22 @@ import math
 from typing import ClassVar
 
 import mujoco
-import numpy as np
-from dm_control.utils import rewards
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.suite import scene
 from iits_mj.suite.physics import INSTRUMENTS, WITHOUT_GEAR, Observed, Physics
-from iits_mj.suite.tasks.base import DrivingTask, Observations, comfort
+from iits_mj.suite.tasks.base import LINEAR, DrivingTask, tolerance
 
-_COMFORT = "within 1.3 m/s2 along; 0.1 at 1.5 m/s2 more"
+_COMFORTABLE = "within 1.3 m/s2 along; 0.1 at 1.5 m/s2 more"
 PREVIEW = (25.0, 50.0, 100.0, 200.0, 400.0)
 
 
 class Cruise(DrivingTask):
     """Hold 20 m/s over hills, smoothly."""
 
+    time_limit = 60.0
     target = 20.0
+    road = staticmethod(scene.hills)
     observed: ClassVar[dict[str, Observed]] = {
         **INSTRUMENTS,
         "speed_error": Observed(5.0, "m/s", "speed less 20 m/s", "speed"),
@@ -30,7 +31,7 @@ class Cruise(DrivingTask):
     }
     terms: ClassVar[dict[str, str]] = {
         "speed": "within 0.5 m/s of 20 m/s; 0.1 at 5 m/s more",
-        "comfort": _COMFORT,
+        "comfort": _COMFORTABLE,
     }
 
     def initialize_episode(self, physics: Physics) -> None:
@@ -38,25 +39,22 @@ class Cruise(DrivingTask):
         physics.place(self.random.uniform(30.0, 5_000.0), 0.0, self.random.uniform(15.0, 22.0))
         super().initialize_episode(physics)
 
-    def get_observation(self, physics: Physics) -> Observations:
-        """Instruments, speed error [m/s], and the grade now and 25 to 400 m ahead."""
-        found = super().get_observation(physics)
-        found["speed_error"] = np.array([physics.speed() - self.target])
-        found["grade_ahead"] = physics.grade_ahead((0.0, *PREVIEW))
-        return found
+    def grade_ahead(self, physics: Physics) -> FloatArray:
+        """Grade here and 25 to 400 m ahead, shape (6,)."""
+        return physics.grade_ahead((0.0, *PREVIEW))
 
     def reward_terms(self, physics: Physics) -> dict[str, float]:
         """`speed`: within 0.5 m/s of the target; `comfort`: gentle acceleration."""
-        near = (self.target - 0.5, self.target + 0.5)
-        return {
-            "speed": float(rewards.tolerance(physics.speed(), near, margin=5.0)),
-            "comfort": comfort(physics),
-        }
+        low, high = self.target - 0.5, self.target + 0.5
+        return {"speed": tolerance(physics.speed(), low, high, 5.0), "comfort": _comfort(physics)}
 
 
 class Stop(DrivingTask):
     """Stop the front bumper at a line, and stay there."""
 
+    time_limit = 40.0
+    tags = ("easy",)
+    road = staticmethod(scene.flat)
     observed: ClassVar[dict[str, Observed]] = {
         **INSTRUMENTS,
         "distance": Observed(200.0, "m", "front bumper to the line", "body `tractor`, road"),
@@ -64,18 +62,18 @@ class Stop(DrivingTask):
     terms: ClassVar[dict[str, str]] = {
         "line": "not beyond the line; 0.1 at 2 m beyond",
         "speed": "within 0.3 m/s of a stop at 1.2 m/s2 at the line; 0.1 at 4 m/s more",
-        "comfort": _COMFORT,
+        "comfort": _COMFORTABLE,
     }
     _line = "stop_line"
     line = 0.0  # of the episode [m]
 
     @classmethod
     def edit_spec(cls, spec: mujoco.MjSpec) -> None:
-        """The line, on a mocap body that each episode moves."""
+        """Adds the line on a mocap body, which each episode moves."""
         scene.movable(spec, cls._line, size=(0.25, 4.0, 0.01))
 
     def initialize_episode(self, physics: Physics) -> None:
-        """At 12 to 20 m/s, with the line at 1.3 to 2 times the distance a gentle stop takes."""
+        """At 12 to 20 m/s, with the line at 1.3 to 2 times the distance of a gentle stop."""
         speed = self.random.uniform(12.0, 20.0)
         physics.place(50.0, 0.0, speed)
         front = 50.0 + physics.truck.footprint.front_overhang
@@ -87,28 +85,25 @@ class Stop(DrivingTask):
         """From the front bumper to the line [m], negative beyond it."""
         return self.line - physics.station() - physics.truck.footprint.front_overhang
 
-    def get_observation(self, physics: Physics) -> Observations:
-        """Instruments and distance to the line [m]."""
-        found = super().get_observation(physics)
-        found["distance"] = np.array([self.distance(physics)])
-        return found
-
     def reward_terms(self, physics: Physics) -> dict[str, float]:
         """`line`: not beyond it; `speed`: that of a stop at 1.2 m/s2 there; `comfort`."""
         distance = self.distance(physics)
         wanted = math.sqrt(2.0 * 1.2 * max(distance - 0.5, 0.0))
         error = physics.speed() - min(wanted, 20.0)
         return {
-            "line": float(rewards.tolerance(distance, (0.0, math.inf), margin=2.0)),
-            "speed": float(rewards.tolerance(error, (-0.3, 0.3), margin=4.0)),
-            "comfort": comfort(physics),
+            "line": tolerance(distance, 0.0, math.inf, 2.0),
+            "speed": tolerance(error, -0.3, 0.3, 4.0),
+            "comfort": _comfort(physics),
         }
 
 
 class HillStart(DrivingTask):
     """Start on a grade of 4 to 9 % without rolling back, and get going."""
 
+    time_limit = 20.0
+    tags = ("easy",)
     target = 4.0
+    road = staticmethod(scene.uphill)
     farthest = 0.0  # station reached in the episode [m]
     observed: ClassVar[dict[str, Observed]] = {
         **WITHOUT_GEAR,
@@ -129,27 +124,26 @@ class HillStart(DrivingTask):
         super().initialize_episode(physics)
 
     def after_step(self, physics: Physics) -> None:
-        """Keeps the farthest station reached, from which rolling back counts."""
+        """Updates the farthest station reached, the reference of rolling back."""
         self.farthest = max(self.farthest, physics.station())
         super().after_step(physics)
 
     def rolled_back(self, physics: Physics) -> float:
-        """How far the truck lies behind the farthest point it had reached [m]."""
+        """Distance behind the farthest point reached [m]."""
         return self.farthest - physics.station()
 
-    def get_observation(self, physics: Physics) -> Observations:
-        """Instruments, distance rolled back [m] and the grade."""
-        found = super().get_observation(physics)
-        found["rolled_back"] = np.array([self.rolled_back(physics)])
-        found["grade"] = physics.grade_ahead((0.0,))
-        return found
+    def grade(self, physics: Physics) -> FloatArray:
+        """Grade here, shape (1,)."""
+        return physics.grade_ahead((0.0,))
 
     def reward_terms(self, physics: Physics) -> dict[str, float]:
         """`speed`: 4 m/s or more; `hold`: rolled back by less than 5 cm."""
-        reached = (self.target, math.inf)
-        fast = rewards.tolerance(
-            physics.speed(), reached, margin=self.target, value_at_margin=0.0, sigmoid="linear"
-        )
-        back = self.rolled_back(physics)
-        hold = rewards.tolerance(back, (-math.inf, 0.05), margin=0.5)
-        return {"speed": float(fast), "hold": float(hold)}
+        return {
+            "speed": tolerance(physics.speed(), self.target, math.inf, self.target, **LINEAR),
+            "hold": tolerance(self.rolled_back(physics), -math.inf, 0.05, 0.5),
+        }
+
+
+def _comfort(physics: Physics) -> float:
+    """1 within 1.3 m/s2 of longitudinal acceleration, falling beyond."""
+    return tolerance(physics.acceleration(), -1.3, 1.3, 1.5)

@@ -6,8 +6,7 @@ import numpy as np
 
 from iits_mj.core.messages import VehicleCommand, XbrMode
 from iits_mj.road import RoadMap, Route
-from iits_mj.road.design import Design
-from iits_mj.road.design_build import build
+from iits_mj.road.design import Design, build
 from iits_mj.validation.harness.recorder import PERIOD
 
 _LANE_WIDTH = 4.0

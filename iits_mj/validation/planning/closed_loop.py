@@ -1,12 +1,9 @@
-"""Drives the MuJoCo truck with the whole stack over a road without traffic, and keeps what it did.
-
-Planner every 100 ms, tracker every 20 ms, as in `iits-mj drive`: gear shifts, brakes and steering
-are the truck's own.
-"""
+"""Drives of the MuJoCo truck with the stack on a road without traffic, and their records."""
 
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from zipfile import BadZipFile
@@ -19,14 +16,15 @@ from controllers.stack import Stack
 from controllers.tracking.controller import TrackingConfig
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import Error, InputError
-from iits_mj.core.messages import EgoState, Scene, SpeedProfile, Trajectory, VehicleCommand, XbrMode
+from iits_mj.core.messages import EgoState, Scene, SpeedProfile, VehicleCommand, XbrMode
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
+from iits_mj.simulation.lock_step import DrivenTruck, Driver, LockStep, Observer
 from iits_mj.truck import Truck
 
-# Rates of the stack and of the record [s].
-CONTROL_PERIOD, PLAN_PERIOD = 0.02, 0.1
-_HOLD = 2.0
+# Time in which the brakes of a standing truck build up before it starts [s].
+_BUILD_UP = 2.0
 _COUNTERS = ("engine_work", "driveline_loss", "retarder_work", "brake_work")
 COLUMNS = (
     "time",
@@ -49,58 +47,45 @@ COLUMNS = (
 
 
 @dataclass(frozen=True)
-class Task:
-    """One drive.
-
-    Attributes:
-      route: the road; start, end: stations of the steer axle [m]; speed: at the start [m/s], 0 for
-        a truck that stands braked.
-      cruise_speed: wanted where there is no profile [m/s]; profile: reference speed over station.
-      payload: [kg]; lane: that is kept; timestep: of the physics [s]; time_limit: [s].
-      curve_acceleration: lateral acceleration that bounds the speed in curves [m/s2].
-    """
-
-    route: Route
-    start: float
-    end: float
-    speed: float
-    cruise_speed: float
-    profile: SpeedProfile | None = None
-    payload: float = 36_000.0
-    lane: int = 0
-    timestep: float = 0.002
-    time_limit: float = 3600.0
-    curve_acceleration: float = SpeedConfig.curve_acceleration
-
-
-@dataclass(frozen=True)
 class Record:
-    """Columns named in `COLUMNS` every 20 ms, each of shape (n,); SI."""
+    """Time histories of a drive: named columns every 20 ms, SI; `table` has shape (n, k)."""
 
     table: FloatArray
+    columns: tuple[str, ...] = COLUMNS
 
     def __getitem__(self, name: str) -> FloatArray:
-        """One column by its name."""
-        return np.asarray(self.table[:, COLUMNS.index(name)])
+        """Returns one column, shape (n,)."""
+        return np.asarray(self.table[:, self.columns.index(name)])
 
     def at(self, station: float, name: str) -> float:
-        """A column where the steer axle passes a station."""
+        """Returns a column's value where the steer axle passes a station."""
         return float(np.interp(station, self["station"], self[name]))
 
     def between(self, first: float, last: float) -> Record:
-        """The part of the drive between two stations."""
+        """Returns the part of the drive between two stations."""
         station = self["station"]
-        return Record(self.table[(station >= first) & (station <= last)])
+        return Record(self.table[(station >= first) & (station <= last)], self.columns)
+
+    def after(self, start: float) -> Record:
+        """Returns the drive from a time since its start [s] on."""
+        time = self["time"]
+        return Record(self.table[time >= time[0] + start], self.columns)
+
+    @property
+    def length(self) -> float:
+        """Distance between the first and the last station [m]."""
+        station = self["station"]
+        return float(station[-1] - station[0])
 
     def save(self, path: Path) -> None:
         """Writes the record; the file appears only when it is complete."""
         partial = path.with_name(f".{path.name}.partial.npz")
-        np.savez_compressed(partial, columns=np.array(COLUMNS), table=self.table)
+        np.savez_compressed(partial, columns=np.array(self.columns), table=self.table)
         partial.replace(path)
 
     @classmethod
     def load(cls, path: Path) -> Record:
-        """Reads what `save` wrote.
+        """Reads what `save` wrote, with the columns `COLUMNS`.
 
         Raises:
           InputError: the file is no record of this version.
@@ -119,8 +104,89 @@ class Record:
         return cls(table)
 
 
-def drive(task: Task, parameters: TruckParameters | None = None) -> Record:
-    """Drives from the start to the end station.
+class Recorder(Observer):
+    """Keeps a row of figures for every command.
+
+    Args:
+      columns: names of the figures.
+      row: the figures of a state and the command that answers it.
+    """
+
+    def __init__(
+        self,
+        columns: tuple[str, ...],
+        row: Callable[[EgoState, VehicleCommand], Sequence[float]],
+    ) -> None:
+        self._columns = columns
+        self._row = row
+        self._rows: list[Sequence[float]] = []
+
+    def commanded(self, ego: EgoState, wanted: VehicleCommand, obeyed: VehicleCommand) -> None:
+        """Adds a row."""
+        del wanted
+        self._rows.append(self._row(ego, obeyed))
+
+    def record(self) -> Record:
+        """Returns the rows so far."""
+        return Record(np.array(self._rows), self._columns)
+
+
+def run_recorded(
+    truck: DrivenTruck,
+    driver: Driver,
+    recorder: Recorder,
+    scenes: Callable[[EgoState], Scene],
+    *,
+    timestep: float,
+    duration: float,
+    until: Callable[[EgoState], bool] = lambda _: False,
+) -> tuple[Record, bool]:
+    """Drives a truck and records it.
+
+    Args:
+      truck: at its start.
+      driver: who drives.
+      recorder: of this drive.
+      scenes: what the driver sees.
+      timestep: of the truck's physics [s].
+      duration: at most [s].
+      until: whether a state is the last one.
+
+    Returns:
+      The record, the last state included, and whether a state ended the drive.
+    """
+    lock_step = LockStep(truck, driver, scenes, [recorder], timestep=timestep)
+    ended = lock_step.advance(duration, until)
+    return recorder.record(), ended
+
+
+@dataclass(frozen=True)
+class DriveTask:
+    """A drive from one station to another.
+
+    Attributes:
+      route: the road; start, end: stations of the steer axle [m]; speed: at the start [m/s], 0 for
+        a standing truck with its brakes applied.
+      cruise_speed: wanted where there is no profile [m/s]; profile: reference speed over station.
+      payload: [kg]; lane: that is kept; timestep: of the physics [s]; time_limit: [s].
+      curve_acceleration: lateral acceleration that bounds the speed in curves [m/s2].
+    """
+
+    route: Route
+    start: float
+    end: float
+    speed: float
+    cruise_speed: float
+    profile: SpeedProfile | None = None
+    payload: float = 36_000.0
+    lane: int = 0
+    timestep: float = TIMESTEP
+    time_limit: float = 3600.0
+    curve_acceleration: float = SpeedConfig.curve_acceleration
+
+
+def drive(task: DriveTask, parameters: TruckParameters | None = None) -> Record:
+    """Drives a task and records `COLUMNS` up to the end station.
 
     Raises:
       InputError: the truck does not get to the end within the time limit.
@@ -136,7 +202,8 @@ def drive(task: Task, parameters: TruckParameters | None = None) -> Record:
     offset = float(task.route.lane_offset(task.lane, task.start))
     truck.reset(station=task.start, offset=offset, speed=task.speed)
     if task.speed == 0.0:
-        _hold(truck)
+        truck.command(xbr_demand=-1.0, xbr_mode=XbrMode.MAXIMUM)
+        truck.step(round(_BUILD_UP / task.timestep))
     speed = SpeedConfig(cruise_speed=task.cruise_speed, curve_acceleration=task.curve_acceleration)
     stack = Stack(
         task.route,
@@ -145,53 +212,45 @@ def drive(task: Task, parameters: TruckParameters | None = None) -> Record:
         parameters=truck.parameters,
         profile=task.profile,
     )
-    steps = round(CONTROL_PERIOD / task.timestep)
-    calls = round(PLAN_PERIOD / CONTROL_PERIOD)
-    rows = []
-    for tick in range(round(task.time_limit / CONTROL_PERIOD)):
-        ego = truck.observe()
-        if ego.station >= task.end:
-            break
-        if tick % calls == 0:
-            trajectory = stack.plan(Scene(ego.time, ego, (), truck.footprint))
-        command = stack.control(ego)
-        rows.append(_row(truck, ego, trajectory, command))
-        truck.command(command)
-        truck.step(steps)
-    else:
+
+    def row(ego: EgoState, command: VehicleCommand) -> list[float]:
+        plan = stack.last_trajectory
+        assert plan is not None
+        return [
+            ego.time,
+            ego.station,
+            ego.offset,
+            ego.speed,
+            float(np.interp(ego.time, plan.time, plan.speed)),
+            ego.acceleration,
+            float(ego.gear),
+            float(ego.shift_in_process),
+            ego.engine_speed,
+            ego.engine_torque,
+            ego.fuel_used,
+            command.accelerator_pedal,
+            command.xbr_demand,
+            command.engine_brake,
+            command.retarder,
+            *(truck.read(name) for name in _COUNTERS),
+        ]
+
+    record, arrived = run_recorded(
+        truck,
+        stack,
+        Recorder(COLUMNS, row),
+        lambda ego: Scene(ego.time, ego, (), truck.footprint),
+        timestep=task.timestep,
+        duration=task.time_limit,
+        until=lambda ego: ego.station >= task.end,
+    )
+    if not arrived:
         raise InputError(
-            f"the truck is at {ego.station:.0f} m after {task.time_limit:.0f} s: "
+            f"the truck is at {record['station'][-1]:.0f} m after {task.time_limit:.0f} s: "
             f"it does not get to {task.end:.0f} m"
         )
-    if len(rows) < 2:
+    # The last state lies beyond the end.
+    record = Record(record.table[:-1])
+    if len(record.table) < 2:
         raise Error(f"the drive from {task.start:g} to {task.end:g} m has no length")
-    return Record(np.array(rows))
-
-
-def _hold(truck: Truck) -> None:
-    """Lets the brakes of a standing truck build up, as after a stop."""
-    truck.command(xbr_demand=-1.0, xbr_mode=XbrMode.MAXIMUM)
-    truck.step(round(_HOLD / truck.model.opt.timestep))
-
-
-def _row(
-    truck: Truck, ego: EgoState, trajectory: Trajectory, command: VehicleCommand
-) -> list[float]:
-    return [
-        ego.time,
-        ego.station,
-        ego.offset,
-        ego.speed,
-        float(np.interp(ego.time, trajectory.time, trajectory.speed)),
-        ego.acceleration,
-        float(ego.gear),
-        float(ego.shift_in_process),
-        ego.engine_speed,
-        ego.engine_torque,
-        ego.fuel_used,
-        command.accelerator_pedal,
-        command.xbr_demand,
-        command.engine_brake,
-        command.retarder,
-        *(truck.read(name) for name in _COUNTERS),
-    ]
+    return record

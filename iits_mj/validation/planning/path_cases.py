@@ -1,26 +1,38 @@
-"""The manoeuvres of `path_tracking`: what disturbs a truck on its path, one function each."""
+"""Manoeuvres that disturb a truck on its path: wind, bends, turns, braking, pushes, wrong models.
+
+Planner and tracker drive the MuJoCo truck without traffic; every manoeuvre is recorded.
+"""
 
 from __future__ import annotations
 
 import math
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from controllers.decision.base import DecisionContext
-from iits_mj.core.messages import Decision, EgoState, VehicleCommand, XbrMode
+from controllers.decision.base import DecisionContext, DecisionMaker
+from controllers.planning.planner import PlannerConfig
+from controllers.planning.speed_plan import SpeedConfig
+from controllers.stack import Stack
+from iits_mj.core.arrays import FloatArray
+from iits_mj.core.messages import Decision, EgoState, Scene, VehicleCommand, XbrMode
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
-from iits_mj.road.design import Design
-from iits_mj.road.design_build import build
+from iits_mj.road.design import Design, build
 from iits_mj.truck import Truck
 from iits_mj.validation.handling.side_wind import SideWind
-from iits_mj.validation.planning.path_run import PERIOD, Override, PathRun, drive_path
+from iits_mj.validation.planning.closed_loop import Record, Recorder, run_recorded
 
 # More than any surface gives, so that ABS works [m/s2].
 FULL_BRAKING = -8.0
-# Deviation of what the controller is told, white at 50 Hz, as after the sensors' own filters: 6 mm,
+# A turn of the steering wheel back by more than this is a reversal: half the gear's play [rad].
+REVERSAL = np.deg2rad(1.0)
+# Standard deviation of the measured state, white at 50 Hz, as after the sensors' own filters: 6 mm,
 # 0.015 deg, 1 cm/s, 0.03 deg/s, 0.03 deg at the hitch and 0.006 deg at the road wheels.
 NOISE = {
     "x": 0.006,
@@ -32,13 +44,223 @@ NOISE = {
     "articulation": 5.2e-4,
     "road_wheel_angle": 1.0e-4,
 }
+# Figures of a run, SI. error: of the steer axle to the left of the planned path; wheel: actual
+# angle of the steering wheel; trailer: offset of the trailer's axle group from the lane's middle;
+# spare: from the trailer's outer side at its axle group to the lane's line; wind: across the road;
+# cost: time of one call of the tracker; lane_changes: completed so far.
+COLUMNS = (
+    "time",
+    "station",
+    "speed",
+    "error",
+    "wheel",
+    "articulation",
+    "articulation_rate",
+    "trailer",
+    "spare",
+    "wind",
+    "cost",
+    "lane_changes",
+)
 _STRAIGHT_BEFORE, _STRAIGHT_AFTER = 60.0, 500.0
+
+Override = Callable[[EgoState, VehicleCommand], VehicleCommand]
+
+
+def rms_error(run: Record) -> float:
+    """Returns the root mean square of the lateral error [m]."""
+    return float(np.sqrt(np.mean(run["error"] ** 2)))
+
+
+def peak_error(run: Record) -> float:
+    """Returns the greatest lateral error [m]."""
+    return float(np.max(np.abs(run["error"])))
+
+
+def wheel_reversals(run: Record) -> float:
+    """Returns the reversals of the steering wheel by more than `REVERSAL` [1/km]."""
+    return count_reversals(run["wheel"], float(REVERSAL)) / (run.length / 1e3)
+
+
+def wheel_rates(run: Record) -> FloatArray:
+    """Returns the magnitudes of the steering wheel's rate [rad/s]."""
+    return np.asarray(np.abs(np.diff(run["wheel"])) / CONTROL_PERIOD)
+
+
+def count_reversals(angle: FloatArray, threshold: float) -> int:
+    """Returns how often an angle, shape (n,), turns back by more than a threshold."""
+    count, direction = 0, 0
+    low = high = float(angle[0])
+    for value in angle.tolist():
+        low, high = min(low, value), max(high, value)
+        if direction >= 0 and high - value > threshold:
+            count += direction > 0
+            direction, low = -1, value
+        elif direction <= 0 and value - low > threshold:
+            count += direction < 0
+            direction, high = 1, value
+        elif direction > 0:
+            low = value
+        elif direction < 0:
+            high = value
+    return count
+
+
+def settling_time(run: Record, since: float, share: float) -> float:
+    """Returns the time until the articulation rate stays below a share of its peak [s].
+
+    Args:
+      run: of which.
+      since: start of the measurement [s].
+      share: of the peak [1].
+    """
+    rate = np.abs(run["articulation_rate"][run["time"] >= since])
+    beyond = np.flatnonzero(rate > share * rate.max())
+    return float((beyond[-1] + 1) * CONTROL_PERIOD)
+
+
+class _TimedStack(Stack):
+    """A stack that measures its tracker.
+
+    Attributes:
+      cost: time of the last call [s].
+    """
+
+    cost = 0.0
+
+    def control(self, ego: EgoState) -> VehicleCommand:
+        begun = time.perf_counter()
+        command = super().control(ego)
+        self.cost = time.perf_counter() - begun
+        return command
+
+
+class _DisturbedTruck:
+    """A truck in wind and under other disturbances, seen through its sensors.
+
+    Args:
+      truck: at the start of its run.
+      wind: across the road.
+      reported: the state that the driver is given for a true one.
+      override: the command that the truck obeys, for its true state and the driver's command.
+      disturb: called before each 20 ms of physics with the time since the start [s].
+
+    Attributes:
+      state: the true one; side: wind across the road [m/s], both at the last observation.
+    """
+
+    def __init__(
+        self,
+        truck: Truck,
+        wind: SideWind | None,
+        reported: Callable[[EgoState], EgoState],
+        override: Override,
+        disturb: Callable[[Truck, float], None],
+    ) -> None:
+        self._truck, self._wind = truck, wind
+        self._reported, self._override, self._disturb = reported, override, disturb
+        self._start = truck.time
+        self.state, self.side = EgoState(), 0.0
+
+    def observe(self) -> EgoState:
+        state = self.state = self._truck.observe()
+        self.side = 0.0 if self._wind is None else self._wind.at(state.station)
+        heading = float(self._truck.route.evaluate(state.station).heading)
+        self._truck.model.opt.wind[:2] = -np.sin(heading) * self.side, np.cos(heading) * self.side
+        return self._reported(state)
+
+    def command(self, command: VehicleCommand) -> None:
+        self._truck.command(self._override(self.state, command))
+
+    def step(self, n: int) -> None:
+        self._disturb(self._truck, self._truck.time - self._start)
+        self._truck.step(n)
+
+
+def drive_path(
+    route: Route,
+    payload: float,
+    timestep: float,
+    *,
+    cruise: float,
+    duration: float,
+    speed: float,
+    station: float = 50.0,
+    parameters: dict[str, Any] | None = None,
+    wind: SideWind | None = None,
+    maker: DecisionMaker | None = None,
+    reported: Callable[[EgoState], EgoState] = lambda ego: ego,
+    override: Override = lambda _, command: command,
+    disturb: Callable[[Truck, float], None] = lambda _, __: None,
+    end: float = math.inf,
+) -> Record:
+    """Drives the truck on the right lane of a route without traffic; records `COLUMNS`.
+
+    Args:
+      route: the road.
+      payload: [kg].
+      timestep: of the physics [s].
+      cruise: speed to keep where the road allows it [m/s].
+      duration: at most [s].
+      speed: at the start [m/s].
+      station: at the start [m].
+      parameters: overlay of the truck's, of which the controllers do not know.
+      wind: across the road.
+      maker: decides on lane changes; default: none.
+      reported: the state that the controllers are given, to test errors in it.
+      override: changes the command, to test braking.
+      disturb: called before each 20 ms of physics with the time since the start [s].
+      end: station at which to stop the run [m].
+    """
+    truck = Truck.load(
+        payload, route=route, parameters=parameters, timestep=timestep, visuals=False
+    )
+    truck.reset(station=station, offset=float(route.lane_offset(0, station)), speed=speed)
+    config = PlannerConfig(lanes=(0, 1), speed=SpeedConfig(cruise_speed=cruise))
+    stack = _TimedStack(route, maker, config, None, TruckParameters.load())
+    disturbed = _DisturbedTruck(truck, wind, reported, override, disturb)
+    trailer, hitch = truck.parameters.semitrailer, truck.parameters.fifth_wheel.position
+    behind = hitch + float(np.mean([axle.position for axle in trailer.axles]))
+
+    def row(_: EgoState, __: VehicleCommand) -> tuple[float, ...]:
+        state = disturbed.state
+        place = state.station - behind
+        lane = route.lane_at(place, state.trailer_offset)
+        lane = min(max(lane, 0), route.lane_count(place) - 1)
+        middle = float(route.lane_offset(lane, place))
+        room = 0.5 * (float(route.lane_width(lane, place)) - trailer.width)
+        aside = state.trailer_offset - middle
+        return (
+            state.time,
+            state.station,
+            state.speed,
+            stack.tracker.lateral.error,
+            state.steering_wheel_angle,
+            state.articulation,
+            state.articulation_rate,
+            aside,
+            room - abs(aside),
+            disturbed.side,
+            stack.cost,
+            stack.lane_changes,
+        )
+
+    record, _ = run_recorded(
+        disturbed,
+        stack,
+        Recorder(COLUMNS, row),
+        lambda ego: Scene(ego.time, ego),
+        timestep=timestep,
+        duration=duration,
+        until=lambda _: disturbed.state.station > end,
+    )
+    return record
 
 
 def turn_road(
     radius: float, angle: float, clothoid: float, cross_slope: float = 0.0, lane_width: float = 4.0
 ) -> Route:
-    """A level one-lane road with one bend between two straights.
+    """Returns a level one-lane road with one bend between two straights.
 
     Args:
       radius: positive to the left [m].
@@ -94,13 +316,14 @@ class _ChangeOnce:
 
 def highway(
     payload: float, timestep: float, wind: SideWind | None, start: float, end: float
-) -> PathRun:
-    """The built-in highway at the speeds that it allows, 60 to 80 km/h, between two stations."""
+) -> Record:
+    """Drives the built-in highway between two stations at its speeds, 60 to 80 km/h."""
     route = RoadMap.builtin().route()
-    truck = Truck.load(payload, route=route, timestep=timestep, visuals=False)
     speed = min(80.0 * KMH, route.speed_limit(start))
     run = drive_path(
-        truck,
+        route,
+        payload,
+        timestep,
         cruise=80.0 * KMH,
         duration=2.0 * (end - start) / speed,
         station=start,
@@ -108,64 +331,57 @@ def highway(
         wind=wind,
         end=end,
     )
-    # The truck is put on the road with its wheel straight and nothing known of the wind.
+    # The truck starts with its wheel straight and without an estimate of the wind.
     return run.after(4.0)
 
 
-def fast_bends(payload: float, timestep: float, wind: SideWind) -> PathRun:
-    """A bend of 500 m at 90 km/h, with cross-slope and gusts."""
-    route = turn_road(500.0, 1.0, 150.0, cross_slope=0.04)
-    truck = Truck.load(payload, route=route, timestep=timestep, visuals=False)
+def fast_bends(payload: float, timestep: float, wind: SideWind) -> Record:
+    """Drives a bend of 500 m at 90 km/h, with cross-slope and gusts."""
+    route, speed = turn_road(500.0, 1.0, 150.0, cross_slope=0.04), 90.0 * KMH
     return drive_path(
-        truck,
-        cruise=90.0 * KMH,
+        route,
+        payload,
+        timestep,
+        cruise=speed,
         duration=60.0,
         station=25.0,
-        speed=90.0 * KMH,
+        speed=speed,
         wind=wind,
         end=route.length - 400.0,
     )
 
 
-def pull_away(payload: float, timestep: float, wind: SideWind) -> PathRun:
-    """From standstill towards 90 km/h on a straight road in wind, for a minute."""
-    truck = Truck.load(payload, route=Route.straight(5000.0), timestep=timestep, visuals=False)
-    return drive_path(truck, cruise=90.0 * KMH, duration=60.0, station=50.0, speed=0.0, wind=wind)
+def pull_away(payload: float, timestep: float, wind: SideWind) -> Record:
+    """Drives from standstill towards 90 km/h on a straight road in wind, for a minute."""
+    route = Route.straight(5000.0)
+    return drive_path(
+        route, payload, timestep, cruise=90.0 * KMH, duration=60.0, speed=0.0, wind=wind
+    )
 
 
-def junction(payload: float, timestep: float, radius: float, speed: float) -> PathRun:
-    """From standstill through a right angle of a small radius."""
+def junction(payload: float, timestep: float, radius: float, speed: float) -> Record:
+    """Drives from standstill through a right angle of a small radius."""
     route = turn_road(radius, 0.5 * np.pi, 8.0, lane_width=6.0)
-    truck = Truck.load(payload, route=route, timestep=timestep, visuals=False)
+    end = route.length - _STRAIGHT_AFTER + 40.0
     return drive_path(
-        truck,
-        cruise=speed,
-        duration=200.0,
-        station=25.0,
-        speed=0.0,
-        end=route.length - _STRAIGHT_AFTER + 40.0,
+        route, payload, timestep, cruise=speed, duration=200.0, station=25.0, speed=0.0, end=end
     )
 
 
-def lane_change(payload: float, timestep: float, speed: float) -> PathRun:
-    """One change to the left on a straight road."""
-    truck = Truck.load(payload, route=Route.straight(2000.0), timestep=timestep, visuals=False)
+def lane_change(payload: float, timestep: float, speed: float) -> Record:
+    """Changes once to the left on a straight road."""
+    route, maker = Route.straight(2000.0), _ChangeOnce(2.0)
     return drive_path(
-        truck,
-        cruise=speed,
-        duration=16.0,
-        station=50.0,
-        speed=speed,
-        maker=_ChangeOnce(2.0),
+        route, payload, timestep, cruise=speed, duration=16.0, speed=speed, maker=maker
     )
 
 
-def brake_in_bend(payload: float, timestep: float, friction: float, speed: float) -> PathRun:
-    """Full braking to standstill in the middle of a bend of 400 m."""
-    route = turn_road(400.0, 1.2, 120.0).with_friction(friction, friction)
-    truck = Truck.load(payload, route=route, timestep=timestep, visuals=False)
+def brake_in_bend(payload: float, timestep: float, friction: float, speed: float) -> Record:
+    """Brakes fully to standstill in the middle of a bend of 400 m."""
     return drive_path(
-        truck,
+        turn_road(400.0, 1.2, 120.0).with_friction(friction, friction),
+        payload,
+        timestep,
         cruise=speed,
         duration=40.0,
         station=120.0,
@@ -174,31 +390,23 @@ def brake_in_bend(payload: float, timestep: float, friction: float, speed: float
     )
 
 
-def split_braking(payload: float, timestep: float, high: float, low: float) -> PathRun:
-    """Full braking from 50 km/h with good grip on the left and little on the right (ISO 16234)."""
-    route = Route.straight(2000.0).with_friction(high, low)
-    truck = Truck.load(payload, route=route, timestep=timestep, visuals=False)
+def split_braking(payload: float, timestep: float, high: float, low: float) -> Record:
+    """Brakes fully from 50 km/h with friction `high` left and `low` right (ISO 16234)."""
+    route, speed = Route.straight(2000.0).with_friction(high, low), 50.0 * KMH
+    braking = _full_braking(after=3.0)
     return drive_path(
-        truck,
-        cruise=50.0 * KMH,
-        duration=30.0,
-        station=50.0,
-        speed=50.0 * KMH,
-        override=_full_braking(after=3.0),
+        route, payload, timestep, cruise=speed, duration=30.0, speed=speed, override=braking
     )
 
 
 def _full_braking(after: float) -> Override:
-    """An override that brakes fully from a time [s] on until the truck stands."""
+    """Returns an override that brakes fully from a time [s] on until the truck stands."""
 
     def override(state: EgoState, command: VehicleCommand) -> VehicleCommand:
         if state.time < after:
             return command
         return replace(
-            command,
-            accelerator_pedal=0.0,
-            xbr_demand=FULL_BRAKING,
-            xbr_mode=XbrMode.MAXIMUM,
+            command, accelerator_pedal=0.0, xbr_demand=FULL_BRAKING, xbr_mode=XbrMode.MAXIMUM
         )
 
     return override
@@ -206,8 +414,8 @@ def _full_braking(after: float) -> Override:
 
 def side_impulse(
     payload: float, timestep: float, speed: float, force: float, *, steered: bool
-) -> PathRun:
-    """A push to the left on the trailer's centre of gravity for half a second, from 5 s on.
+) -> Record:
+    """Pushes the trailer's centre of gravity to the left for half a second, from 5 s on.
 
     Args:
       payload: [kg].
@@ -216,44 +424,34 @@ def side_impulse(
       force: [N].
       steered: by the controller; else the wheel is held straight from the push on.
     """
-    truck = Truck.load(payload, route=Route.straight(5000.0), timestep=timestep, visuals=False)
-    body = truck.model.body("trailer").id
 
-    def push(pushed: Truck, time: float) -> None:
-        pushed.data.xfrc_applied[body, 1] = force if 5.0 <= time < 5.5 else 0.0
+    def push(truck: Truck, time: float) -> None:
+        truck.data.body("trailer").xfrc_applied[1] = force if 5.0 <= time < 5.5 else 0.0
 
     def hold(state: EgoState, command: VehicleCommand) -> VehicleCommand:
-        return (
-            command if steered or state.time < 5.0 else replace(command, steering_wheel_angle=0.0)
-        )
+        free = steered or state.time < 5.0
+        return command if free else replace(command, steering_wheel_angle=0.0)
 
     return drive_path(
-        truck,
+        Route.straight(5000.0),
+        payload,
+        timestep,
         cruise=speed,
         duration=17.0,
-        station=50.0,
         speed=speed,
         override=hold,
         disturb=push,
     )
 
 
-def settling_time(run: PathRun, since: float, share: float) -> float:
-    """Time from `since` [s] until the articulation rate stays below a share of its peak [s]."""
-    after = run.time >= since
-    rate = np.abs(run.articulation_rate[after])
-    beyond = np.flatnonzero(rate > share * rate.max())
-    return float((beyond[-1] + 1) * PERIOD)
-
-
 def measured(ego: EgoState, noise: float, generator: np.random.Generator) -> EgoState:
-    """A state as sensors of this noise would give it, white at 50 Hz."""
+    """Returns a state as sensors of this noise measure it, white at 50 Hz."""
     errors = noise * generator.normal(size=len(NOISE)) * np.array(list(NOISE.values()))
     pairs = zip(NOISE, errors.tolist(), strict=True)
     return replace(ego, **{name: getattr(ego, name) + error for name, error in pairs})
 
 
-def unlike_the_model(
+def wrong_model(
     timestep: float,
     wind: SideWind | None,
     *,
@@ -261,18 +459,17 @@ def unlike_the_model(
     mass: float = 1.0,
     dead_band: float = 1.0,
     noise: float = 0.0,
-) -> PathRun:
-    """Laden, 30 s of the highway: the truck is not what its controller believes.
+) -> Record:
+    """Drives 30 s of the highway laden; the truck differs from the model of its controller.
 
     Args:
       timestep: [s].
       wind: across the road.
-      stiffness: cornering stiffness of all tires over that believed.
-      mass: reported over that of the truck.
-      dead_band: of the steering over that believed.
-      noise: of what is measured, over `NOISE`.
+      stiffness: cornering stiffness of all tires over the model's.
+      mass: reported mass over the truck's.
+      dead_band: of the steering over the model's.
+      noise: of the measured state, over `NOISE`.
     """
-    route = RoadMap.builtin().route()
     plain, generator = TruckParameters.load(), np.random.default_rng(0)
     overlay = {
         "tires": {
@@ -281,13 +478,15 @@ def unlike_the_model(
         },
         "steering": {"dead_band": dead_band * plain.steering.dead_band},
     }
-    truck = Truck.load(route=route, parameters=overlay, timestep=timestep, visuals=False)
     run = drive_path(
-        truck,
+        RoadMap.builtin().route(),
+        plain.payload.mass_max,
+        timestep,
         cruise=80.0 * KMH,
         duration=34.0,
         station=5200.0,
         speed=80.0 * KMH,
+        parameters=overlay,
         wind=wind,
         reported=lambda ego: measured(replace(ego, mass=mass * ego.mass), noise, generator),
     )

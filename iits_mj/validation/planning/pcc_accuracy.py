@@ -7,12 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controllers.pcc import PccConfig, RoadProfile
-from controllers.pcc.solver import Solver, on_finer_road
+import iits_mj.validation.planning.pcc_hermite  # noqa: F401  registers "finite_elements"
+from controllers.pcc import PccConfig, RoadProfile, Solution
+from controllers.pcc import solve as solve_task
+from controllers.pcc.planner import evaluate, on_finer_road
 from controllers.pcc.vehicle import durations
 from iits_mj.core.errors import PlanningError
-from iits_mj.core.results import Check
-from iits_mj.validation.planning import pcc_hermite
+from iits_mj.core.results import Check, Line, Panel
+from iits_mj.core.units import KMH
 from iits_mj.validation.planning.pcc_bound import certificate
 from iits_mj.validation.planning.pcc_case import Case, balance, bound, solve
 
@@ -30,7 +32,7 @@ EQUAL_TIME = 1e-4  # relative difference of trip times
 class Elements:
     """The finite elements in time of a case, or the reason why there are none."""
 
-    answer: pcc_hermite.HermiteAnswer | None
+    answer: Solution | None
     reason: str = ""
 
 
@@ -45,7 +47,7 @@ def finite_elements(case: Case, length_max: float = ELEMENTS_MAX) -> Elements:
     speed = case.solution.baseline.speed
     try:
         return Elements(
-            pcc_hermite.solve(case.vehicle, case.task, speed, time_limit=_ELEMENTS_SECONDS)
+            solve_task(case.task, speed, "finite_elements", time_limit=_ELEMENTS_SECONDS)
         )
     except PlanningError as error:
         return Elements(None, f"no finite elements in time: {error}")
@@ -111,7 +113,7 @@ def element_checks(case: Case, elements: Elements, must: str = "") -> list[Check
         ),
         Check(
             "finite elements: set-up and solve",
-            answer.build_time + answer.wall_time,
+            answer.solve_time,
             "s",
             PAPER_SECONDS,
         ),
@@ -134,7 +136,7 @@ def convergence_checks(case: Case, fine: RoadProfile, optima: bool = False) -> l
     task = replace(case.task, b_low=low, b_high=high, time_max=best.plan.time)
     must = f"<= {_CONVERGED:g}" if equal_times(case) and equal_times(other) else ""
     try:
-        answer = Solver(case.vehicle, road.intervals, road.step).solve(task, case.answer.speed)
+        answer = solve_task(task, case.answer.speed)
     except PlanningError:
         apart = 100.0 * abs(case.solution.fuel / best.fuel - 1.0)
         return [Check(f"fuel on the {grids}, in other trip times", apart, "%", 0.0)]
@@ -157,6 +159,30 @@ def equal_times(case: Case) -> bool:
     """Whether the plan takes as long as the cruise."""
     solution = case.solution
     return abs(solution.plan.time / solution.baseline.time - 1.0) <= EQUAL_TIME
+
+
+def panels(case: Case, elements: Elements) -> list[Panel]:
+    """Returns the paper's four panels: road, speed, engine power, accumulated fuel."""
+    road, solution = case.road, case.solution
+    node = road.station / 1e3
+    middle = 0.5 * (node[1:] + node[:-1])
+    drives = [("cruise", solution.baseline, "reference"), ("plan", solution.plan, "simulation")]
+    if elements.answer is not None:
+        speed = elements.answer.speed
+        drives.append(("finite elements", evaluate(case.vehicle, case.fuel_map, road, speed), ""))
+    speeds, powers, fuels = [], [], []
+    for label, drive, role in drives:
+        used = np.concatenate([[0.0], np.cumsum(drive.map_fuel)])
+        speeds.append(Line(label, node, drive.speed / KMH, role))
+        powers.append(Line(label, middle, np.maximum(drive.power, 0.0) / 1e3, role))
+        fuels.append(Line(label, node, 1e3 * used, role))
+    place = "station [km]"
+    return [
+        Panel("Road", place, "height [m]", (Line("road", node, road.height),)),
+        Panel("Speed", place, "speed [km/h]", tuple(speeds)),
+        Panel("Engine power", place, "power [kW]", tuple(powers)),
+        Panel("Accumulated fuel", place, "fuel [g]", tuple(fuels)),
+    ]
 
 
 def energy_checks(case: Case) -> list[Check]:
@@ -186,8 +212,7 @@ def cold_seconds(case: Case) -> float:
     seconds = []
     for _ in range(_KEPT):
         began = time.perf_counter()
-        solver = Solver(case.vehicle, case.road.intervals, case.road.step)
-        solver.solve(case.task, case.solution.baseline.speed)
+        solve_task(case.task, case.solution.baseline.speed)
         seconds.append(time.perf_counter() - began)
     return min(seconds)
 
@@ -210,8 +235,7 @@ def cost_checks(case: Case, kilometers: float) -> list[Check]:
     began = time.perf_counter()
     long = solve(road, config, case.vehicle.mass, case.parameters)
     whole = time.perf_counter() - began
-    took = long.solution.build_time + long.solution.solve_time
-    gap = long.cost(long.answer.speed) / certificate(long.vehicle, long.task, long.answer) - 1.0
+    gap = long.cost(long.answer.speed) / certificate(long.task, long.answer) - 1.0
     return [
         Check(
             f"{case.road.length / 1e3:.0f} km at {case.road.step:g} m, set-up and solve, cold",
@@ -222,7 +246,7 @@ def cost_checks(case: Case, kilometers: float) -> list[Check]:
         ),
         Check(
             f"{kilometers:.0f} km at {road.step:g} m, set-up and solve, cold",
-            took,
+            long.answer.solve_time,
             "s",
             None,
             f"<= {LONG_SECONDS * kilometers / 1e3:g}",

@@ -1,4 +1,4 @@
-"""A lower bound on the cost of every speed plan, from a convex relaxation and weak duality.
+"""Lower bound on the cost of every speed plan, by a convex relaxation and weak duality.
 
 A plan on the grid is b = v^2 at the nodes, work E of the engine and duration t of each interval:
 
@@ -11,14 +11,14 @@ A plan on the grid is b = v^2 at the nodes, work E of the engine and duration t 
 
 `v[k] + v[k+1]` is concave in b, so (1) is a convex function of b, and so is the term of k_a, a
 square over a concave function. `E^2 / t` is convex in (E, t) together. Only the equality (1) is not
-convex. The relaxation asks `t >= 2 ds / (v[k] + v[k+1])` in its place: every plan stays feasible at
+convex. The relaxation has `t >= 2 ds / (v[k] + v[k+1])` in its place: every plan stays feasible at
 its own cost, so the relaxed optimum is at most the cost of any plan. Where it meets (1), which it
 does as long as waiting does not pay (`f0 + price > f2 P^2` off the limits of power), the relaxed
-optimum is itself a plan: then that plan is the global optimum. Where waiting would pay it is held
-by `t <= ds (c(b[k]) + c(b[k+1])) / 2`, with c the chord of `1 / sqrt(b)` over the bounds of b.
-Every plan keeps to that too: a harmonic mean is at most the arithmetic one, a chord lies above.
-The bounds of b are first narrowed to what full power leaves: the fastest drive there is, and the
-slowest from which the least speeds ahead can still be reached.
+optimum is itself a plan: then that plan is the global optimum. Where waiting would pay,
+`t <= ds (c(b[k]) + c(b[k+1])) / 2` limits it, with c the chord of `1 / sqrt(b)` over the bounds of
+b. Every plan satisfies that, too: a harmonic mean is at most the arithmetic one, a chord lies
+above. The bounds of b are first narrowed to what full power leaves: the fastest drive, and the
+slowest one from which the least speeds ahead can still be reached.
 
 The number is a bound even if the relaxed problem is solved inexactly. With multipliers y >= 0 the
 Lagrangian L(x, y) is at most the cost for every feasible x; it is convex in x, so it lies above its
@@ -26,9 +26,9 @@ tangent at any point z, whose least value over the box of x is a sum over the co
 
     cost(x) >= L(x, y) >= L(z, y) + sum min over the box of dL/dx (x - z)
 
-(weak duality; S. Boyd, L. Vandenberghe, Convex Optimization, sections 5.1.3 and 3.1.3). A fence
-only takes plans away, so the bound, which leaves it out, holds for fenced problems too. Power,
-brakes and trip time have the room here that the optimizer has.
+(weak duality; S. Boyd, L. Vandenberghe, Convex Optimization, sections 5.1.3 and 3.1.3). A vehicle
+ahead only removes plans, so the bound, which ignores it, holds behind a vehicle, too. Power, brakes
+and trip time have the same room as in the optimizer.
 """
 
 from __future__ import annotations
@@ -39,8 +39,9 @@ from typing import Any
 
 import numpy as np
 
-from controllers.pcc.feasibility import enough_speeds, require_feasible
-from controllers.pcc.solver import Answer, Task, with_room
+from controllers.pcc.problem import with_room
+from controllers.pcc.profile import RoadProfile
+from controllers.pcc.task import Solution, SpeedTask, require_feasible
 from controllers.pcc.vehicle import PointMass
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import PlanningError
@@ -48,19 +49,20 @@ from iits_mj.core.errors import PlanningError
 # Units inside the solver: b [m2/s2], E [J], t [s], cost [kg].
 _B, _E, _T, _COST = 400.0, 3e5, 2.5, 0.1
 _ROUNDING = 1e-7  # of v^2, relative
-_AT_LIMIT = 1e-3  # relative; a multiplier where there is none is found to be zero
+_AT_LIMIT = 1e-3  # relative distance from a limit that counts as on it
+_HALVINGS = 40
 
 
 @dataclass(frozen=True)
 class LowerBound:
-    """What no plan of the task can beat.
+    """Lower bound on the cost of every plan of a task.
 
     Attributes:
       cost: lower bound on the cost [kg]; that on the fuel when k_a and the prices are zero.
-      relaxed: optimum of the relaxation as the solver gives it [kg].
+      relaxed: optimum of the relaxation as IPOPT gives it [kg].
       slack: greatest excess of t over (1), relative; zero where the relaxation is a plan.
       speed: node speeds of the relaxation, shape (n + 1,) [m/s].
-      converged: whether the solver says so; the bound holds either way.
+      converged: whether IPOPT converged; the bound holds either way.
       wall_time: with setting up [s].
     """
 
@@ -72,25 +74,20 @@ class LowerBound:
     wall_time: float
 
     def gap(self, cost: float) -> float:
-        """How far a plan's cost [kg] can be above the global optimum at most, relative."""
+        """Greatest distance of a plan's cost [kg] from the global optimum, relative."""
         return cost / self.cost - 1.0 if self.cost > 0.0 else np.inf
 
 
-def lower_bound(vehicle: PointMass, task: Task) -> LowerBound:
+def lower_bound(task: SpeedTask) -> LowerBound:
     """Lower bound on the cost of the task; use `replace(task, k_a=0.0)` for that on the fuel.
 
     Raises:
-      PlanningError: no drive keeps to the task, or a speed of it may be zero.
+      PlanningError: no drive keeps to the task, or a speed limit is infinite.
     """
     began = time.perf_counter()
-    if not (np.isfinite(task.b_high).all() and task.b_low.min() > 0.0):
-        raise PlanningError("the bound needs speed limits above 0 that are finite at every node")
-    if (task.b_low > task.b_high + 1e-9).any():
-        k = int(np.argmax(task.b_low - task.b_high))
-        raise PlanningError(
-            f"at station {task.road.station[k]:.0f} m the least speed is above the greatest"
-        )
-    relaxation = _Relaxation(vehicle, task)
+    if not np.isfinite(task.b_high).all():
+        raise PlanningError("the bound needs speed limits that are finite at every node")
+    relaxation = Relaxation(task)
     point, multipliers, relaxed, converged = relaxation.solve()
     cost = relaxation.dual_value(point, multipliers)
     b, _, t = point
@@ -105,22 +102,22 @@ def lower_bound(vehicle: PointMass, task: Task) -> LowerBound:
     )
 
 
-def certificate(vehicle: PointMass, task: Task, answer: Answer) -> float:
-    """Lower bound on the cost [kg] from a plan's own multipliers, with nothing solved: O(n).
+def certificate(task: SpeedTask, solution: Solution) -> float:
+    """Lower bound on the cost [kg] from a solution's own multipliers, without solving: O(n).
 
-    The price of trip time and the costates q of the plan say which multipliers y the relaxation
-    has where it meets (1). With G = f1 + 2 f2 P and A = f0 + prices - f2 P^2 stationarity by E and
-    t gives, with g the multiplier of full power (s = 1, limit p = P_max) or of overrun (s = -1,
-    p = P_drag), zero between both,
+    The price of trip time and the costates q of the solution give the multipliers y of the
+    relaxation where it meets (1). With G = f1 + 2 f2 P and A = f0 + prices - f2 P^2 stationarity by
+    E and t gives, with g the multiplier of full power (s = 1, limit p = P_max) or of overrun
+    (s = -1, p = P_drag), zero between both,
 
         multiplier of N: (G + s g) ds / eta,     multiplier of (1): A - p g
 
-    and what v^2 at the interval's start is worth is q[k]: one linear equation for g. Where the
+    and q[k] is the worth of v^2 at the interval's start: one linear equation for g. Where the
     relaxation is loose the bound is only weaker; `lower_bound` then finds the best one.
     """
-    relaxation = _Relaxation(vehicle, task)
-    vehicle, task = relaxation.vehicle, relaxation.task
-    v, fuel, ds = answer.speed, vehicle.fuel, task.road.step
+    relaxation = Relaxation(task)
+    task, vehicle = relaxation.task, relaxation.task.vehicle
+    v, fuel, ds = solution.speed, vehicle.fuel, task.road.step
     b, sums, gain = v**2, v[1:] + v[:-1], np.diff(v**2)
     t = 2.0 * ds / sums
     net = vehicle.net_force(v, task.road)
@@ -131,10 +128,10 @@ def certificate(vehicle: PointMass, task: Task, answer: Answer) -> float:
     lever = ds / vehicle.efficiency
     inertia = vehicle.inertial_mass / (2.0 * ds) - 0.5 * vehicle.drag
     force = fuel.f1 + 2.0 * fuel.f2 * power
-    wait = fuel.f0 + task.price_time + answer.time_price - fuel.f2 * power**2
+    wait = fuel.f0 + task.price_time + solution.time_price - fuel.f2 * power**2
     by_time = ds / (sums**2 * v[:-1])
     calm = task.k_a * (gain / (ds * sums) + gain**2 / (4.0 * ds * sums**2 * v[:-1]))
-    missing = answer.costate[:-1] - wait * by_time - calm - lever * force * inertia
+    missing = solution.costate[:-1] - wait * by_time - calm - lever * force * inertia
     full = power >= vehicle.power_max * (1.0 - _AT_LIMIT)
     over = power <= -vehicle.power_drag * (1.0 - _AT_LIMIT)
     of_full = np.where(full, missing / (lever * inertia - vehicle.power_max * by_time), 0.0)
@@ -144,19 +141,22 @@ def certificate(vehicle: PointMass, task: Task, answer: Answer) -> float:
     late = wait - vehicle.power_max * of_full - vehicle.power_drag * of_over
     columns = (np.maximum(-push, 0.0), np.maximum(push, 0.0), of_full, of_over)
     table = np.column_stack([*columns, np.maximum(late, 0.0), np.zeros(late.size)])
-    return relaxation.dual_value((b, work, t), np.vstack([table, [answer.time_price, *[0.0] * 5]]))
+    return relaxation.dual_value(
+        (b, work, t), np.vstack([table, [solution.time_price, *[0.0] * 5]])
+    )
 
 
-class _Relaxation:
+class Relaxation:
     """The convex problem of one task."""
 
-    def __init__(self, vehicle: PointMass, task: Task) -> None:
-        vehicle, task = self.vehicle, self.task = with_room(vehicle, task)
+    def __init__(self, task: SpeedTask) -> None:
+        task = self.task = with_room(task)
+        vehicle = task.vehicle
         self.step = task.road.step
         self.slope = vehicle.slope_force(task.road.grade)
         # No drive is faster than full power makes it, nor so slow that it misses a least speed
         # ahead: the narrower the box, the closer the chord.
-        fastest = require_feasible(vehicle, task) ** 2 * (1.0 + _ROUNDING)
+        fastest = require_feasible(task) ** 2 * (1.0 + _ROUNDING)
         slowest = enough_speeds(vehicle, task.road, np.sqrt(task.b_low), np.sqrt(fastest)) ** 2
         low = np.maximum(task.b_low, slowest * (1.0 - _ROUNDING))
         high = np.maximum(np.minimum(task.b_high, fastest), low)
@@ -188,7 +188,7 @@ class _Relaxation:
         """
         import casadi as ca
 
-        vehicle, n, ds = self.vehicle, self.task.road.intervals, self.step
+        vehicle, n, ds = self.task.vehicle, self.task.road.intervals, self.step
         b, work, t = ca.SX.sym("b", n + 1), ca.SX.sym("E", n), ca.SX.sym("t", n)
         b_, work_, t_ = b * _B, work * _E, t * _T
         v = ca.sqrt(b_)
@@ -255,7 +255,7 @@ class _Relaxation:
         self, point: tuple[FloatArray, FloatArray, FloatArray], multipliers: FloatArray
     ) -> float:
         """Lower bound [kg] of multipliers >= 0, from the Lagrangian's tangent at any point."""
-        vehicle, task, ds = self.vehicle, self.task, self.step
+        vehicle, task, ds = self.task.vehicle, self.task, self.step
         b, work, t = point
         v = np.sqrt(b)
         sums, gain = v[1:] + v[:-1], np.diff(b)
@@ -300,6 +300,43 @@ class _Relaxation:
         ):
             value += np.minimum(slope * (low - at), slope * (high - at)).sum()
         return float(value)
+
+
+def enough_speeds(
+    vehicle: PointMass, road: RoadProfile, low: FloatArray, fastest: FloatArray
+) -> FloatArray:
+    """Least node speeds (n + 1,) from which full power still reaches all least speeds ahead.
+
+    Args:
+      vehicle: the truck.
+      road: with n intervals.
+      low: least speeds, shape (n + 1,).
+      fastest: greatest speeds of any drive, shape (n + 1,), at least `low`.
+    """
+    push, half = vehicle.inertial_mass / (2.0 * road.step), 0.5 * vehicle.drag
+    work = 2.0 * vehicle.efficiency * vehicle.power_max
+    slope = vehicle.slope_force(road.grade)
+
+    def missing(k: int, v: float, w: float) -> float:
+        """Force that full power lacks to come from v to w in interval k [N]."""
+        return float((push + half) * w * w + (half - push) * v * v + slope[k] - work / (v + w))
+
+    speed = np.array(low, dtype=float)
+    lacks = (push + half) * low[1:] ** 2 + (half - push) * low[:-1] ** 2 + slope
+    for last in np.flatnonzero(lacks > work / (low[1:] + low[:-1]))[::-1]:
+        for k in range(int(last), -1, -1):
+            w, below, above = float(speed[k + 1]), float(speed[k]), float(fastest[k])
+            if missing(k, below, w) <= 0.0:
+                break
+            # Halving keeps to the side from which w is not reached: never more than is needed.
+            for _ in range(_HALVINGS):
+                middle = 0.5 * (below + above)
+                if missing(k, middle, w) > 0.0:
+                    below = middle
+                else:
+                    above = middle
+            speed[k] = below
+    return speed
 
 
 def _pack(b: FloatArray, work: FloatArray, t: FloatArray) -> FloatArray:

@@ -6,17 +6,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controllers.pcc import PccConfig, PccSolution, RoadProfile, plan
+from controllers.pcc import (
+    PccComparison,
+    PccConfig,
+    RoadProfile,
+    Solution,
+    SpeedTask,
+    plan,
+)
+from controllers.pcc import solve as solve_task
 from controllers.pcc.fuel import FuelMap
-from controllers.pcc.planner import least_speeds, make_vehicle
-from controllers.pcc.solver import Answer, Solver, Task
-from controllers.pcc.vehicle import PointMass, durations, full_power_speed
+from controllers.pcc.vehicle import PointMass, durations
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import PlanningError
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 from iits_mj.validation.planning.pcc_bound import certificate, lower_bound
 
+PAPER_SAVING_PERCENT = 21.68
 _TIGHT = 1e-4  # relative gap that is as good as none
 _RELAXED_MAX = 1_500_000.0  # [m]: IPOPT needs 3 s for the relaxation of 100 km, and memory
 # Gauss points of an interval, for integrals of the exact motion.
@@ -33,10 +40,10 @@ class Case:
       config: its settings; parameters: of the truck; fuel_map: of its engine.
     """
 
-    solution: PccSolution
+    solution: PccComparison
     vehicle: PointMass
-    task: Task
-    answer: Answer
+    task: SpeedTask
+    answer: Solution
     config: PccConfig
     parameters: TruckParameters
     fuel_map: FuelMap
@@ -48,9 +55,7 @@ class Case:
 
     def cost(self, speed: FloatArray) -> float:
         """Fuel and term of k_a of node speeds (n + 1,) by the optimizer's model [kg]."""
-        acceleration = np.diff(speed**2) / (2.0 * self.road.step)
-        calm = float(acceleration**2 @ durations(speed, self.road))
-        return float(self.vehicle.fuel_of(speed, self.road).sum()) + self.task.k_a * calm
+        return self.task.cost(speed)
 
 
 def solve(
@@ -70,16 +75,10 @@ def solve(
         raise PlanningError(
             f"on road {road.name!r} the cruise burns no fuel at all: nothing can be saved"
         )
-    fuel_map = FuelMap(parameters)
-    vehicle = make_vehicle(parameters, fuel_map, mass, config)
-    base = solution.baseline.speed
-    cap = np.minimum(road.v_limit, max(config.v_max, solution.v_set))
-    low = least_speeds(full_power_speed(vehicle, road, float(base[0]), cap), base, config.v_min)
-    b_low, b_high = low**2, np.maximum(cap, low) ** 2
-    b_low[[0, -1]] = b_high[[0, -1]] = base[[0, -1]] ** 2
-    task = Task(road, b_low, b_high, solution.baseline.time, np.zeros(base.size), 1e-3 * config.k_a)
-    answer = Solver(vehicle, road.intervals, road.step).solve(task, base)
-    return Case(solution, vehicle, task, answer, config, parameters, fuel_map)
+    # The trip time by the clock of the cruise, which differs from the plan's task by rounding.
+    task = replace(solution.task, time_max=solution.baseline.time)
+    answer = solve_task(task, solution.baseline.speed)
+    return Case(solution, task.vehicle, task, answer, config, parameters, FuelMap(parameters))
 
 
 def bound(case: Case, k_a: float) -> tuple[float, float]:
@@ -98,12 +97,11 @@ def bound(case: Case, k_a: float) -> tuple[float, float]:
         task, answer = case.task, case.answer
     else:
         task = replace(case.task, k_a=k_a)
-        solver = Solver(case.vehicle, case.road.intervals, case.road.step)
-        answer = solver.solve(task, case.answer.speed)
-    cost = replace(case, task=task).cost(answer.speed)
-    least = certificate(case.vehicle, task, answer)
+        answer = solve_task(task, case.answer.speed)
+    cost = task.cost(answer.speed)
+    least = certificate(task, answer)
     if cost > least * (1.0 + _TIGHT) and case.road.length < _RELAXED_MAX:
-        least = max(least, lower_bound(case.vehicle, task).cost)
+        least = max(least, lower_bound(task).cost)
     return least, cost / least - 1.0 if least > 0.0 else np.inf
 
 

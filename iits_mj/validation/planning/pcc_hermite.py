@@ -1,25 +1,27 @@
-"""The paper's transcription: cubic Hermite finite elements in time, for comparison.
+"""The paper's transcription of a speed task: cubic Hermite finite elements in time.
+
+Importing this module registers the method `finite_elements` of `controllers.pcc.solver.solve`.
 
 Unknown are station and speed at the ends of n elements of equal duration h = T / n, the paper's
 
     X = [s_1, v_1, s_2, v_2, ..., s_n, v_n]
 
 between which s(t) is the cubic of these values; v and a are its derivatives. At Gauss points of
-each element (Legendre, weights w) stand the engine's power P as further unknown and, with the force
-that the motion asks for, N = m_e a + R(grade(s)) + k_air v^2, the limits
+each element (Legendre, weights w) the engine's power P is a further unknown. With the force that
+the motion asks for, N = m_e a + R(grade(s)) + k_air v^2, these limits hold there:
 
     0 <= eta P - N v <= B_max v,    -P_drag <= P <= P_max,    b_low(s) <= v^2 <= b_high(s)
 
-so that brakes take what is over. The cost is the paper's integral of fuel rate and k_a a^2, by the
-same quadrature: h sum w (f0 + f1 P + f2 P^2 + k_a a^2). First and last s and v are given, a fence
-is a greatest station at each element's end. The grade is the derivative of the quintic spline
-through the heights, so that the paper's derivative of the cost over s is there and continuous;
-bounds of v^2 are linear between the road's nodes, as in the distance domain, and hold at the Gauss
-points and at the elements' ends.
+The brakes take the rest. The cost is the paper's integral of fuel rate and k_a a^2, by the same
+quadrature: h sum w (f0 + f1 P + f2 P^2 + k_a a^2). First and last s and v are given; a vehicle
+ahead gives a greatest station at each element's end. The grade is the derivative of the quintic
+spline through the heights, so that the derivative of the cost by s is continuous; bounds of v^2 are
+linear between the road's nodes, as in the distance domain, and hold at the Gauss points and at the
+elements' ends.
 
-At which station the truck is at a time is unknown here, so the road enters as a curve over an
-unknown, and the problem has local optima: over the paper's road they differ by 0.03 % of the fuel,
-more with longer elements. Over distance the road is data, and the problem has the bound of
+The station at a time is unknown here, so the road enters as a curve over an unknown, and the
+problem has local optima: over the paper's road they differ by 0.03 % of the fuel, more with longer
+elements. In the distance domain the road is data, and the problem has the bound of
 `iits_mj.validation.planning.pcc_bound`.
 """
 
@@ -31,8 +33,9 @@ from typing import Any
 
 import numpy as np
 
-from controllers.pcc.solver import Task
-from controllers.pcc.vehicle import PointMass, durations
+from controllers.pcc.solver import register
+from controllers.pcc.task import Solution, SpeedTask
+from controllers.pcc.vehicle import passing_times
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import PlanningError
 from iits_mj.core.units import GRAVITY
@@ -42,25 +45,18 @@ _S, _V, _P, _COST = 100.0, 10.0, 1e5, 0.1
 _SAMPLES = 40
 
 
-@dataclass(frozen=True)
-class HermiteAnswer:
-    """The optimum.
+@dataclass(frozen=True, kw_only=True)
+class ElementsSolution(Solution):
+    """The optimum; its fuel and cost are by the elements' own quadrature.
 
     Attributes:
-      clock, node_station, node_speed: X of the finite elements, shape (elements + 1,).
-      speed: at the nodes of the road, shape (n + 1,) [m/s].
-      fuel: by the elements' own quadrature [kg]; without the term of k_a.
-      iterations: of IPOPT; wall_time: of it [s]; build_time: to set the problem up [s].
+      clock, node_station, node_speed: X of the finite elements with their times, shape
+        (elements + 1,).
     """
 
     clock: FloatArray
     node_station: FloatArray
     node_speed: FloatArray
-    speed: FloatArray
-    fuel: float
-    iterations: int
-    wall_time: float
-    build_time: float
 
 
 def basis(tau: FloatArray) -> FloatArray:
@@ -85,19 +81,19 @@ def basis(tau: FloatArray) -> FloatArray:
     return np.array([value, first, second])
 
 
-def solve(
-    vehicle: PointMass,
-    task: Task,
+@register("finite_elements")
+def finite_elements(
+    task: SpeedTask,
     guess: FloatArray,
+    *,
     element: float = 100.0,
     points: int = 4,
     time_limit: float = 120.0,
-) -> HermiteAnswer:
-    """Solves the task with elements of about `element` [m] at the mean speed.
+) -> ElementsSolution:
+    """Solves a task with elements of about `element` [m] at the mean speed.
 
     Args:
-      vehicle: the truck.
-      task: as of the distance domain; its trip time is used up, its prices are not known here.
+      task: with a trip time, which is used up, and without prices.
       guess: speeds at the road's nodes, shape (n + 1,) [m/s].
       element: mean length of an element [m].
       points: Gauss points of an element; 4 integrate the cost of a given P exactly.
@@ -109,9 +105,11 @@ def solve(
     if not np.isfinite(task.time_max):
         raise PlanningError("finite elements in time need a trip time that is given")
     if task.price_time != 0.0 or task.price_energy != 0.0:
-        raise PlanningError("finite elements in time know no price of time or of end speed")
+        raise PlanningError("finite elements in time have no price of time or of end speed")
+    import casadi as ca
+
     began = time.perf_counter()
-    problem = _Problem(vehicle, task, element, points)
+    program = ElementsProgram(task, element, points)
     options: dict[str, Any] = {
         "print_time": False,
         "ipopt.print_level": 0,
@@ -119,16 +117,11 @@ def solve(
         "ipopt.max_iter": 500,
         "ipopt.tol": 1e-6,
         "ipopt.max_wall_time": time_limit,
-        # The units above scale the problem; IPOPT's own scaling led it astray on short elements.
+        # The units above scale the problem; IPOPT's own scaling fails on short elements.
         "ipopt.nlp_scaling_method": "none",
     }
-    import casadi as ca
-
-    solver = ca.nlpsol("hermite", "ipopt", problem.program, options)
-    build_time = time.perf_counter() - began
-    began = time.perf_counter()
-    result = solver(x0=problem.start(guess), **problem.bounds())
-    wall_time = time.perf_counter() - began
+    solver = ca.nlpsol("hermite", "ipopt", program.functions, options)
+    result = solver(x0=program.start(guess), **program.bounds())
     statistics = solver.stats()
     if not statistics["success"]:
         raise PlanningError(
@@ -136,27 +129,32 @@ def solve(
             f"{statistics['return_status']} after {statistics['iter_count']} iterations"
         )
     x = np.asarray(result["x"]).ravel()
-    n = problem.elements
+    n = program.elements
     station, speed = x[: n + 1] * _S, x[n + 1 : 2 * n + 2] * _V
-    return HermiteAnswer(
-        clock=np.asarray(problem.duration * np.arange(n + 1), dtype=float),
+    intervals = task.road.intervals
+    return ElementsSolution(
+        speed=_speed_over(station, speed, program.duration, program.station),
+        cost=float(result["f"]) * _COST,
+        fuel=float(program.fuel(x)),
+        method="finite_elements",
+        iterations=int(statistics["iter_count"]),
+        solve_time=time.perf_counter() - began,
+        time_price=np.nan,
+        costate=np.full(intervals + 1, np.nan),
+        interval_price=np.full(intervals, np.nan),
+        clock=np.asarray(program.duration * np.arange(n + 1), dtype=float),
         node_station=station + task.road.station[0],
         node_speed=speed,
-        speed=_speed_over(station, speed, problem.duration, problem.station),
-        fuel=float(problem.fuel(x)),
-        iterations=int(statistics["iter_count"]),
-        wall_time=wall_time,
-        build_time=build_time,
     )
 
 
-class _Problem:
+class ElementsProgram:
     """The nonlinear program: x = [s, v at the elements' ends, P at the Gauss points]."""
 
-    def __init__(self, vehicle: PointMass, task: Task, element: float, points: int) -> None:
+    def __init__(self, task: SpeedTask, element: float, points: int) -> None:
         import casadi as ca
 
-        self.vehicle, self.task = vehicle, task
+        self.task, vehicle = task, task.vehicle
         self.station = task.road.station - task.road.station[0]
         # A B-spline is zero outside its knots, so the road goes on a little at both ends.
         step = task.road.step
@@ -179,7 +177,7 @@ class _Problem:
         where, fast = ca.vertcat(at, s * _S), ca.vertcat(speed, v * _V)
         low, high = (self._bound(b)(where.T).T for b in (task.b_low, task.b_high))
         x = ca.vertcat(s, v, power)
-        self.program = {
+        self.functions = {
             "x": x,
             "f": (burnt + task.k_a * ca.dot(weight, acceleration**2)) / _COST,
             "g": ca.vertcat(
@@ -203,10 +201,10 @@ class _Problem:
         return ca.vec(sum(terms))
 
     def _needed_power(self, station: Any, speed: Any, acceleration: Any) -> Any:
-        """Power at the wheels that the motion asks for [W]."""
+        """Power at the wheels for the motion [W]."""
         from scipy.interpolate import make_interp_spline
 
-        vehicle, road = self.vehicle, self.task.road
+        vehicle, road = self.task.vehicle, self.task.road
         before, after = road.height[0] - road.height[1], road.height[-1] - road.height[-2]
         height = np.pad(road.height, 1, mode="edge") + _at_ends(before, after, road.height.size)
         slope = _curve(make_interp_spline(self.padded, height, 5).derivative())
@@ -224,19 +222,19 @@ class _Problem:
 
     def bounds(self) -> dict[str, FloatArray]:
         """Bounds of unknowns and rows."""
-        task, vehicle, n = self.task, self.vehicle, self.elements
+        task, vehicle, n = self.task, self.task.vehicle, self.elements
         clock = self.duration * np.arange(n + 1)
         farthest = np.full(n + 1, self.station[-1])
-        if task.fence.max() > 0.0:
+        if task.behind:
             # The last station whose earliest time is past.
-            earliest = np.maximum.accumulate(task.fence)
+            earliest = np.maximum.accumulate(task.earliest)
             farthest = np.minimum(farthest, np.interp(clock, earliest, self.station))
         nearest = np.zeros(n + 1)
         nearest[-1] = self.station[-1]
         farthest[0] = 0.0
         if farthest[-1] < nearest[-1]:
             raise PlanningError(
-                f"the fence lets nobody pass the end of the road within {task.time_max:.1f} s"
+                f"the vehicle ahead is still in the way after a trip time of {task.time_max:.1f} s"
             )
         slowest = np.full(n + 1, np.sqrt(task.b_low.min()))
         fastest = np.full(n + 1, np.sqrt(task.b_high.max()))
@@ -255,12 +253,12 @@ class _Problem:
 
     def start(self, guess: FloatArray) -> FloatArray:
         """Unknowns from speeds at the road's nodes."""
-        clock = np.concatenate([[0.0], np.cumsum(durations(guess, self.task.road))])
+        clock = passing_times(guess, self.task.road)
         at = np.interp(np.linspace(0.0, clock[-1], self.elements + 1), clock, self.station)
         ends = np.concatenate([at / _S, np.interp(at, self.station, guess) / _V])
         need = np.asarray(self._need(np.concatenate([ends, np.zeros(self.count)]))).ravel()
-        top = 0.95 * self.vehicle.power_max / _P
-        power = np.clip(need / self.vehicle.efficiency / _P, 0.02 * top, top)
+        top = 0.95 * self.task.vehicle.power_max / _P
+        power = np.clip(need / self.task.vehicle.efficiency / _P, 0.02 * top, top)
         return np.concatenate([ends, power])
 
 

@@ -36,9 +36,11 @@ from iits_mj.validation.planning.pcc_accuracy import (
     energy_checks,
     equal_times,
     finite_elements,
+    panels,
     warm_up,
 )
 from iits_mj.validation.planning.pcc_case import (
+    PAPER_SAVING_PERCENT,
     Case,
     bound,
     scaled_heights,
@@ -46,7 +48,6 @@ from iits_mj.validation.planning.pcc_case import (
     with_power,
     with_rolling,
 )
-from iits_mj.validation.planning.pcc_command import PAPER_SAVING_PERCENT, panels
 
 PAPER_LENGTH = 15_000.0
 MPH = 0.44704  # [m/s]

@@ -1,9 +1,13 @@
-"""One road, one truck: the cruise and the fuel-optimal plan, both driven on the MuJoCo truck.
+"""Drives the constant-speed cruise and the fuel-optimal plan on the MuJoCo truck.
 
-The cruise is driven first, for a wanted mean speed once more with a better set speed. Its trip time
-is the plan's, its speeds at both ends as well, and it tells what power the plan counts on. The
-plan's time budget is then corrected until the *driven* trip times agree: gear changes, which the
-planner does not know, cost some time. What differs in the end is priced by the plan's multipliers.
+The cruise is driven first, for a wanted mean speed again with a better set speed. The plan gets its
+trip time and its speeds at both ends. The plan's time budget is then corrected until the *driven*
+trip times agree: gear changes, which the planner does not know, cost some time. The remaining
+difference is priced by the plan's multipliers.
+
+The planner's point mass gets the power with which its own cruise takes as long as the driven one.
+That is less than the engine's greatest power: gear changes interrupt the pull, the turbocharger
+must catch up after them, and the gearbox shifts down at some 1200 rpm.
 """
 
 from __future__ import annotations
@@ -17,41 +21,286 @@ from pathlib import Path
 import numpy as np
 
 from controllers.pcc.fuel import FuelMap
-from controllers.pcc.planner import Drive, PccConfig, evaluate, make_vehicle
+from controllers.pcc.planner import Drive, PccConfig, evaluate, make_vehicle, on_finer_road
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.schedule import Schedule, make_schedule
-from controllers.pcc.solver import on_finer_road
 from controllers.pcc.vehicle import PointMass, brakeable, cruise, durations, fastest_below
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.core.messages import SpeedProfile
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from iits_mj.validation.planning.closed_loop import CONTROL_PERIOD, Record, Task, drive
+from iits_mj.validation.planning.closed_loop import DriveTask, Record, drive
+from iits_mj.validation.planning.speed_tracking import FLOORED
 
-# --- What a cruise on the truck tells the planner: power that is left on climbs, speed to be set
-# Gear changes interrupt the pull, the turbocharger must catch up after them, and the gearbox shifts
-# down at some 1200 rpm: over a whole climb the truck has much less than its engine's greatest
-# power. The planner's point mass gets the power with which its own cruise takes as long as the
-# driven one.
-
-_FLOORED = 0.99
+# Way before the measured stretch, for the engine to take up the truck [m], and after it [m].
+RUN_IN, RUN_OUT = 300.0, 30.0
+_START = 100.0
+# From the set speed of the run-in to the plan's first [m].
+_ONSET = 1.0
+# Trip times agree when they differ by less [1]; so many drives at most. One gear change changes the
+# driven time by a second or two, so that the correction may need some tries; the rest is priced.
+TIME_TOLERANCE, DRIVES = 9e-4, 3
+# Mean speeds that are as good as the wanted one [1], and drives to find the set speed for it.
+MEAN_TOLERANCE, MEAN_DRIVES = 1e-3, 3
+_GRID = 10.0
 # Time in which the engine's torque builds up, and climbing that is needed to judge [s].
-_BUILD_UP, _CLIMBING = 6.0, 30.0
-# Least power over that with the torque built up; other causes of delay are not to pass for it [1].
+_TORQUE_TIME, _CLIMBING = 6.0, 30.0
+# Least power over that with the torque built up; other delays must not be taken for it [1].
 _LEAST_SHARE = 0.6
-# Of the power that a plan counts on: so much is all of it [1].
+# A plan takes all of the power it counts on from this share of it [1].
 _ALL = 0.98
 _HALVINGS = 30
 
 
+@dataclass(frozen=True)
+class ReplayCase:
+    """Road, truck and band of a comparison.
+
+    Attributes:
+      name: for reports; route: the road; road: the same for the planner, its stations counted from
+        `origin` on the route [m].
+      config: set speed and band, with `mean_speed` the set speed is searched; payload: [kg].
+      timestep: of the physics [s].
+      overlay: of the truck's parameters, such as another strategy of gear changes.
+      paper: whether the paper's saving must be reached.
+    """
+
+    name: str
+    route: Route
+    road: RoadProfile
+    origin: float
+    config: PccConfig
+    payload: float = 36_000.0
+    timestep: float = 0.002
+    overlay: dict[str, dict[str, str]] = dataclasses.field(default_factory=dict)
+    paper: bool = False
+
+    @property
+    def first(self) -> float:
+        """Station of the route where the measured stretch starts [m]."""
+        return self.origin + float(self.road.station[0])
+
+    @property
+    def last(self) -> float:
+        """Station of the route where it ends [m]."""
+        return self.origin + float(self.road.station[-1])
+
+    def parameters(self) -> TruckParameters:
+        """Returns the parameters of the truck."""
+        return TruckParameters.load(overlay=self.overlay)
+
+
+@dataclass(frozen=True)
+class MeasuredDrive:
+    """A drive over the measured stretch.
+
+    Attributes:
+      record: of the stretch; fuel: by the truck's meter [kg]; time: [s].
+      start_speed, end_speed: [m/s].
+    """
+
+    record: Record
+    fuel: float
+    time: float
+    start_speed: float
+    end_speed: float
+
+    @classmethod
+    def of(cls, record: Record, case: ReplayCase) -> MeasuredDrive:
+        """Returns what a record shows of the case's stretch."""
+
+        def gained(name: str) -> float:
+            return record.at(case.last, name) - record.at(case.first, name)
+
+        return cls(
+            record.between(case.first, case.last),
+            gained("fuel_used"),
+            gained("time"),
+            record.at(case.first, "speed"),
+            record.at(case.last, "speed"),
+        )
+
+
+@dataclass(frozen=True)
+class CruiseAndPlan:
+    """Cruise and plan on the truck, and what the optimizer expected.
+
+    Attributes:
+      case: what was compared; vehicle: the planner's point mass, with the truck's power on climbs.
+      vehicle_max: the same with the engine's greatest power.
+      schedule: the plan; cruise, plan: both trips.
+      model_cruise, model_plan: the planner's figures for the speeds that the truck drove.
+    """
+
+    case: ReplayCase
+    vehicle: PointMass
+    vehicle_max: PointMass
+    schedule: Schedule
+    cruise: MeasuredDrive
+    plan: MeasuredDrive
+    model_cruise: Drive
+    model_plan: Drive
+
+    @property
+    def speed_worth(self) -> float:
+        """Fuel worth of the plan's greater speed at the end, less that at its start [kg].
+
+        By the optimum's costate of v^2 on this road, at equal trip time.
+        """
+        worth = self.schedule.worth
+        ends = self.plan.end_speed**2 - self.cruise.end_speed**2
+        starts = self.plan.start_speed**2 - self.cruise.start_speed**2
+        return float(worth[-1] * ends - worth[0] * starts)
+
+    @property
+    def time_worth(self) -> float:
+        """Fuel that the plan saved by its longer trip time, at the optimum's price [kg]."""
+        return self.schedule.price * (self.plan.time - self.cruise.time)
+
+    @property
+    def raw_saving(self) -> float:
+        """Saving of the plan against the cruise by the fuel meter alone [1]."""
+        return 1.0 - self.plan.fuel / self.cruise.fuel
+
+    @property
+    def saving(self) -> float:
+        """The same, corrected to equal end speeds and trip time by their worth [1]."""
+        return 1.0 - (self.plan.fuel - self.speed_worth + self.time_worth) / self.cruise.fuel
+
+
+def run(
+    case: ReplayCase,
+    folder: Path | None = None,
+    drives: int = DRIVES,
+    known: PointMass | None = None,
+) -> CruiseAndPlan:
+    """Drives the cruise and the plan; drives that are in `folder` already are not repeated.
+
+    Args:
+      case: of the comparison.
+      folder: of finished drives.
+      drives: of the plan, at most, until the trip times agree.
+      known: point mass of this truck with its power on climbs, to guess a set speed by.
+
+    Raises:
+      InputError: the truck does not get to the end.
+      PlanningError: the plan has no solution.
+    """
+    parameters = case.parameters()
+    fuel_map = FuelMap(parameters)
+    mass = parameters.gross_mass(case.payload)
+    strongest = make_vehicle(parameters, fuel_map, mass, case.config)
+    if case.config.mean_speed:
+        case = _at_mean_speed(case, strongest, known or strongest, folder)
+    config = case.config
+    cruise = MeasuredDrive.of(_driven(case, None, folder), case)
+    vehicle = with_power_of(
+        strongest, case.road, cruise.record, config.v_ref, cruise.start_speed, cruise.time
+    )
+    budget, best = cruise.time, None
+    for _ in range(drives):
+        schedule = make_schedule(
+            vehicle,
+            case.road,
+            config,
+            cruise.start_speed,
+            0.0,
+            arrival=budget,
+            end_speed=cruise.end_speed,
+        )
+        profile = reference_profile(case, vehicle, schedule, strongest)
+        plan = MeasuredDrive.of(_driven(case, profile, folder), case)
+        if best is None or abs(plan.time - cruise.time) < abs(best[1].time - cruise.time):
+            best = schedule, plan
+        # A plan that cannot be any faster will not be with less time either.
+        if abs(plan.time / cruise.time - 1.0) <= TIME_TOLERANCE or schedule.late > 0.0:
+            break
+        budget += cruise.time - plan.time
+    assert best is not None
+    schedule, plan = best
+    return CruiseAndPlan(
+        case,
+        vehicle,
+        strongest,
+        schedule,
+        cruise,
+        plan,
+        evaluate(vehicle, fuel_map, case.road, _node_speeds(case, cruise.record)),
+        evaluate(vehicle, fuel_map, case.road, _node_speeds(case, plan.record)),
+    )
+
+
+def _at_mean_speed(
+    case: ReplayCase, strongest: PointMass, guess: PointMass, folder: Path | None
+) -> ReplayCase:
+    """Returns the case with the set speed at which the *truck's* mean speed is v_ref."""
+    config, road = case.config, case.road
+    wanted = config.v_ref
+    v_set = set_speed(guess, road, wanted, config.v_max)
+    best, least = case, np.inf
+    for _ in range(MEAN_DRIVES):
+        found = dataclasses.replace(config, v_ref=v_set, mean_speed=False)
+        tried = dataclasses.replace(case, config=found)
+        trip = MeasuredDrive.of(_driven(tried, None, folder), tried)
+        mean = road.length / trip.time
+        if abs(mean - wanted) < least:
+            best, least = tried, abs(mean - wanted)
+        if least <= MEAN_TOLERANCE * wanted:
+            break
+        # By as much as in the model that takes as long as the truck did.
+        alike = with_power_of(strongest, road, trip.record, v_set, trip.start_speed, trip.time)
+        v_set += set_speed(alike, road, wanted, config.v_max)
+        v_set -= set_speed(alike, road, mean, config.v_max)
+        v_set = min(max(v_set, config.v_min), config.v_max)
+    return best
+
+
+def reference_profile(
+    case: ReplayCase, vehicle: PointMass, schedule: Schedule, strongest: PointMass | None = None
+) -> SpeedProfile:
+    """Returns the plan over the route's stations every 10 m.
+
+    Where the plan takes all the power that it counts on, the mean of a whole climb, the truck shall
+    give all it has: less than that after a gear change, more later. `strongest` has the engine's
+    greatest power; without it the plan is not changed.
+
+    Between the plan's nodes its forces are held, on the heights that the truck drives. The run-in
+    is the cruise's, at the set speed, so that both drives start with the same engine and gearbox.
+    """
+    road = case.road
+    count = round(road.length / _GRID)
+    station = np.linspace(road.station[0], road.station[-1], count + 1)
+
+    def height(at: FloatArray) -> FloatArray:
+        return np.asarray(case.route.evaluate(case.origin + at).z)
+
+    # Height of the route above straight lines between the nodes; its datum is its own.
+    above = height(station) - np.interp(station, road.station, height(road.station))
+    fine = RoadProfile(
+        station,
+        np.interp(station, road.station, road.height) + above,
+        _lower_limits(road, station),
+        road.name,
+    )
+    speed = on_finer_road(vehicle, road, schedule.speed, fine, case.config.v_max)
+    if strongest is not None:
+        speed = with_all_power(vehicle, strongest, fine, speed, case.config.v_max)
+    begin = case.origin + station[0]
+    return SpeedProfile(
+        np.concatenate([[begin - RUN_IN, begin - _ONSET], case.origin + station]),
+        np.concatenate([[case.config.v_ref, case.config.v_ref], speed]),
+    )
+
+
 def climbing_power(record: Record) -> float | None:
-    """Mean engine power on climbs, accelerator floored and torque built up [W]; None without."""
-    pulling = (record["pedal"] >= _FLOORED) & (record["shift"] == 0.0)
-    # The last sample at which it did not pull: so long ago the torque has built up.
+    """Returns the mean engine power at full pedal and built-up torque [W]; None without climbs."""
+    pulling = (record["pedal"] >= FLOORED) & (record["shift"] == 0.0)
+    # Samples since the last one at which the engine did not pull.
     rows = np.arange(pulling.size)
     since = rows - np.maximum.accumulate(np.where(pulling, 0, rows))
-    built_up = since * CONTROL_PERIOD > _BUILD_UP
+    built_up = since * CONTROL_PERIOD > _TORQUE_TIME
     if np.count_nonzero(built_up) * CONTROL_PERIOD < _CLIMBING:
         return None
     return float(np.mean((record["engine_torque"] * record["engine_speed"])[built_up]))
@@ -60,7 +309,7 @@ def climbing_power(record: Record) -> float | None:
 def with_power_of(
     vehicle: PointMass, road: RoadProfile, record: Record, v_set: float, v_start: float, time: float
 ) -> PointMass:
-    """The point mass whose cruise takes as long as the driven one; as it is where none climbs.
+    """Returns the point mass whose cruise takes as long as the driven one.
 
     Args:
       vehicle: with the engine's greatest power.
@@ -91,7 +340,7 @@ def with_power_of(
 def with_all_power(
     vehicle: PointMass, strongest: PointMass, road: RoadProfile, planned: FloatArray, v_max: float
 ) -> FloatArray:
-    """Node speeds (n + 1,) [m/s] of a plan, raised where it takes all the power it counts on.
+    """Returns node speeds (n + 1,) [m/s] of a plan, raised where it takes all its power.
 
     From the plan's speed at the stretch's begin with the engine's greatest power, and back to the
     plan behind its end by coasting.
@@ -112,7 +361,7 @@ def with_all_power(
 
 
 def set_speed(vehicle: PointMass, road: RoadProfile, mean: float, top: float) -> float:
-    """Set speed with which the model's cruise has a mean speed, `top` at most [m/s]."""
+    """Returns the set speed at which the model's cruise has a mean speed, at most `top` [m/s]."""
     low, high = mean, max(top, mean)
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
@@ -124,7 +373,7 @@ def set_speed(vehicle: PointMass, road: RoadProfile, mean: float, top: float) ->
 
 
 def cruise_time(vehicle: PointMass, road: RoadProfile, v_set: float, v_start: float) -> float:
-    """Trip time of the model's cruise [s]; infinite where its power does not do."""
+    """Returns the trip time of the model's cruise [s]; inf where its power is too small."""
     try:
         speed = cruise(vehicle, road, v_set, min(v_set, v_start))
     except PlanningError:
@@ -132,269 +381,18 @@ def cruise_time(vehicle: PointMass, road: RoadProfile, v_set: float, v_start: fl
     return float(durations(speed, road).sum())
 
 
-# --- One road, one truck: the cruise and the fuel-optimal plan, both driven on the MuJoCo truck ---
-
-# Way before the measured stretch, for the engine to take up the truck [m], and after it [m].
-RUN_IN, RUN_OUT = 300.0, 30.0
-_START = 100.0
-# From the set speed of the run-in to the plan's first [m].
-_ONSET = 1.0
-# Trip times agree when they differ by less [1]; so many drives at most. A gear change more or less
-# makes the driven time jump by a second or two, so that the correction may need some tries; what
-# is left is priced.
-TIME_TOLERANCE, DRIVES = 9e-4, 3
-# Mean speeds that are as good as the wanted one [1], and drives to find the set speed for it.
-MEAN_TOLERANCE, MEAN_DRIVES = 1e-3, 3
-_GRID = 10.0
-
-
-@dataclass(frozen=True)
-class Case:
-    """What is compared.
-
-    Attributes:
-      name: for reports; route: the road; road: the same for the planner, its stations counted from
-        `origin` on the route [m].
-      config: set speed and band, with `mean_speed` the set speed is to be found; payload: [kg].
-      timestep: of the physics [s].
-      overlay: of the truck's parameters, such as another strategy of gear changes.
-      paper: whether the paper's saving is to be reached on it.
-    """
-
-    name: str
-    route: Route
-    road: RoadProfile
-    origin: float
-    config: PccConfig
-    payload: float = 36_000.0
-    timestep: float = 0.002
-    overlay: dict[str, dict[str, str]] = dataclasses.field(default_factory=dict)
-    paper: bool = False
-
-    @property
-    def first(self) -> float:
-        """Station on the route where measuring begins [m]."""
-        return self.origin + float(self.road.station[0])
-
-    @property
-    def last(self) -> float:
-        """Station on the route where it ends [m]."""
-        return self.origin + float(self.road.station[-1])
-
-    def parameters(self) -> TruckParameters:
-        """Of the truck that drives."""
-        return TruckParameters.load(overlay=self.overlay)
-
-
-@dataclass(frozen=True)
-class Trip:
-    """A drive over the measured stretch.
-
-    Attributes:
-      record: of the stretch; fuel: by the truck's meter [kg]; time: [s].
-      start_speed, end_speed: [m/s].
-    """
-
-    record: Record
-    fuel: float
-    time: float
-    start_speed: float
-    end_speed: float
-
-    @classmethod
-    def of(cls, record: Record, case: Case) -> Trip:
-        """What a record says about the case's stretch."""
-
-        def gained(name: str) -> float:
-            return record.at(case.last, name) - record.at(case.first, name)
-
-        return cls(
-            record.between(case.first, case.last),
-            gained("fuel_used"),
-            gained("time"),
-            record.at(case.first, "speed"),
-            record.at(case.last, "speed"),
-        )
-
-
-@dataclass(frozen=True)
-class Replay:
-    """Cruise and plan on the truck, and what the optimizer expected.
-
-    Attributes:
-      case: what was compared; vehicle: the planner's point mass, with the truck's power on climbs.
-      vehicle_max: the same with the engine's greatest power.
-      schedule: the plan; cruise, plan: both trips.
-      model_cruise, model_plan: the planner's figures for the speeds that the truck drove.
-    """
-
-    case: Case
-    vehicle: PointMass
-    vehicle_max: PointMass
-    schedule: Schedule
-    cruise: Trip
-    plan: Trip
-    model_cruise: Drive
-    model_plan: Drive
-
-    @property
-    def speed_worth(self) -> float:
-        """Fuel that the plan's greater speed at the end is worth, less that at its start [kg].
-
-        By the optimum's costate of v^2 on this road, at equal trip time.
-        """
-        worth = self.schedule.worth
-        ends = self.plan.end_speed**2 - self.cruise.end_speed**2
-        starts = self.plan.start_speed**2 - self.cruise.start_speed**2
-        return float(worth[-1] * ends - worth[0] * starts)
-
-    @property
-    def time_worth(self) -> float:
-        """Fuel that the plan saved by its longer trip time, at the optimum's price [kg]."""
-        return self.schedule.price * (self.plan.time - self.cruise.time)
-
-    @property
-    def raw_saving(self) -> float:
-        """Of the plan against the cruise by the meter alone [1]."""
-        return 1.0 - self.plan.fuel / self.cruise.fuel
-
-    @property
-    def saving(self) -> float:
-        """The same with end speeds and trip time made equal by what they are worth [1]."""
-        return 1.0 - (self.plan.fuel - self.speed_worth + self.time_worth) / self.cruise.fuel
-
-
-def run(
-    case: Case, folder: Path | None = None, drives: int = DRIVES, known: PointMass | None = None
-) -> Replay:
-    """Drives the cruise and the plan; finished drives in `folder` are taken from there.
-
-    Args:
-      case: what is compared.
-      folder: for finished drives.
-      drives: of the plan, at most, until the trip times agree.
-      known: point mass of this truck with its power on climbs, to guess a set speed by.
-
-    Raises:
-      InputError: the truck does not get to the end.
-      PlanningError: the plan has no solution.
-    """
-    parameters = case.parameters()
-    fuel_map = FuelMap(parameters)
-    mass = parameters.gross_mass(case.payload)
-    strongest = make_vehicle(parameters, fuel_map, mass, case.config)
-    if case.config.mean_speed:
-        case = _at_mean_speed(case, strongest, known or strongest, folder)
-    config = case.config
-    cruise = Trip.of(_driven(case, None, folder), case)
-    vehicle = with_power_of(
-        strongest, case.road, cruise.record, config.v_ref, cruise.start_speed, cruise.time
-    )
-    budget, best = cruise.time, None
-    for _ in range(drives):
-        schedule = make_schedule(
-            vehicle,
-            case.road,
-            config,
-            cruise.start_speed,
-            0.0,
-            arrival=budget,
-            end_speed=cruise.end_speed,
-        )
-        profile = reference_profile(case, vehicle, schedule, strongest)
-        plan = Trip.of(_driven(case, profile, folder), case)
-        if best is None or abs(plan.time - cruise.time) < abs(best[1].time - cruise.time):
-            best = schedule, plan
-        # A plan that cannot be any faster will not be with less time either.
-        if abs(plan.time / cruise.time - 1.0) <= TIME_TOLERANCE or schedule.late > 0.0:
-            break
-        budget += cruise.time - plan.time
-    assert best is not None
-    schedule, plan = best
-    return Replay(
-        case,
-        vehicle,
-        strongest,
-        schedule,
-        cruise,
-        plan,
-        evaluate(vehicle, fuel_map, case.road, _node_speeds(case, cruise.record)),
-        evaluate(vehicle, fuel_map, case.road, _node_speeds(case, plan.record)),
-    )
-
-
-def _at_mean_speed(case: Case, strongest: PointMass, guess: PointMass, folder: Path | None) -> Case:
-    """The case with the set speed for which the *truck's* mean is v_ref: guess, drive, correct."""
-    config, road = case.config, case.road
-    wanted = config.v_ref
-    v_set = set_speed(guess, road, wanted, config.v_max)
-    best, least = case, np.inf
-    for _ in range(MEAN_DRIVES):
-        found = dataclasses.replace(config, v_ref=v_set, mean_speed=False)
-        tried = dataclasses.replace(case, config=found)
-        trip = Trip.of(_driven(tried, None, folder), tried)
-        mean = road.length / trip.time
-        if abs(mean - wanted) < least:
-            best, least = tried, abs(mean - wanted)
-        if least <= MEAN_TOLERANCE * wanted:
-            break
-        # By as much as in the model that takes as long as the truck did.
-        alike = with_power_of(strongest, road, trip.record, v_set, trip.start_speed, trip.time)
-        v_set += set_speed(alike, road, wanted, config.v_max)
-        v_set -= set_speed(alike, road, mean, config.v_max)
-        v_set = min(max(v_set, config.v_min), config.v_max)
-    return best
-
-
-def reference_profile(
-    case: Case, vehicle: PointMass, schedule: Schedule, strongest: PointMass | None = None
-) -> SpeedProfile:
-    """The plan over the route's stations every 10 m; beyond its end the speed there is kept.
-
-    Where the plan takes all the power that it counts on, the mean of a whole climb, the truck is to
-    give all it has: less than that after a gear change, more later. `strongest` has the engine's
-    greatest power; without it the plan stands as it is.
-
-    Between the plan's nodes its forces are held, on the heights that the truck drives. The run-in
-    is the cruise's, at the set speed: truck, engine and gearbox begin the plan as they do that.
-    """
-    road = case.road
-    count = round(road.length / _GRID)
-    station = np.linspace(road.station[0], road.station[-1], count + 1)
-
-    def height(at: FloatArray) -> FloatArray:
-        return np.asarray(case.route.evaluate(case.origin + at).z)
-
-    # What the route is higher than straight lines between the nodes; its datum is its own.
-    above = height(station) - np.interp(station, road.station, height(road.station))
-    fine = RoadProfile(
-        station,
-        np.interp(station, road.station, road.height) + above,
-        _lower_limits(road, station),
-        road.name,
-    )
-    speed = on_finer_road(vehicle, road, schedule.speed, fine, case.config.v_max)
-    if strongest is not None:
-        speed = with_all_power(vehicle, strongest, fine, speed, case.config.v_max)
-    begin = case.origin + station[0]
-    return SpeedProfile(
-        np.concatenate([[begin - RUN_IN, begin - _ONSET], case.origin + station]),
-        np.concatenate([[case.config.v_ref, case.config.v_ref], speed]),
-    )
-
-
 def _lower_limits(road: RoadProfile, station: FloatArray) -> FloatArray:
-    """The lower limit of the two nodes around each station [m/s]."""
+    """Returns the lower limit of the two nodes around each station [m/s]."""
     after = np.clip(np.searchsorted(road.station, station - 1e-6), 0, road.intervals)
     before = np.clip(np.searchsorted(road.station, station + 1e-6) - 1, 0, road.intervals)
     return np.asarray(np.minimum(road.v_limit[before], road.v_limit[after]))
 
 
-def _driven(case: Case, profile: SpeedProfile | None, folder: Path | None) -> Record:
+def _driven(case: ReplayCase, profile: SpeedProfile | None, folder: Path | None) -> Record:
     path = None if folder is None else folder / _file_name(case, profile)
     if path is not None and path.is_file():
         return Record.load(path)
-    task = Task(
+    task = DriveTask(
         route=case.route,
         start=case.first - RUN_IN + _START,
         end=case.last + RUN_OUT,
@@ -412,7 +410,7 @@ def _driven(case: Case, profile: SpeedProfile | None, folder: Path | None) -> Re
     return record
 
 
-def _file_name(case: Case, profile: SpeedProfile | None) -> str:
+def _file_name(case: ReplayCase, profile: SpeedProfile | None) -> str:
     what = (case.payload, case.timestep, case.overlay, case.config.v_ref, case.first, case.last)
     digest = hashlib.sha256(repr(what).encode())
     digest.update(case.route.table(10.0).tobytes())
@@ -423,6 +421,6 @@ def _file_name(case: Case, profile: SpeedProfile | None) -> str:
     return f"{plain}_{kind}_{digest.hexdigest()[:12]}.npz"
 
 
-def _node_speeds(case: Case, record: Record) -> FloatArray:
+def _node_speeds(case: ReplayCase, record: Record) -> FloatArray:
     station = record["station"] - case.origin
     return np.asarray(np.interp(case.road.station, station, record["speed"]))

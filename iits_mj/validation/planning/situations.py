@@ -10,10 +10,9 @@ import math
 
 import numpy as np
 
-from controllers.planning.placement import lane_shift
 from controllers.planning.planner import PlannerConfig
 from controllers.planning.predicted_boxes import swept_path
-from controllers.planning.road_preview import RoadPreview
+from controllers.planning.road_preview import RoadPreview, lane_shift
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import (
     Decision,
@@ -248,8 +247,12 @@ def _wall(config: ValidateConfig) -> Results:
     for payload in (36_000.0,) if config.quick else config.payloads():
         stop = wall_stop(25.0, sight, payload, 0.002)
         label = f"wall {sight:g} m ahead at 90 km/h, {payload / 1e3:g} t of load"
-        results.checks.append(Check(f"{label}: room left", stop.gap, "m", None, ">= 0"))
-        panel.append(Line(f"{payload / 1e3:g} t", stop.time, stop.speed, "simulation"))
+        results.checks.append(
+            Check(f"{label}: room left", float(stop.record["left"][-1]), "m", None, ">= 0")
+        )
+        panel.append(
+            Line(f"{payload / 1e3:g} t", stop.record["time"], stop.record["speed"], "simulation")
+        )
     results.figures["emergency stop"] = [
         Panel("wall seen 70 m ahead", "time [s]", "speed [m/s]", tuple(panel))
     ]

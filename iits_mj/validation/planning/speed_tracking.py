@@ -14,17 +14,18 @@ from numpy.typing import NDArray
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import SpeedProfile
 from iits_mj.core.results import Check, Line, Panel, Results
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.validation.harness.config import ValidateConfig
 from iits_mj.validation.longitudinal.hills import HILLS_LENGTH, hills, sloping
-from iits_mj.validation.planning.closed_loop import CONTROL_PERIOD, Record, Task, drive
+from iits_mj.validation.planning.closed_loop import DriveTask, Record, drive
 
 # --- How pedal, brakes and gearbox were used on a drive, and how well the speed was kept ---
 
 # Positions that count as pressed, and as floored [1].
-_PRESSED, _FLOORED = 0.02, 0.99
+_PRESSED, FLOORED = 0.02, 0.99
 # The planned speed leads a truck at full pedal: such samples say nothing on tracking. So long after
 # the pedal has come back from the floor, and around a gear change, neither [s].
 _SETTLING = 3.0
@@ -68,7 +69,7 @@ def gear_changes(record: Record) -> int:
 
 def full_load_share(record: Record) -> float:
     """Share of the time with the accelerator on the floor [1]."""
-    return float(np.mean(record["pedal"] >= _FLOORED))
+    return float(np.mean(record["pedal"] >= FLOORED))
 
 
 def gained(record: Record, counter: str) -> float:
@@ -79,7 +80,7 @@ def gained(record: Record, counter: str) -> float:
 
 def within_power(record: Record) -> NDArray[np.bool_]:
     """Samples in which the truck could follow: the accelerator was off the floor, shape (n,)."""
-    floored = record["pedal"] >= _FLOORED
+    floored = record["pedal"] >= FLOORED
     width = round(_SETTLING / CONTROL_PERIOD)
     recent = np.convolve(floored.astype(float), np.ones(width), "full")[: floored.size] > 0.5
     return np.asarray(~recent)
@@ -128,7 +129,7 @@ class Ride:
 def run_speed_tracking(config: ValidateConfig) -> Results:
     """Drives hills, changes of speed between 0 and 90 km/h, and starts on a hill."""
     results = Results("planning speed tracking")
-    timestep = max(config.step, Task.timestep)
+    timestep = max(config.step, DriveTask.timestep)
     for ride in _rides(config):
         record = _drive(ride, timestep)
         results.checks += _checks(ride, record)
@@ -172,7 +173,7 @@ def _steps() -> SpeedProfile:
 def _drive(ride: Ride, timestep: float) -> Record:
     start = ride.speed if ride.start_speed is None else ride.start_speed
     return drive(
-        Task(
+        DriveTask(
             route=ride.route,
             start=_START,
             end=_START + ride.length,
@@ -212,7 +213,7 @@ def _hill_start(payload: float, timestep: float) -> list[Check]:
     """From standstill on 5 %: the way lost backwards, and the time to be under way."""
     name = f"start on 5 %, {TruckParameters.load().gross_mass(payload) / 1e3:.0f} t"
     route = Route.straight(length=1_000.0, grade=_STEEP, speed_limit=_UNLIMITED)
-    task = Task(route, _START, _START + 25.0, 0.0, 8.0, None, payload, timestep=timestep,
+    task = DriveTask(route, _START, _START + 25.0, 0.0, 8.0, None, payload, timestep=timestep,
                 time_limit=120.0)  # fmt: skip
     record = drive(task)
     under_way = int(np.argmax(record["speed"] >= _UNDER_WAY))

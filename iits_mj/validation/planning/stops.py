@@ -1,4 +1,7 @@
-"""A wall across the lane, seen late: the MuJoCo truck with its stack brakes before it."""
+"""Stops of the MuJoCo truck with its stack: before red lights, and before a wall seen late.
+
+Red lights: laden and empty, uphill and down, with and without knowledge of when the light changes.
+"""
 
 from __future__ import annotations
 
@@ -11,44 +14,52 @@ import numpy as np
 from controllers.planning.planner import PlannerConfig
 from controllers.planning.speed_plan import SpeedConfig
 from controllers.stack import Stack
-from iits_mj.core.arrays import FloatArray
-from iits_mj.core.messages import LightState, RoadSignals, Scene, TrackedVehicle, TrafficLight
+from iits_mj.core.messages import (
+    EgoState,
+    LightState,
+    RoadSignals,
+    Scene,
+    TrackedVehicle,
+    TrafficLight,
+)
 from iits_mj.core.results import Check, Line, Panel, Results
+from iits_mj.core.timing import CONTROL_PERIOD, TIMESTEP
 from iits_mj.road import Route
 from iits_mj.simulation.frame import BEHIND
 from iits_mj.truck import Truck
 from iits_mj.validation.harness.config import ValidateConfig
 from iits_mj.validation.longitudinal.ideal_drive import car
-from iits_mj.validation.planning.closed_loop import CONTROL_PERIOD, PLAN_PERIOD
+from iits_mj.validation.planning.closed_loop import Record, Recorder, run_recorded
 
-# --- Red lights on the MuJoCo truck: lines crossed, how hard it brakes, where it stands ---
-# Laden and empty, uphill and down, with and without knowledge of when the light changes.
-
-_CALLS = round(PLAN_PERIOD / CONTROL_PERIOD)
 _START = 500.0
+_LENGTH = 3000.0
 _SIGHT = 200.0
 SPEEDS = (8.0, 12.0, 16.67, 22.0)
 GRADES = (-0.06, 0.0, 0.04)
+# The wall appears after this time [s]; the drive before it ends after _WALL_DURATION [s].
+_WALL_TIME, _WALL_DURATION = 2.0, 40.0
+_COLUMNS = ("time", "left", "speed")
 
 
 @dataclass(frozen=True)
-class RedLight:
-    """A drive to a red light.
+class StopDrive:
+    """A drive to a line across the lane: a stop line, or a wall.
 
     Attributes:
-      time: shape (n,) [s]; left: front bumper to the line [m]; speed [m/s].
-      crossed: time at which the front crossed the line [s], inf for never.
-      green: time of the change to green [s].
-      braking: strongest deceleration before the truck is as slow as 0.5 m/s, smoothed over
-        0.5 s: the jolt at standstill is the suspension's [m/s2].
+      record: time [s], left: front bumper to the line [m], inf before it is seen, and speed [m/s].
+      green: time of the change to green [s]; inf for a wall.
+      emergencies: emergency brakings of the planner.
     """
 
-    time: FloatArray
-    left: FloatArray
-    speed: FloatArray
-    crossed: float
+    record: Record
     green: float
-    braking: float
+    emergencies: int
+
+    @property
+    def crossed(self) -> float:
+        """Time at which the front bumper crossed the line [s], inf for never."""
+        beyond = np.flatnonzero(self.record["left"] < 0.0)
+        return float(self.record["time"][beyond[0]]) if beyond.size else math.inf
 
     @property
     def ran_red(self) -> bool:
@@ -57,9 +68,31 @@ class RedLight:
 
     @property
     def place(self) -> float:
-        """Where the truck stood at red, from the line [m]; nan where it never did."""
-        stood = np.flatnonzero((np.abs(self.speed) < 0.02) & (self.time < self.green))
-        return float(self.left[stood[-1]]) if stood.size else math.nan
+        """Distance to the line where the truck last stood at red [m]; nan where it never did."""
+        record = self.record
+        stood = np.flatnonzero((np.abs(record["speed"]) < 0.02) & (record["time"] < self.green))
+        return float(record["left"][stood[-1]]) if stood.size else math.nan
+
+    @property
+    def braking(self) -> float:
+        """Strongest deceleration above 0.5 m/s, smoothed over 0.5 s [m/s2].
+
+        The jolt at standstill, which is the suspension's, does not count.
+        """
+        speed, window = self.record["speed"], round(0.5 / CONTROL_PERIOD)
+        lost = (speed[:-window] - speed[window:]) / (window * CONTROL_PERIOD)
+        moving = speed[window:] > 0.5
+        return float(lost[moving].max()) if moving.any() else 0.0
+
+
+def _truck_and_stack(
+    speed: float, payload: float, route: Route, timestep: float = TIMESTEP
+) -> tuple[Truck, Stack]:
+    """Returns the truck at its start and a stack that wants the same speed [m/s]."""
+    truck = Truck.load(payload, route=route, timestep=timestep, visuals=False)
+    truck.reset(station=_START, offset=float(route.lane_offset(0, _START)), speed=speed)
+    config = PlannerConfig(speed=SpeedConfig(cruise_speed=speed))
+    return truck, Stack(route, planner=config, parameters=truck.parameters)
 
 
 def drive_to_red(
@@ -70,129 +103,52 @@ def drive_to_red(
     known: bool,
     green: float | None = None,
     sight: float = _SIGHT,
-) -> RedLight:
+) -> StopDrive:
     """Drives to a light that is red until `green`, and on.
 
     Args:
       speed: at the start, and wanted [m/s].
       payload: [kg].
       grade: of the road, positive uphill.
-      known: the light tells when it changes.
+      known: the light announces when it changes.
       green: time of the change [s]; default: 8 s after the truck could stand, or, where it is
-        known, so early that arriving slowly will do.
+        known, so early that arriving slowly is enough.
       sight: front bumper to the line at the start [m].
     """
     if green is None:
         green = 1.5 * sight / speed if known else 1.6 * sight / speed + speed + 8.0
-    route = Route.straight(length=3000.0, grade=grade)
-    truck = Truck.load(payload, route=route, visuals=False)
-    truck.reset(station=_START, offset=float(route.lane_offset(0, _START)), speed=speed)
-    config = PlannerConfig(speed=SpeedConfig(cruise_speed=speed))
-    stack = Stack(route, planner=config, parameters=truck.parameters)
-    line = _START + truck.footprint.front_overhang + sight
-    rows: list[tuple[float, float, float]] = []
-    crossed = math.inf
-    for tick in range(round((green + 8.0) / CONTROL_PERIOD)):
-        ego = truck.observe()
-        left = line - ego.station - truck.footprint.front_overhang
-        crossed = ego.time if left < 0.0 and math.isinf(crossed) else crossed
-        if tick % _CALLS == 0:
-            red = ego.time < green
-            told = RoadSignals()
-            if left > -BEHIND:
-                state = LightState.RED if red else LightState.GREEN
-                after = (green - ego.time, LightState.GREEN) if red and known else (None, None)
-                told = RoadSignals(TrafficLight(line, state, *after))
-            stack.plan(Scene(ego.time, ego, (), truck.footprint, told))
-        rows.append((ego.time, left, ego.speed))
-        if left < -BEHIND:
-            break
-        truck.command(stack.control(ego))
-        truck.step(round(CONTROL_PERIOD / truck.model.opt.timestep))
-    time, way, speeds = np.array(rows).T
-    return RedLight(time, way, speeds, crossed, green, _braking(speeds))
+    change = green
+    route = Route.straight(length=_LENGTH, grade=grade)
+    truck, stack = _truck_and_stack(speed, payload, route)
+    overhang = truck.footprint.front_overhang
+    line = _START + overhang + sight
+
+    def left(ego: EgoState) -> float:
+        return line - ego.station - overhang
+
+    def scene(ego: EgoState) -> Scene:
+        red = ego.time < change
+        signals = RoadSignals()
+        if left(ego) > -BEHIND:
+            state = LightState.RED if red else LightState.GREEN
+            after = (change - ego.time, LightState.GREEN) if red and known else (None, None)
+            signals = RoadSignals(TrafficLight(line, state, *after))
+        return Scene(ego.time, ego, (), truck.footprint, signals)
+
+    record, _ = run_recorded(
+        truck,
+        stack,
+        Recorder(_COLUMNS, lambda ego, _: (ego.time, left(ego), ego.speed)),
+        scene,
+        timestep=TIMESTEP,
+        duration=green + 8.0,
+        until=lambda ego: left(ego) < -BEHIND,
+    )
+    return StopDrive(record, green, stack.planner.emergencies)
 
 
-def _braking(speed: FloatArray) -> float:
-    window = round(0.5 / CONTROL_PERIOD)
-    lost = (speed[:-window] - speed[window:]) / (window * CONTROL_PERIOD)
-    moving = speed[window:] > 0.5
-    return float(lost[moving].max()) if moving.any() else 0.0
-
-
-def _quick_green(speed: float) -> float:
-    """A change to green some seconds after a truck stands that brakes at 1 m/s2 [s]."""
-    return (_SIGHT - 0.5 * speed**2) / speed + speed + 5.0
-
-
-def cases(quick: bool) -> list[tuple[float, float, float, bool]]:
-    """Speed [m/s], payload [kg], grade, and whether the change is known."""
-    if quick:
-        return [(16.67, 36_000.0, -0.06, False)]
-    return list(itertools.product(SPEEDS, (0.0, 36_000.0), GRADES, (False, True)))
-
-
-def run_red_light(config: ValidateConfig) -> Results:
-    """The matrix; the quick form is its hardest case."""
-    results, lines = Results("red light"), []
-    # The quick form does not wait at the line for longer than shows that the truck stays there.
-    greens = {case: _quick_green(case[0]) if config.quick else None for case in cases(config.quick)}
-    drives = {
-        case: drive_to_red(*case[:3], known=case[3], green=green) for case, green in greens.items()
-    }
-    stops = [drive for case, drive in drives.items() if not case[3]]
-    places = np.array([drive.place for drive in stops])
-    ran = sum(drive.ran_red for drive in drives.values())
-    label = f"red light on the truck, {len(drives)} drives"
-    worst = math.nan if np.isnan(places).any() else float(places.max())
-    results.checks += [
-        Check(f"{label}: lines crossed at red", float(ran), "1", None, "== 0"),
-        Check(f"{label}: farthest stand before the line", worst, "m", None, "<= 1.5"),
-        Check(f"{label}: nearest stand before the line", float(places.min()), "m", None, ">= 0"),
-        Check(
-            f"{label}: strongest braking",
-            max(drive.braking for drive in drives.values()),
-            "m/s2",
-            None,
-            "<= 3.6",
-        ),
-    ]
-    for (speed, payload, grade, known), drive in drives.items():
-        if known == config.quick:
-            continue
-        name = f"{payload / 1e3:g} t of load, {speed:g} m/s, {100.0 * grade:g} %"
-        lines.append(Line(name, -drive.left, drive.speed, "simulation"))
-    results.figures["red light on the truck"] = [
-        Panel("red light 200 m ahead", "from the line [m]", "speed [m/s]", tuple(lines))
-    ]
-    return results
-
-
-# --- A wall across the lane, seen late: the MuJoCo truck with its stack brakes before it ---
-
-_CONTROL, _PLAN = 0.02, 5
-_CRUISE = 2.0
-
-
-@dataclass(frozen=True)
-class WallStop:
-    """How a stop before a wall went.
-
-    Attributes:
-      gap: left between bumper and wall when the truck stands, negative for a hit [m].
-      time: shape (n,) [s], the wall is seen at 0; speed [m/s]; place: way to the wall [m].
-      emergencies: brakings of the last layer.
-    """
-
-    gap: float
-    time: FloatArray
-    speed: FloatArray
-    place: FloatArray
-    emergencies: int
-
-
-def wall_stop(speed: float, sight: float, payload: float, timestep: float) -> WallStop:
-    """Drives at a speed [m/s] until a wall appears `sight` metres before the bumper.
+def wall_stop(speed: float, sight: float, payload: float, timestep: float) -> StopDrive:
+    """Drives at a speed [m/s] until a wall appears; the record's time starts with the wall.
 
     Args:
       speed: [m/s].
@@ -200,27 +156,75 @@ def wall_stop(speed: float, sight: float, payload: float, timestep: float) -> Wa
       payload: [kg].
       timestep: of the physics [s].
     """
-    route = Route.straight(length=3000.0)
-    truck = Truck.load(payload, route=route, timestep=timestep, visuals=False)
-    truck.reset(station=500.0, offset=float(route.lane_offset(0, 500.0)), speed=speed)
-    config = PlannerConfig(speed=SpeedConfig(cruise_speed=speed))
-    stack = Stack(route, planner=config, parameters=truck.parameters)
-    wall, rows = np.inf, []
-    for tick in range(round(40.0 / _CONTROL)):
-        ego = truck.observe()
+    route = Route.straight(length=_LENGTH)
+    truck, stack = _truck_and_stack(speed, payload, route, timestep)
+    wall = math.inf
+
+    def left(ego: EgoState) -> float:
+        nonlocal wall
         front = ego.station + truck.footprint.front_overhang
-        if not np.isfinite(wall) and ego.time >= _CRUISE:
+        if math.isinf(wall) and ego.time >= _WALL_TIME:
             wall = front + sight
-        if tick % _PLAN == 0:
-            seen: tuple[TrackedVehicle, ...] = ()
-            if np.isfinite(wall):
-                # A car's middle stands half its length behind the wall.
-                seen = (car(route, "wall", wall + 2.4, 0, 0.0),)
-            stack.plan(Scene(ego.time, ego, seen, truck.footprint))
-        rows.append((ego.time - _CRUISE, ego.speed, wall - front))
-        if wall - front < 0.0 or (np.isfinite(wall) and ego.speed < 0.02):
-            break
-        truck.command(stack.control(ego))
-        truck.step(round(_CONTROL / timestep))
-    time, speeds, place = np.array(rows).T
-    return WallStop(float(place[-1]), time, speeds, place, stack.planner.emergencies)
+        return wall - front
+
+    def scene(ego: EgoState) -> Scene:
+        seen: tuple[TrackedVehicle, ...] = ()
+        if math.isfinite(left(ego)):
+            # A car's middle is half its length behind the wall.
+            seen = (car(route, "wall", wall + 2.4, 0, 0.0),)
+        return Scene(ego.time, ego, seen, truck.footprint)
+
+    record, _ = run_recorded(
+        truck,
+        stack,
+        Recorder(_COLUMNS, lambda ego, _: (ego.time - _WALL_TIME, left(ego), ego.speed)),
+        scene,
+        timestep=timestep,
+        duration=_WALL_DURATION,
+        until=lambda ego: left(ego) < 0.0 or (math.isfinite(wall) and ego.speed < 0.02),
+    )
+    return StopDrive(record, math.inf, stack.planner.emergencies)
+
+
+def cases(quick: bool) -> list[tuple[float, float, float, bool]]:
+    """Returns speed [m/s], payload [kg], grade and whether the change is known, of all drives."""
+    if quick:
+        return [(16.67, 36_000.0, -0.06, False)]
+    return list(itertools.product(SPEEDS, (0.0, 36_000.0), GRADES, (False, True)))
+
+
+def _quick_green(speed: float) -> float:
+    """Returns a time of change some seconds after a truck stands that brakes at 1 m/s2 [s]."""
+    return (_SIGHT - 0.5 * speed**2) / speed + speed + 5.0
+
+
+def run_red_light(config: ValidateConfig) -> Results:
+    """Drives the matrix of red lights; the quick form is its hardest case."""
+    results, lines = Results("red light"), []
+    drives = {}
+    for case in cases(config.quick):
+        # The quick form waits at the line only long enough to show that the truck stays there.
+        green = _quick_green(case[0]) if config.quick else None
+        drives[case] = drive_to_red(*case[:3], known=case[3], green=green)
+    places = np.array([drive.place for case, drive in drives.items() if not case[3]])
+    ran = sum(drive.ran_red for drive in drives.values())
+    worst = math.nan if np.isnan(places).any() else float(places.max())
+    braking = max(drive.braking for drive in drives.values())
+    results.checks += [
+        Check(f"red light on the truck, {len(drives)} drives: {what}", value, unit, None, must)
+        for what, value, unit, must in (
+            ("lines crossed at red", float(ran), "1", "== 0"),
+            ("farthest stand before the line", worst, "m", "<= 1.5"),
+            ("nearest stand before the line", float(places.min()), "m", ">= 0"),
+            ("strongest braking", braking, "m/s2", "<= 3.6"),
+        )
+    ]
+    for (speed, payload, grade, known), drive in drives.items():
+        if known == config.quick:
+            continue
+        name = f"{payload / 1e3:g} t of load, {speed:g} m/s, {100.0 * grade:g} %"
+        lines.append(Line(name, -drive.record["left"], drive.record["speed"], "simulation"))
+    results.figures["red light on the truck"] = [
+        Panel("red light 200 m ahead", "from the line [m]", "speed [m/s]", tuple(lines))
+    ]
+    return results

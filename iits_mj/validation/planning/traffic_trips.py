@@ -21,7 +21,8 @@ from controllers.pcc.schedule import level_worth
 from iits_mj.core import tables
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from iits_mj.simulation import DriveConfig, Frame, Simulation
+from iits_mj.simulation import DriveConfig, Frame, Observer, Simulation
+from iits_mj.simulation.lock_step import LockStep
 from iits_mj.simulation.parts import make_stack, pcc_config
 from iits_mj.truck import Truck
 from iits_mj.validation.harness.run_cache import drive_digest
@@ -73,17 +74,15 @@ class TripRow:
         return (self.density, self.seed, self.planner, self.length)
 
 
-class _TripEnd:
+class _TripEnd(Observer):
     """Stops the drive at a station, and takes time, fuel and speed there."""
-
-    period = 0.1
 
     def __init__(self, station: float) -> None:
         self._station = station
         self.reached = False
         self.friction = 0.0
 
-    def observe(self, simulation: Simulation, frame: Frame) -> None:
+    def observe(self, simulation: LockStep, frame: Frame) -> None:
         ego = frame.ego
         if frame.command.xbr_demand < 0.0:
             self.friction += self.period

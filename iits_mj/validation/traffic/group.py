@@ -27,7 +27,7 @@ from iits_mj.validation.traffic.flow import (
     wasserstein,
 )
 from traffic_bridge.config import TrafficConfig
-from traffic_bridge.datasets import Lay, Trajectories, lay
+from traffic_bridge.datasets import ImportConfig, Trajectories, import_trajectories
 from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.modes.repsim import RepSim
 from traffic_bridge.modes.sumo_modes import PureSim
@@ -101,7 +101,7 @@ def laid(data: Trajectories) -> Findings:
     """Places a recorded set on a road and replays it."""
     length = float(data.station.max()) + 2.0 * LEAD_IN
     route = Route.straight(length, lanes=data.lane_count, lane_width=data.lane_width)
-    recording = lay(data, route, Lay(start_station=LEAD_IN))
+    recording = import_trajectories(data, route, ImportConfig(start_station=LEAD_IN))
     with RepSim(route, recording) as replay:
         frames = [replay.reset()]
         frames += [replay.step() for _ in recording.time[1:]]

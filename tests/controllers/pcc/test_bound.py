@@ -5,15 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controllers.pcc import PccConfig, RoadProfile
-from controllers.pcc.feasibility import enough_speeds
+from controllers.pcc import PccConfig, RoadProfile, SpeedTask, solve
 from controllers.pcc.fuel import FuelMap
 from controllers.pcc.planner import lower_speeds, make_vehicle
-from controllers.pcc.solver import Solver, Task
 from controllers.pcc.vehicle import cruise, durations, fastest_below, full_power_speed
 from iits_mj.core.errors import PlanningError
 from iits_mj.parameters import TruckParameters
-from iits_mj.validation.planning.pcc_bound import _Relaxation, certificate, lower_bound
+from iits_mj.validation.planning.pcc_bound import (
+    Relaxation,
+    certificate,
+    enough_speeds,
+    lower_bound,
+)
 
 PARAMETERS = TruckParameters.load()
 FUEL_MAP = FuelMap(PARAMETERS)
@@ -37,17 +40,18 @@ def task_on(road, mass=55_000.0, k_a=0.0, v_ref=20.0):
     high = np.maximum(config.v_max**2, low)
     low[[0, -1]] = high[[0, -1]] = base[[0, -1]] ** 2
     total = float(durations(base, road).sum())
-    return vehicle, Task(road, low, high, total, np.zeros(base.size), 1e-3 * k_a), base
+    return SpeedTask(vehicle, road, low, high, total, k_a=1e-3 * k_a), base
 
 
-def cost(vehicle, task, speed):
+def cost(task, speed):
     a = np.diff(speed**2) / (2.0 * task.road.step)
     time = durations(speed, task.road)
-    total = vehicle.fuel_of(speed, task.road).sum() + task.k_a * float(a**2 @ time)
+    total = task.vehicle.fuel_of(speed, task.road).sum() + task.k_a * float(a**2 @ time)
     return total + task.price_time * time.sum() - task.price_energy * speed[-1] ** 2
 
 
-def feasible(vehicle, task, speed):
+def feasible(task, speed):
+    vehicle = task.vehicle
     net = vehicle.net_force(speed, task.road)
     power = net * 0.5 * (speed[1:] + speed[:-1]) / vehicle.efficiency
     in_band = (speed**2 >= task.b_low - 1e-9).all() and (speed**2 <= task.b_high + 1e-9).all()
@@ -59,31 +63,31 @@ def feasible(vehicle, task, speed):
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(("mass", "k_a"), [(55_000.0, 0.0), (19_000.0, 2.0)])
 def test_plan_meets_the_bound_so_it_is_the_global_optimum(seed, mass, k_a):
-    vehicle, task, base = task_on(random_road(seed), mass, k_a)
-    answer = Solver(vehicle, task.road.intervals, task.road.step).solve(task, base)
-    bound = lower_bound(vehicle, task)
+    task, base = task_on(random_road(seed), mass, k_a)
+    answer = solve(task, base)
+    bound = lower_bound(task)
     assert bound.converged
     assert bound.slack < 1e-5
-    assert -1e-7 < bound.gap(cost(vehicle, task, answer.speed)) < 1e-5
+    assert -1e-7 < bound.gap(cost(task, answer.speed)) < 1e-5
     assert np.abs(bound.speed - answer.speed).max() < 0.1
 
 
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize(("mass", "k_a"), [(55_000.0, 0.5), (19_000.0, 0.0)])
 def test_the_plans_own_multipliers_certify_it(seed, mass, k_a):
-    vehicle, task, base = task_on(random_road(seed), mass, k_a)
-    answer = Solver(vehicle, task.road.intervals, task.road.step).solve(task, base)
-    bound = certificate(vehicle, task, answer)
-    total = cost(vehicle, task, answer.speed)
+    task, base = task_on(random_road(seed), mass, k_a)
+    answer = solve(task, base)
+    bound = certificate(task, answer)
+    total = cost(task, answer.speed)
     assert total * (1.0 - 1e-4) < bound < total * (1.0 + 1e-7)
     # What the solver of the relaxation finds is at least as high, to its tolerance.
-    assert bound <= lower_bound(vehicle, task).cost * (1.0 + 1e-6) + 1e-6
+    assert bound <= lower_bound(task).cost * (1.0 + 1e-6) + 1e-6
 
 
 def test_wrong_multipliers_make_a_weaker_certificate_never_a_false_one():
-    vehicle, task, base = task_on(random_road(1))
-    answer = Solver(vehicle, task.road.intervals, task.road.step).solve(task, base)
-    total = cost(vehicle, task, answer.speed)
+    task, base = task_on(random_road(1))
+    answer = solve(task, base)
+    total = cost(task, answer.speed)
     rng = np.random.default_rng(4)
     for _ in range(50):
         wrong = replace(
@@ -91,15 +95,15 @@ def test_wrong_multipliers_make_a_weaker_certificate_never_a_false_one():
             time_price=answer.time_price * rng.uniform(0.0, 3.0),
             costate=answer.costate * rng.uniform(0.5, 1.5, answer.costate.size),
         )
-        assert certificate(vehicle, task, wrong) < total
+        assert certificate(task, wrong) < total
     for speed in (base, answer.speed + 0.1 * rng.normal(size=base.size)):
-        assert certificate(vehicle, task, replace(answer, speed=speed)) < total
+        assert certificate(task, replace(answer, speed=speed)) < total
 
 
 def test_no_drive_that_keeps_the_limits_is_below_the_bound():
-    vehicle, task, base = task_on(random_road(7), k_a=0.5)
-    plan = Solver(vehicle, task.road.intervals, task.road.step).solve(task, base).speed
-    bound = lower_bound(vehicle, task).cost
+    task, base = task_on(random_road(7), k_a=0.5)
+    plan = solve(task, base).speed
+    bound = lower_bound(task).cost
     rng = np.random.default_rng(1)
     tried = 0
     for _ in range(3000):
@@ -108,18 +112,16 @@ def test_no_drive_that_keeps_the_limits_is_below_the_bound():
         bump[[0, -1]] = 0.0
         speed = base + rng.uniform(0.0, 1.0) * (plan - base) + rng.uniform(0.0, 1.0) * np.abs(bump)
         speed[[0, -1]] = base[[0, -1]]
-        if feasible(vehicle, task, speed):
+        if feasible(task, speed):
             tried += 1
-            assert cost(vehicle, task, speed) >= bound
+            assert cost(task, speed) >= bound
     assert tried > 50
 
 
 def test_any_point_and_any_multipliers_give_a_bound():
-    vehicle, task, base = task_on(random_road(3), k_a=0.5)
-    optimum = cost(
-        vehicle, task, Solver(vehicle, task.road.intervals, task.road.step).solve(task, base).speed
-    )
-    relaxation = _Relaxation(vehicle, task)
+    task, base = task_on(random_road(3), k_a=0.5)
+    optimum = cost(task, solve(task, base).speed)
+    relaxation = Relaxation(task)
     point, multipliers, _, _ = relaxation.solve()
     rng = np.random.default_rng(2)
     for share in (0.0, 0.01, 0.3, 1.0):
@@ -135,16 +137,16 @@ def test_any_point_and_any_multipliers_give_a_bound():
 
 def test_bound_stays_below_where_the_relaxation_is_loose():
     # A weight of acceleration beyond reason makes waiting on the spot worth its time.
-    vehicle, task, base = task_on(random_road(5, steepest=0.05), k_a=400.0)
-    answer = Solver(vehicle, task.road.intervals, task.road.step).solve(task, base)
-    bound = lower_bound(vehicle, task)
+    task, base = task_on(random_road(5, steepest=0.05), k_a=400.0)
+    answer = solve(task, base)
+    bound = lower_bound(task)
     assert bound.slack > 0.01
-    assert bound.gap(cost(vehicle, task, answer.speed)) > 0.0
+    assert bound.gap(cost(task, answer.speed)) > 0.0
 
 
 def test_no_plan_takes_longer_than_the_chords_allow():
-    vehicle, task, _ = task_on(random_road(8))
-    relaxation = _Relaxation(vehicle, task)
+    task, _ = task_on(random_road(8))
+    relaxation = Relaxation(task)
     rng = np.random.default_rng(5)
     for _ in range(200):
         b = rng.uniform(*relaxation.b_box)
@@ -158,40 +160,40 @@ def test_no_plan_takes_longer_than_the_chords_allow():
 
 
 def test_prices_of_time_and_end_speed_take_the_place_of_a_trip_time():
-    vehicle, task, base = task_on(random_road(6))
+    task, base = task_on(random_road(6))
     low, high = task.b_low.copy(), task.b_high.copy()
     low[-1], high[-1] = 12.5**2, 25.0**2
     task = replace(
         task, b_low=low, b_high=high, time_max=np.inf, price_time=0.008, price_energy=2e-3
     )
-    answer = Solver(vehicle, task.road.intervals, task.road.step).solve(task, base)
-    gap = lower_bound(vehicle, task).gap(cost(vehicle, task, answer.speed))
+    answer = solve(task, base)
+    gap = lower_bound(task).gap(cost(task, answer.speed))
     assert -1e-7 < gap < 1e-5
 
 
 def test_bound_on_the_fuel_is_below_that_on_the_cost():
-    vehicle, task, _ = task_on(random_road(4), k_a=50.0)
-    assert lower_bound(vehicle, replace(task, k_a=0.0)).cost < lower_bound(vehicle, task).cost
+    task, _ = task_on(random_road(4), k_a=50.0)
+    assert lower_bound(replace(task, k_a=0.0)).cost < lower_bound(task).cost
 
 
 def test_less_time_never_lowers_the_bound():
-    vehicle, task, _ = task_on(random_road(2))
+    task, _ = task_on(random_road(2))
     shorter = replace(task, time_max=0.99 * task.time_max)
-    assert lower_bound(vehicle, shorter).cost > lower_bound(vehicle, task).cost
+    assert lower_bound(shorter).cost > lower_bound(task).cost
 
 
 def test_a_task_without_speed_limits_is_refused():
-    vehicle, task, _ = task_on(random_road(0))
+    task, _ = task_on(random_road(0))
     with pytest.raises(PlanningError, match="finite at every node"):
-        lower_bound(vehicle, replace(task, b_high=np.full(task.b_high.size, np.inf)))
+        lower_bound(replace(task, b_high=np.full(task.b_high.size, np.inf)))
 
 
 def test_bounds_that_contradict_are_named():
-    vehicle, task, _ = task_on(random_road(0))
+    task, _ = task_on(random_road(0))
     low = task.b_low.copy()
     low[10] = 700.0
     with pytest.raises(PlanningError, match="station 500 m"):
-        lower_bound(vehicle, replace(task, b_low=low))
+        lower_bound(replace(task, b_low=low))
 
 
 @pytest.mark.parametrize("k_a", [0.0, 0.5])
@@ -199,10 +201,10 @@ def test_bound_is_below_the_plan_on_a_level_road_too_where_both_are_the_same(k_a
     # The plan uses the room in the trip time that the solver takes; so must the bound.
     station = 50.0 * np.arange(201)
     road = RoadProfile(station, np.zeros(201), np.full(201, np.inf), "level")
-    vehicle, task, base = task_on(road, k_a=k_a)
-    answer = Solver(vehicle, task.road.intervals, task.road.step).solve(task, base)
-    total = cost(vehicle, task, answer.speed)
-    for bound in (certificate(vehicle, task, answer), lower_bound(vehicle, task).cost):
+    task, base = task_on(road, k_a=k_a)
+    answer = solve(task, base)
+    total = cost(task, answer.speed)
+    for bound in (certificate(task, answer), lower_bound(task).cost):
         assert total * (1.0 - 1e-5) < bound <= total
 
 
@@ -211,23 +213,23 @@ def climb_task():
     grade = np.concatenate([np.zeros(40), np.full(24, 0.05), np.full(56, -0.01)])
     height = np.concatenate([[0.0], np.cumsum(50.0 * grade)])
     road = RoadProfile(50.0 * np.arange(121), height, np.full(121, np.inf), "climb")
-    vehicle, task, base = task_on(road)
-    fastest = full_power_speed(vehicle, road, 20.0, np.full(121, 25.0))
+    task, base = task_on(road)
+    fastest = full_power_speed(task.vehicle, road, 20.0, np.full(121, 25.0))
     low = lower_speeds(fastest, 15.5) ** 2
     low[[0, -1]] = task.b_low[[0, -1]]
-    return vehicle, replace(task, b_low=low, b_high=np.maximum(task.b_high, low)), base, fastest
+    return replace(task, b_low=low, b_high=np.maximum(task.b_high, low)), base, fastest
 
 
 def test_a_plan_that_must_be_back_in_its_band_after_a_climb_is_certified():
-    vehicle, task, base, _ = climb_task()
-    answer = Solver(vehicle, task.road.intervals, task.road.step).solve(task, base)
-    assert -1e-9 < lower_bound(vehicle, task).gap(cost(vehicle, task, answer.speed)) < 5e-4
+    task, base, _ = climb_task()
+    answer = solve(task, base)
+    assert -1e-9 < lower_bound(task).gap(cost(task, answer.speed)) < 5e-4
 
 
 def test_from_below_the_least_enough_speed_full_power_misses_one_ahead():
-    vehicle, task, _, fastest = climb_task()
+    task, _, fastest = climb_task()
     low = np.sqrt(task.b_low)
-    enough = enough_speeds(vehicle, task.road, low, fastest)
+    enough = enough_speeds(task.vehicle, task.road, low, fastest)
     raised = np.flatnonzero(enough[:-1] > low[:-1] + 1e-3)
     assert raised.size > 5
     for k in raised:
@@ -236,5 +238,5 @@ def test_from_below_the_least_enough_speed_full_power_misses_one_ahead():
             if rest is None:
                 continue
             cap = np.append((share * enough[k]) ** 2, np.full(4, 900.0))
-            speed = fastest_below(vehicle, rest, cap)
+            speed = fastest_below(task.vehicle, rest, cap)
             assert (speed[1:] >= enough[k + 1 : k + 5] - 1e-6).all() == reached

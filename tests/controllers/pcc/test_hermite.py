@@ -5,15 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controllers.pcc import PccConfig, RoadProfile
+from controllers.pcc import PccConfig, RoadProfile, SpeedTask, solve
 from controllers.pcc.fuel import FuelMap
 from controllers.pcc.planner import lower_speeds, make_vehicle
-from controllers.pcc.solver import Solver, Task
 from controllers.pcc.vehicle import cruise, durations, full_power_speed
 from iits_mj.core.errors import PlanningError
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
-from iits_mj.validation.planning import pcc_hermite
+from iits_mj.validation.planning.pcc_hermite import ElementsProgram, basis
 
 PARAMETERS = TruckParameters.load()
 FUEL_MAP = FuelMap(PARAMETERS)
@@ -36,13 +35,17 @@ def task_on(road, k_a=0.5):
     high = np.maximum(cap**2, low)
     low[[0, -1]] = high[[0, -1]] = base[[0, -1]] ** 2
     total = float(durations(base, road).sum())
-    return vehicle, Task(road, low, high, total, np.zeros(base.size), 1e-3 * k_a), base
+    return SpeedTask(vehicle, road, low, high, total, k_a=1e-3 * k_a), base
+
+
+def by_elements(task, guess, **settings):
+    return solve(task, guess, "finite_elements", **settings)
 
 
 @pytest.fixture(scope="module")
 def hilly():
-    vehicle, task, base = task_on(hills())
-    return vehicle, task, base, pcc_hermite.solve(vehicle, task, base)
+    task, base = task_on(hills())
+    return task, base, by_elements(task, base)
 
 
 def motion(answer, samples=50):
@@ -51,29 +54,29 @@ def motion(answer, samples=50):
     h = answer.clock[1]
     s, v = answer.node_station, answer.node_speed
     parts = np.array([s[:-1], v[:-1] * h, s[1:], v[1:] * h])
-    return np.array([(parts.T @ pcc_hermite.basis(tau)[k] / h**k).ravel() for k in range(3)])
+    return np.array([(parts.T @ basis(tau)[k] / h**k).ravel() for k in range(3)])
 
 
 def test_basis_gives_values_and_slopes_at_both_ends():
-    ends = pcc_hermite.basis(np.array([0.0, 1.0]))
+    ends = basis(np.array([0.0, 1.0]))
     np.testing.assert_allclose(ends[0].T, np.eye(4)[[0, 2]])
     np.testing.assert_allclose(ends[1].T, np.eye(4)[[1, 3]])
 
 
 def test_derivatives_of_the_basis_agree_with_differences():
     tau, step = np.linspace(0.1, 0.9, 9), 1e-5
-    table = pcc_hermite.basis(tau)
+    table = basis(tau)
     for k in (0, 1):
-        ahead, behind = pcc_hermite.basis(tau + step)[k], pcc_hermite.basis(tau - step)[k]
+        ahead, behind = basis(tau + step)[k], basis(tau - step)[k]
         assert table[k + 1] == pytest.approx((ahead - behind) / (2.0 * step), abs=1e-8)
 
 
 def test_gradient_of_the_program_agrees_with_differences():
     import casadi as ca
 
-    vehicle, task, base = task_on(hills(intervals=20))
-    problem = pcc_hermite._Problem(vehicle, task, 100.0, 4)
-    program = problem.program
+    task, base = task_on(hills(intervals=20))
+    problem = ElementsProgram(task, 100.0, 4)
+    program = problem.functions
     value = ca.Function("f", [program["x"]], [program["f"], program["g"]])
     slope = ca.Function(
         "j",
@@ -96,14 +99,15 @@ def test_gradient_of_the_program_agrees_with_differences():
 
 
 def test_ends_and_trip_time_are_met_exactly(hilly):
-    _, task, base, answer = hilly
+    task, base, answer = hilly
     assert answer.clock[-1] == pytest.approx(task.time_max, rel=1e-12)
     assert answer.node_station[[0, -1]] == pytest.approx(task.road.station[[0, -1]])
     assert answer.node_speed[[0, -1]] == pytest.approx(base[[0, -1]], rel=1e-6)
 
 
 def test_fuel_is_that_of_the_motion_it_describes(hilly):
-    vehicle, task, _, answer = hilly
+    task, _, answer = hilly
+    vehicle = task.vehicle
     s, v, a = motion(answer)
     wave = 2.0 * np.pi / 2000.0
     grade = 0.03 * np.sin(wave * s)
@@ -115,29 +119,27 @@ def test_fuel_is_that_of_the_motion_it_describes(hilly):
 
 
 def test_both_transcriptions_agree_within_half_a_percent(hilly):
-    vehicle, task, base, answer = hilly
-    plan = Solver(vehicle, task.road.intervals, task.road.step).solve(task, base).speed
-    fuel = vehicle.fuel_of(plan, task.road).sum()
+    task, base, answer = hilly
+    plan = solve(task, base).speed
+    fuel = task.vehicle.fuel_of(plan, task.road).sum()
     assert answer.fuel == pytest.approx(fuel, rel=5e-3)
-    assert vehicle.fuel_of(answer.speed, task.road).sum() == pytest.approx(fuel, rel=5e-3)
+    assert task.vehicle.fuel_of(answer.speed, task.road).sum() == pytest.approx(fuel, rel=5e-3)
     assert np.sqrt(np.mean((answer.speed - plan) ** 2)) < 0.5
 
 
 def test_shorter_elements_come_closer_to_the_distance_domain(hilly):
-    vehicle, task, base, _ = hilly
-    plan = Solver(vehicle, task.road.intervals, task.road.step).solve(task, base).speed
-    fuel = vehicle.fuel_of(plan, task.road).sum()
-    long, short = (
-        abs(pcc_hermite.solve(vehicle, task, base, element=e).fuel / fuel - 1.0)
-        for e in (250.0, 62.5)
-    )
+    task, base, _ = hilly
+    plan = solve(task, base).speed
+    fuel = task.vehicle.fuel_of(plan, task.road).sum()
+    long, short = (abs(by_elements(task, base, element=e).fuel / fuel - 1.0) for e in (250.0, 62.5))
     assert short < long
     assert short < 2e-3
 
 
 def test_constant_speed_is_the_optimum_on_a_level_road():
-    vehicle, task, base = task_on(hills(0.0))
-    answer = pcc_hermite.solve(vehicle, task, base)
+    task, base = task_on(hills(0.0))
+    answer = by_elements(task, base)
+    vehicle = task.vehicle
     # Only the last stretch may coast a little and come back; the paper's ends are fixed.
     assert np.abs(answer.node_speed - 20.0).max() < 0.2
     power = (vehicle.slope_force(np.zeros(1))[0] + vehicle.drag * 400.0) * 20.0
@@ -149,44 +151,44 @@ def test_speed_limits_hold_at_the_points_of_the_elements():
     road = hills()
     limit = np.full(road.station.size, np.inf)
     limit[50:70] = 17.0
-    vehicle, task, base = task_on(replace(road, v_limit=limit))
-    answer = pcc_hermite.solve(vehicle, task, base)
+    task, base = task_on(replace(road, v_limit=limit))
+    answer = by_elements(task, base)
     assert (answer.speed - np.sqrt(task.b_high)).max() < 0.5
     inside = (answer.node_station >= 2500.0) & (answer.node_station <= 3450.0)
     assert answer.node_speed[inside].max() <= 17.0 + 1e-4
 
 
-def test_a_fence_holds_the_truck_back():
-    vehicle, task, base = task_on(hills())
-    free = pcc_hermite.solve(vehicle, task, base)
-    # Who drives ahead falls behind by up to 8 s on the first half of the road, and leaves it.
+def test_a_vehicle_ahead_holds_the_truck_back():
+    task, base = task_on(hills())
+    free = by_elements(task, base)
+    # The vehicle ahead falls behind by up to 8 s on the first half of the road, and leaves it.
     clock = np.concatenate([[0.0], np.cumsum(durations(base, task.road))])
     late = clock + np.minimum(8.0, 0.12 * clock)
-    fence = np.where(task.road.station < 2500.0, late, 0.0)
-    held = pcc_hermite.solve(vehicle, replace(task, fence=fence), base)
+    earliest = np.where(task.road.station < 2500.0, late, 0.0)
+    held = by_elements(replace(task, earliest=earliest), base)
     passed = np.interp(2400.0, held.node_station, held.clock)
-    assert passed >= fence[48] - 0.05
-    assert np.interp(2400.0, free.node_station, free.clock) < fence[48] - 1.0
+    assert passed >= earliest[48] - 0.05
+    assert np.interp(2400.0, free.node_station, free.clock) < earliest[48] - 1.0
     assert held.fuel > free.fuel
 
 
 def test_prices_and_open_trip_times_are_refused():
-    vehicle, task, base = task_on(hills())
+    task, base = task_on(hills())
     with pytest.raises(PlanningError, match="trip time"):
-        pcc_hermite.solve(vehicle, replace(task, time_max=np.inf), base)
+        by_elements(replace(task, time_max=np.inf), base)
     with pytest.raises(PlanningError, match="price"):
-        pcc_hermite.solve(vehicle, replace(task, price_time=0.01), base)
+        by_elements(replace(task, price_time=0.01), base)
 
 
-def test_a_fence_beyond_the_trip_time_is_refused():
-    vehicle, task, base = task_on(hills())
+def test_a_vehicle_ahead_beyond_the_trip_time_is_refused():
+    task, base = task_on(hills())
     late = np.full(base.size, 2.0 * task.time_max)
     late[0] = 0.0
-    with pytest.raises(PlanningError, match="fence"):
-        pcc_hermite.solve(vehicle, replace(task, fence=late), base)
+    with pytest.raises(PlanningError, match="vehicle ahead"):
+        by_elements(replace(task, earliest=late), base)
 
 
 def test_a_trip_time_out_of_reach_ends_with_a_reason():
-    vehicle, task, base = task_on(hills())
+    task, base = task_on(hills())
     with pytest.raises(PlanningError, match="iterations"):
-        pcc_hermite.solve(vehicle, replace(task, time_max=0.7 * task.time_max), base)
+        by_elements(replace(task, time_max=0.7 * task.time_max), base)

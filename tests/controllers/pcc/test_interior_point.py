@@ -3,20 +3,19 @@
 import numpy as np
 import pytest
 
-from controllers.pcc.interior_point import Settings, minimize
-from controllers.pcc.kkt import Inequalities, NodeSystem
-from controllers.pcc.problem import Point, Problem
+from controllers.pcc.interior_point import NodeSystem, Settings, minimize
+from controllers.pcc.problem import Inequalities, Point, Problem
 
 N = 7
 
 
-def problem(rng, fenced=True, calm=0.3):
+def problem(rng, behind=True, calm=0.3):
     """A small problem with bounds on all nodes but the first and the fourth, which are pinned."""
     low, high = np.full(N + 1, 0.3), np.full(N + 1, 1.6)
     low[[0, 3]] = high[[0, 3]] = 1.0
-    fence = np.zeros(N)
-    if fenced:
-        fence[2:5] = [2.0, 3.1, 4.0]
+    earliest = np.zeros(N)
+    if behind:
+        earliest[2:5] = [2.0, 3.1, 4.0]
     return Problem(
         inertia=3.0,
         air=0.08,
@@ -30,7 +29,7 @@ def problem(rng, fenced=True, calm=0.3):
         low=low,
         high=high,
         time_max=7.5,
-        fence=fence,
+        earliest=earliest,
     )
 
 
@@ -61,10 +60,10 @@ def lagrangian_slope(task, limits, z):
     return slope
 
 
-@pytest.mark.parametrize("fenced", [True, False])
-def test_gradient_of_the_lagrangian_is_that_of_finite_differences(fenced):
+@pytest.mark.parametrize("behind", [True, False])
+def test_gradient_of_the_lagrangian_is_that_of_finite_differences(behind):
     rng = np.random.default_rng(1)
-    task = problem(rng, fenced)
+    task = problem(rng, behind)
     limits = Inequalities(task)
     z = rng.uniform(0.0, 2.0, limits.present.size) * limits.present
     x = np.concatenate(state(rng))
@@ -79,10 +78,10 @@ def test_gradient_of_the_lagrangian_is_that_of_finite_differences(fenced):
     assert found == pytest.approx(expected, abs=1e-7)
 
 
-@pytest.mark.parametrize("fenced", [True, False])
-def test_change_of_the_inequalities_is_that_of_finite_differences(fenced):
+@pytest.mark.parametrize("behind", [True, False])
+def test_change_of_the_inequalities_is_that_of_finite_differences(behind):
     rng = np.random.default_rng(2)
-    task = problem(rng, fenced)
+    task = problem(rng, behind)
     limits = Inequalities(task)
     x = np.concatenate(state(rng))
     step = rng.normal(size=x.size)
@@ -94,7 +93,7 @@ def test_change_of_the_inequalities_is_that_of_finite_differences(fenced):
 
 def test_curvature_over_the_nodes_is_the_whole_hessian_with_the_brakes_eliminated():
     rng = np.random.default_rng(3)
-    task = problem(rng, fenced=False)
+    task = problem(rng, behind=False)
     limits = Inequalities(task)
     b, y = state(rng)
     x = np.concatenate([b, y])
@@ -134,14 +133,14 @@ def test_convex_part_of_the_curvature_has_no_negative_eigenvalue():
         assert (h00 * h11 - h01**2 >= -1e-9 * h00 * h11).all()
 
 
-@pytest.mark.parametrize("fenced", [True, False])
-def test_node_system_solves_what_it_stands_for(fenced):
+@pytest.mark.parametrize("behind", [True, False])
+def test_node_system_solves_what_it_stands_for(behind):
     rng = np.random.default_rng(5)
     diagonal, beside = rng.uniform(2.0, 3.0, N + 1), rng.normal(0.0, 0.3, N)
     d0, d1 = -rng.uniform(0.1, 1.0, (2, N))
     weights = rng.uniform(0.0, 3.0, N)
     weights[3] = 0.0
-    if not fenced:
+    if not behind:
         weights[:-1] = 0.0
     matrix = np.diag(diagonal) + np.diag(beside, 1) + np.diag(beside, -1)
     slope = np.zeros((N, N + 1))
@@ -149,7 +148,7 @@ def test_node_system_solves_what_it_stands_for(fenced):
     times = np.tril(np.ones((N, N))) @ slope
     matrix += times.T @ (weights[:, None] * times)
     right = rng.normal(size=N + 1)
-    system = NodeSystem(diagonal, beside, (d0, d1), weights, fenced)
+    system = NodeSystem(diagonal, beside, (d0, d1), weights, behind)
     assert system.definite
     assert system.solve(right) == pytest.approx(np.linalg.solve(matrix, right), abs=1e-12)
 
@@ -164,7 +163,7 @@ def test_node_system_tells_an_indefinite_matrix():
 @pytest.mark.parametrize("guarded", [False, True])
 def test_both_runs_end_where_the_optimality_conditions_hold(guarded):
     rng = np.random.default_rng(6)
-    task = problem(rng, fenced=True)
+    task = problem(rng, behind=True)
     found = minimize(task, np.ones(N + 1), Settings(guarded=guarded))
     assert found.converged, found.note
     limits = Inequalities(task)
@@ -185,7 +184,7 @@ def test_both_runs_end_where_the_optimality_conditions_hold(guarded):
 
 
 def test_both_runs_find_the_same_optimum():
-    task = problem(np.random.default_rng(7), fenced=False)
+    task = problem(np.random.default_rng(7), behind=False)
     quick = minimize(task, np.ones(N + 1))
     guarded = minimize(task, np.full(N + 1, 0.5), Settings(guarded=True))
     assert quick.converged
@@ -195,7 +194,7 @@ def test_both_runs_find_the_same_optimum():
 
 
 def test_a_problem_without_any_drive_ends_with_the_reason():
-    task = problem(np.random.default_rng(8), fenced=False)
+    task = problem(np.random.default_rng(8), behind=False)
     hopeless = Problem(**{**task.__dict__, "time_max": 3.0})
     found = minimize(hopeless, np.ones(N + 1), Settings(iterations=60))
     assert not found.converged

@@ -7,9 +7,8 @@ import pytest
 from scipy.optimize import nnls
 
 from controllers.pcc import PccConfig, RoadProfile, plan
-from controllers.pcc.fuel import FuelMap, _nonnegative_fit
-from controllers.pcc.planner import lower_speeds, make_vehicle
-from controllers.pcc.solver import on_finer_road
+from controllers.pcc.fuel import FuelMap, nonnegative_fit
+from controllers.pcc.planner import lower_speeds, make_vehicle, on_finer_road
 from controllers.pcc.vehicle import cruise, durations, full_power_speed
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.parameters import TruckParameters
@@ -49,7 +48,7 @@ def test_fuel_fit_is_the_nonnegative_least_squares_fit():
     for _ in range(20):
         basis = rng.normal(size=(30, 3))
         value = basis @ rng.normal(size=3) + rng.normal(0.0, 0.1, 30)
-        assert _nonnegative_fit(basis, value) == pytest.approx(nnls(basis, value)[0], abs=1e-9)
+        assert nonnegative_fit(basis, value) == pytest.approx(nnls(basis, value)[0], abs=1e-9)
 
 
 def test_engine_rate_gives_the_tables_own_values():
@@ -286,7 +285,7 @@ def test_a_band_beyond_the_gears_is_refused():
 def test_a_truck_without_brakes_is_planned_by_coasting():
     gentle = hills(amplitude=0.01)
     solution = plan(gentle, PARAMETERS, MASS, PccConfig(deceleration_max=0.0))
-    assert solution.method == "interior_point"
+    assert solution.optimum.method == "interior_point"
     vehicle = make_vehicle(PARAMETERS, FuelMap(PARAMETERS), MASS, PccConfig())
     net = vehicle.net_force(solution.plan.speed, gentle)
     mean = 0.5 * (solution.plan.speed[1:] + solution.plan.speed[:-1])

@@ -7,8 +7,8 @@ import pytest
 
 from controllers.pcc import (
     Appointment,
-    FenceConfig,
     Leader,
+    LeaderConfig,
     PccConfig,
     RecedingConfig,
     RecedingPlanner,
@@ -17,7 +17,7 @@ from controllers.pcc import (
 )
 from controllers.pcc.reference import Flow, FlowConfig
 from controllers.pcc.schedule import make_schedule
-from controllers.pcc.solver import Solver
+from controllers.pcc.solver import METHODS
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.core.messages import TrackedVehicle
 from iits_mj.parameters import TruckParameters
@@ -55,7 +55,7 @@ def clock(profile):
     return np.concatenate([[0.0], np.cumsum(2.0 * step / (profile.speed[1:] + profile.speed[:-1]))])
 
 
-def fail(self, task, guess):
+def fail(task, guess, **settings):
     raise PlanningError("time is up")
 
 
@@ -202,23 +202,23 @@ def test_a_truck_is_held_back_by_a_price_below_zero_and_then_by_a_top_speed(plan
 # A vehicle ahead ----------------------------------------------------------------------------------
 
 
-def test_fence_of_a_slow_vehicle_ahead_is_never_passed(planner):
+def test_constraint_of_a_slow_vehicle_ahead_is_kept(planner):
     leader = Leader(rear=1150.0, speed=14.0)
     found = planner.plan(1000.0, 18.0, 0.0, leader)
     assert found.status == "optimal"
-    settings = planner.receding.fence
+    settings = planner.receding.leader
     clear = leader.rear - settings.standstill_gap
-    fence = (found.profile.station - clear) / leader.speed + settings.time_gap
+    earliest = (found.profile.station - clear) / leader.speed + settings.time_gap
     passed = clock(found.profile)
-    assert (passed >= np.minimum(fence, settings.hold) - 0.05).all()
-    assert (passed < 1.05 * fence)[fence > 5.0].any()
+    assert (passed >= np.minimum(earliest, settings.hold) - 0.05).all()
+    assert (passed < 1.05 * earliest)[earliest > 5.0].any()
 
 
 def test_a_cut_in_is_answered_by_braking_no_harder_than_the_settings(planner):
     found = planner.plan(1000.0, 20.0, 0.0, Leader(rear=1008.0, speed=12.0))
     assert found.status == "optimal"
     loss = -np.diff(found.profile.speed**2) / (2.0 * planner.receding.step)
-    settings = planner.receding.fence
+    settings = planner.receding.leader
     assert 0.3 < loss.max() < settings.deceleration + 0.1
     gap = clock(found.profile) - (found.profile.station - 998.0) / 12.0
     in_time = clock(found.profile) <= settings.hold
@@ -256,7 +256,7 @@ def test_a_jam_is_approached_and_left_to_the_trajectory_planner(planner):
     speed = found.profile.at
     assert speed(1000.0) == pytest.approx(15.0, abs=0.1)
     assert speed(1000.0) > speed(1150.0) > speed(1250.0) > speed(1300.0)
-    assert speed(1300.0) == pytest.approx(planner.receding.fence.jam, abs=0.5)
+    assert speed(1300.0) == pytest.approx(planner.receding.leader.jam, abs=0.5)
 
 
 def test_traffics_speed_limits_schedule_and_plan_and_is_come_down_to_gently():
@@ -282,7 +282,7 @@ def test_who_is_late_for_an_appointment_is_faster_than_the_others_while_nobody_i
     free = planner.plan(2000.0, 15.0, 50.0, flow=15.0)
     assert free.profile.speed[30:].min() > 16.5
     needed = 6_000.0 / 350.0
-    assert planner._last.speed.max() < needed + 0.05
+    assert planner.last.speed.max() < needed + 0.05
     planner.reset()
     behind = planner.plan(2000.0, 15.0, 50.0, Leader(2150.0, 15.0), flow=15.0)
     assert behind.profile.speed.max() < 15.0 + planner.receding.surplus + 1e-6
@@ -296,7 +296,7 @@ def test_where_a_plan_takes_full_power_the_truck_is_asked_for_a_surplus():
     hurry = Appointment(8_000.0, 100.0)
     planner = RecedingPlanner(ROAD, PARAMETERS, 55_000.0, PccConfig(), PATIENT, hurry)
     found = planner.plan(1900.0, 16.0, 0.0)
-    plain = planner._last
+    plain = planner.last
     more = found.profile.speed - plain.speed
     assert more.max() == pytest.approx(planner.receding.surplus)
     road = planner.trip.grid(float(plain.station[0]), plain.station.size - 1)
@@ -313,7 +313,7 @@ def test_where_a_plan_takes_full_power_the_truck_is_asked_for_a_surplus():
 def test_a_failed_solve_keeps_the_last_plan(planner, monkeypatch):
     first = planner.plan(1000.0, 20.0, 0.0)
     speed = first.profile.at(1200.0)
-    monkeypatch.setattr(Solver, "solve", fail)
+    monkeypatch.setitem(METHODS, "interior_point", fail)
     second = planner.plan(1200.0, speed, 10.0)
     assert second.status == "kept"
     assert second.reason == "time is up"
@@ -322,7 +322,7 @@ def test_a_failed_solve_keeps_the_last_plan(planner, monkeypatch):
 
 def test_a_last_plan_that_the_vehicle_ahead_forbids_is_not_kept(planner, monkeypatch):
     first = planner.plan(1000.0, 20.0, 0.0)
-    monkeypatch.setattr(Solver, "solve", fail)
+    monkeypatch.setitem(METHODS, "interior_point", fail)
     second = planner.plan(1200.0, first.profile.at(1200.0), 10.0, Leader(1260.0, 8.0))
     assert second.status == "cruise"
     assert second.profile.at(1800.0) == pytest.approx(8.0)
@@ -331,15 +331,15 @@ def test_a_last_plan_that_the_vehicle_ahead_forbids_is_not_kept(planner, monkeyp
 def test_without_a_last_plan_the_schedule_is_driven(planner, monkeypatch):
     planner.plan(1000.0, 20.0, 0.0)
     schedule = planner.schedule
-    monkeypatch.setattr(Solver, "solve", fail)
-    monkeypatch.setattr(planner, "_last", None)
+    monkeypatch.setitem(METHODS, "interior_point", fail)
+    monkeypatch.setattr(planner, "last", None)
     found = planner.plan(1200.0, float(schedule.speed_at(1200.0)), schedule.due(1200.0))
     assert found.status == "schedule"
     assert found.profile.at(3000.0) == pytest.approx(float(schedule.speed_at(3000.0)), abs=0.1)
 
 
 def test_without_anything_a_cruise_within_the_limits_is_driven(planner, monkeypatch):
-    monkeypatch.setattr(Solver, "solve", fail)
+    monkeypatch.setitem(METHODS, "interior_point", fail)
     found = planner.plan(1000.0, 24.0, 0.0)
     assert found.status == "cruise"
     assert found.reason == "time is up"
@@ -356,13 +356,13 @@ def test_a_late_solve_is_given_up():
 
 
 def test_an_optimum_that_is_not_finite_is_not_used(planner, monkeypatch):
-    solve = Solver.solve
+    solve = METHODS["interior_point"]
 
-    def spoiled(self, task, guess):
-        answer = solve(self, task, guess)
+    def spoiled(task, guess, **settings):
+        answer = solve(task, guess, **settings)
         return replace(answer, speed=np.where(np.arange(answer.speed.size) == 7, np.nan, 20.0))
 
-    monkeypatch.setattr(Solver, "solve", spoiled)
+    monkeypatch.setitem(METHODS, "interior_point", spoiled)
     found = planner.plan(1000.0, 20.0, 0.0)
     assert found.status == "cruise"
     assert "finite" in found.reason
@@ -466,7 +466,7 @@ def test_numbers_that_are_not_finite_are_refused_by_name(planner):
     [
         ((-500.0, 20.0, 0.0), "station -500 m is off the road"),
         ((13_000.0, 20.0, 0.0), "station 13000 m is off the road, which goes from 0 to 12000"),
-        ((1000.0, 90.0, 0.0), "speed 90 m/s is no truck's"),
+        ((1000.0, 90.0, 0.0), "speed 90 m/s is not allowed"),
         ((1000.0, 20.0, 0.0, Leader(990.0, 10.0)), "gap -10 m to the vehicle ahead"),
         ((1000.0, 20.0, 0.0, None, -1.0), "flow is -1.0"),
     ],
@@ -491,7 +491,7 @@ def test_masses_that_are_not_the_trucks_are_refused_by_name(mass):
         (RecedingConfig, {"surplus": float("nan")}),
         (FlowConfig, {"memory": 0.0}),
         (RecedingConfig, {"power_share": 1.2}),
-        (FenceConfig, {"time_gap": float("inf")}),
+        (LeaderConfig, {"time_gap": float("inf")}),
     ],
 )
 def test_bad_settings_are_refused_by_name(kind, change):

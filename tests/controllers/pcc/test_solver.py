@@ -1,4 +1,4 @@
-"""The solver of the speed planner: IPOPT as cross-check, prices, fences, reasons for no drive."""
+"""`solve`: IPOPT as reference, prices, a vehicle ahead, reasons for no drive."""
 
 import math
 from dataclasses import replace
@@ -6,11 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controllers.pcc import PccConfig, RoadProfile, plan
+from controllers.pcc import PccConfig, RoadProfile, SpeedTask, plan, solve
 from controllers.pcc import solver as solver_module
 from controllers.pcc.fuel import FuelMap
 from controllers.pcc.planner import make_vehicle
-from controllers.pcc.solver import Solver, Task
 from controllers.pcc.vehicle import cruise, durations
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.parameters import TruckParameters
@@ -39,7 +38,7 @@ def task_of(road, vehicle=VEHICLE, **changes):
     low = np.minimum(low, 0.8 * speed**2)
     low[[0, -1]] = high[[0, -1]]
     settings = {"time_max": float(durations(speed, road).sum()), "k_a": 5e-4}
-    task = Task(road, low, high, fence=np.zeros(speed.size), **(settings | changes))
+    task = SpeedTask(vehicle, road, low, high, **(settings | changes))
     return task, speed
 
 
@@ -52,23 +51,17 @@ def cost_of(task, answer, vehicle=VEHICLE):
     return float(fuel + task.k_a * (a**2 * time).sum() - task.price_energy * v[-1] ** 2)
 
 
-def leader_fence(road, gap, speed, reach):
-    fence = np.where(road.station <= reach, (road.station - gap) / speed + 1.8, 0.0)
-    fence[0] = 0.0
-    return np.maximum(fence, 0.0)
+def passing_behind(road, gap, speed, reach):
+    earliest = np.where(road.station <= reach, (road.station - gap) / speed + 1.8, 0.0)
+    earliest[0] = 0.0
+    return np.maximum(earliest, 0.0)
 
 
-@pytest.fixture(scope="module")
-def ipopt():
-    return Solver(VEHICLE, N, STEP, method="ipopt")
-
-
-def test_ipopt_finds_the_same_optimum_on_random_roads(ipopt):
+def test_ipopt_finds_the_same_optimum_on_random_roads():
     rng = np.random.default_rng(1)
-    own = Solver(VEHICLE, N, STEP)
     for _ in range(25):
         task, guess = task_of(random_road(rng))
-        mine, other = own.solve(task, guess), ipopt.solve(task, guess)
+        mine, other = solve(task, guess), solve(task, guess, "ipopt")
         assert (mine.method, other.method) == ("interior_point", "ipopt")
         assert cost_of(task, mine) == pytest.approx(cost_of(task, other), rel=1e-6)
         assert mine.time_price == pytest.approx(other.time_price, abs=2e-6)
@@ -78,86 +71,81 @@ def test_ipopt_finds_the_same_optimum_on_random_roads(ipopt):
 
 def test_ipopt_finds_the_same_optimum_behind_a_vehicle():
     rng = np.random.default_rng(2)
-    own = Solver(VEHICLE, N, STEP, fenced=True)
-    other = Solver(VEHICLE, N, STEP, fenced=True, method="ipopt")
     for _ in range(10):
         road = random_road(rng)
         changes = {"time_max": math.inf, "price_time": 0.006, "price_energy": 1.5e-3}
         task, guess = task_of(road, **changes)
         low = np.append(task.b_low[0], np.full(N, 4.0))
         high = np.append(task.b_high[0], np.full(N, 560.0))
-        fence = leader_fence(road, 80.0, rng.uniform(13.0, 16.0), 1500.0)
-        task = replace(task, b_low=low, b_high=high, fence=fence)
-        mine, theirs = own.solve(task, guess), other.solve(task, guess)
+        earliest = passing_behind(road, 80.0, rng.uniform(13.0, 16.0), 1500.0)
+        task = replace(task, b_low=low, b_high=high, earliest=earliest)
+        mine, theirs = solve(task, guess), solve(task, guess, "ipopt")
         assert mine.method == "interior_point"
         assert cost_of(task, mine) == pytest.approx(cost_of(task, theirs), rel=1e-6)
         clock = np.append(0.0, np.cumsum(durations(mine.speed, road)))
-        assert (clock >= fence - 1e-4).all()
-        assert mine.interval_price.min() < -1e-4  # the fence is felt
+        assert (clock >= earliest - 1e-4).all()
+        assert mine.interval_price.min() < -1e-4  # the vehicle ahead costs time
 
 
 def test_long_roads_take_no_more_iterations_than_short_ones():
     rng = np.random.default_rng(3)
     road = random_road(rng, 1200)
     task, guess = task_of(road)
-    answer = Solver(VEHICLE, 1200, STEP).solve(task, guess)
+    answer = solve(task, guess)
     assert answer.method == "interior_point"
     assert answer.iterations < 40
 
 
 def test_a_loose_tolerance_gives_nearly_the_same_speeds_in_fewer_iterations():
     task, guess = task_of(random_road(np.random.default_rng(10)))
-    exact = Solver(VEHICLE, N, STEP).solve(task, guess)
-    loose = Solver(VEHICLE, N, STEP, tolerance=1e-6).solve(task, guess)
+    exact = solve(task, guess)
+    loose = solve(task, guess, tolerance=1e-6)
     assert loose.iterations < exact.iterations
     assert loose.speed == pytest.approx(exact.speed, abs=0.01)
 
 
 def test_a_tolerance_that_is_none_is_refused():
     with pytest.raises(InputError, match="tolerance"):
-        Solver(VEHICLE, N, STEP, tolerance=math.nan)
+        solve(*task_of(road_of(np.zeros(N))), tolerance=math.nan)
 
 
 def test_time_price_is_what_a_second_more_saves():
     task, guess = task_of(random_road(np.random.default_rng(4)))
-    solver = Solver(VEHICLE, N, STEP)
     cost = [
-        cost_of(task, solver.solve(replace(task, time_max=task.time_max + more), guess))
+        cost_of(task, solve(replace(task, time_max=task.time_max + more), guess))
         for more in (-0.5, 0.5)
     ]
-    assert solver.solve(task, guess).time_price == pytest.approx(cost[0] - cost[1], rel=0.01)
+    assert solve(task, guess).time_price == pytest.approx(cost[0] - cost[1], rel=0.01)
 
 
 def test_costate_at_the_start_is_what_more_speed_there_saves():
     task, guess = task_of(random_road(np.random.default_rng(5)))
-    solver = Solver(VEHICLE, N, STEP)
 
     def cost(more):
         low, high = task.b_low.copy(), task.b_high.copy()
         low[0] = high[0] = low[0] + more
-        return cost_of(task, solver.solve(replace(task, b_low=low, b_high=high), guess))
+        return cost_of(task, solve(replace(task, b_low=low, b_high=high), guess))
 
     saved = 0.5 * (cost(-1.0) - cost(1.0))
-    assert solver.solve(task, guess).costate[0] == pytest.approx(saved, rel=0.02)
+    assert solve(task, guess).costate[0] == pytest.approx(saved, rel=0.02)
 
 
 def test_costate_at_the_end_is_what_more_speed_there_costs():
     task, guess = task_of(random_road(np.random.default_rng(6)))
-    solver = Solver(VEHICLE, N, STEP)
 
     def cost(more):
         low, high = task.b_low.copy(), task.b_high.copy()
         low[-1] = high[-1] = low[-1] + more
-        return cost_of(task, solver.solve(replace(task, b_low=low, b_high=high), guess))
+        return cost_of(task, solve(replace(task, b_low=low, b_high=high), guess))
 
     spent = 0.5 * (cost(1.0) - cost(-1.0))
-    assert solver.solve(task, guess).costate[-1] == pytest.approx(spent, rel=0.02)
+    assert solve(task, guess).costate[-1] == pytest.approx(spent, rel=0.02)
 
 
 def test_costate_splits_the_drive_where_it_is_optimal():
     # With the costate as the worth of speed at the split, the first half alone gives the same.
     task, guess = task_of(random_road(np.random.default_rng(7)))
-    whole = Solver(VEHICLE, N, STEP).solve(task, guess)
+    whole = solve(task, guess)
     half = N // 2
     low, high = task.b_low[: half + 1], task.b_high[: half + 1]
     part = replace(
@@ -165,19 +153,19 @@ def test_costate_splits_the_drive_where_it_is_optimal():
         road=task.road.part(0, half),
         b_low=low,
         b_high=high,
-        fence=np.zeros(half + 1),
+        earliest=np.zeros(half + 1),
         time_max=math.inf,
         price_time=whole.time_price,
         price_energy=float(whole.costate[half]),
     )
-    again = Solver(VEHICLE, half, STEP).solve(part, guess[: half + 1])
+    again = solve(part, guess[: half + 1])
     assert again.speed == pytest.approx(whole.speed[: half + 1], abs=0.02)
 
 
 def test_where_only_one_drive_is_in_time_the_plan_is_that_drive():
     config = PccConfig(v_ref=22.0, v_max=22.0)
     solution = plan(road_of(np.zeros(N)), PARAMETERS, 40_000.0, config)
-    assert solution.method == "interior_point"
+    assert solution.optimum.method == "interior_point"
     assert solution.plan.speed == pytest.approx(np.full(N + 1, 22.0), abs=0.01)
 
 
@@ -185,34 +173,30 @@ def test_an_end_speed_that_takes_full_power_all_the_way_is_reached():
     road = road_of(np.concatenate([np.zeros(20), np.full(40, 0.035)]))
     config = PccConfig(v_ref=22.0, v_max=22.0)
     solution = plan(road, PARAMETERS, 55_000.0, config)
-    assert solution.method == "interior_point"
+    assert solution.optimum.method == "interior_point"
     assert solution.plan.speed == pytest.approx(solution.baseline.speed, abs=0.01)
 
 
 def test_ipopt_takes_over_where_our_own_method_does_not_converge(monkeypatch):
     task, guess = task_of(random_road(np.random.default_rng(8)))
-    wanted = Solver(VEHICLE, N, STEP).solve(task, guess)
+    wanted = solve(task, guess)
     minimize = solver_module.minimize
 
     def fail(problem, b, settings):
         return replace(minimize(problem, b, settings), converged=False, note="it did not")
 
     monkeypatch.setattr(solver_module, "minimize", fail)
-    answer = Solver(VEHICLE, N, STEP).solve(task, guess)
+    answer = solve(task, guess)
     assert answer.method == "ipopt"
     assert answer.speed == pytest.approx(wanted.speed, abs=0.02)
     with pytest.raises(PlanningError, match="it did not"):
-        Solver(VEHICLE, N, STEP, time_limit=0.5).solve(task, guess)
+        solve(task, guess, time_limit=0.5)
 
 
 def test_a_late_solve_ends_with_the_reason():
     task, guess = task_of(random_road(np.random.default_rng(9)))
     with pytest.raises(PlanningError, match="time limit"):
-        Solver(VEHICLE, N, STEP, time_limit=1e-9).solve(task, guess)
-
-
-def solve(task, guess, **settings):
-    return Solver(VEHICLE, task.road.intervals, STEP, **settings).solve(task, guess)
+        solve(task, guess, time_limit=1e-9)
 
 
 def test_a_trip_time_below_that_of_the_limits_is_named():
@@ -262,22 +246,22 @@ def test_bounds_that_leave_no_speed_are_named():
         solve(replace(task, b_high=high), guess)
 
 
-def test_a_fence_that_full_brakes_pass_too_early_is_named():
+def test_a_leader_that_full_brakes_reach_too_early_is_named():
     task, guess = task_of(road_of(np.zeros(N)))
-    fence = np.zeros(N + 1)
-    fence[1] = 10.0
+    earliest = np.zeros(N + 1)
+    earliest[1] = 10.0
     low = np.append(task.b_low[0], np.full(N, 1.0))
-    with pytest.raises(PlanningError, match=r"fence at station 50 m opens at 10\.0 s"):
-        solve(replace(task, b_low=low, fence=fence), guess, fenced=True)
+    with pytest.raises(PlanningError, match=r"vehicle ahead leaves station 50 m at 10\.0 s"):
+        solve(replace(task, b_low=low, earliest=earliest), guess)
 
 
-def test_a_fence_that_opens_after_the_trip_is_over_is_named():
+def test_a_leader_in_the_way_after_the_trip_is_over_is_named():
     task, guess = task_of(road_of(np.zeros(N)))
-    fence = np.zeros(N + 1)
-    fence[-1] = task.time_max + 5.0
+    earliest = np.zeros(N + 1)
+    earliest[-1] = task.time_max + 5.0
     low = np.append(task.b_low[0], np.full(N, 1.0))
-    with pytest.raises(PlanningError, match="a fence opens at"):
-        solve(replace(task, b_low=low, fence=fence), guess, fenced=True)
+    with pytest.raises(PlanningError, match="in the way until"):
+        solve(replace(task, b_low=low, earliest=earliest), guess)
 
 
 def test_tasks_that_are_none_are_refused():
@@ -288,9 +272,9 @@ def test_tasks_that_are_none_are_refused():
         solve(task, bad)
     with pytest.raises(PlanningError, match="price_time"):
         solve(replace(task, price_time=math.nan), guess)
-    with pytest.raises(PlanningError, match="fences"):
-        solve(replace(task, fence=np.full(N + 1, 1.0)), guess)
-    with pytest.raises(PlanningError, match="intervals"):
-        Solver(VEHICLE, N + 1, STEP).solve(task, guess)
-    with pytest.raises(InputError, match="method 'simplex'"):
-        Solver(VEHICLE, N, STEP, method="simplex")
+    with pytest.raises(PlanningError, match="earliest must hold 61"):
+        replace(task, earliest=np.ones(N))
+    with pytest.raises(PlanningError, match="b_low must hold 62"):
+        replace(task, road=road_of(np.zeros(N + 1)))
+    with pytest.raises(InputError, match=r"method 'simplex' .* interior_point, ipopt.*pcc_hermite"):
+        solve(task, guess, "simplex")

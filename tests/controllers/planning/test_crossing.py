@@ -6,9 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from controllers.planning.crossing import ALONG, _plainly_along
 from controllers.planning.planner import Planner
-from controllers.planning.predicted_boxes import poses, table_of
 from iits_mj.core.messages import EgoState, PlanMode, RoadSignals, Scene, TrackedVehicle
 from iits_mj.road import Route
 from iits_mj.road.measured import Lanes, measured_route
@@ -133,16 +131,3 @@ def test_who_stays_beside_the_swept_ground_is_not_waited_for():
     ego = EgoState(station=195.0, offset=float(road.lane_offset(0, 195.0)), speed=3.0, mass=19e3)
     beside = car(road, "far", 300.0, 0, 0.0)
     assert "waiting" not in Planner(road).plan(Scene(0.0, ego, (beside,))).reason
-
-
-def test_who_plainly_goes_along_is_within_the_angle_by_its_pose_too():
-    preview, rng = Planner(ROAD).preview, np.random.default_rng(6)
-    plain = 0
-    for yaw, speed, x in rng.uniform((-7.0, -3.0, 0.0), (7.0, 20.0, 900.0), (2000, 3)).tolist():
-        table = table_of([TrackedVehicle(id="a", x=x, station=x, yaw=yaw, speed=speed)])
-        angle = abs(float(poses(table, preview).to_road[0]))
-        along = _plainly_along(table, preview)
-        plain += along
-        assert not along or angle < ALONG
-        assert along or speed < 0.0 or angle > 0.98 * ALONG
-    assert plain > 100

@@ -96,9 +96,9 @@ def test_braking_ends_at_once_when_the_danger_is_gone():
 @pytest.mark.parametrize("payload", [36_000.0, 0.0])
 def test_the_mujoco_truck_stands_before_a_wall_seen_70_m_ahead_at_90_km_h(payload):
     stop = wall_stop(25.0, 70.0, payload, 0.002)
-    assert stop.gap > 2.0
+    assert stop.record["left"][-1] > 2.0
     assert stop.emergencies == 1
-    assert np.isfinite(stop.speed).all()
+    assert np.isfinite(stop.record["speed"]).all()
 
 
 def test_a_vehicle_that_only_drifts_is_followed_without_alarm():

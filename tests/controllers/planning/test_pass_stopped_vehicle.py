@@ -5,9 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from controllers.planning.crossing import bodies_along
 from controllers.planning.planner import Planner
-from controllers.planning.predicted_boxes import poses, table_of, touching
+from controllers.planning.predicted_boxes import Poses, bodies_along
 from iits_mj.core.messages import Decision, EgoState, LightState, RoadSignals, Scene, TrafficLight
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
@@ -38,8 +37,9 @@ def test_it_stops_with_room_and_passes_when_the_left_lane_is_free():
     units = bodies_along(
         TruckParameters.load(), run.planner.preview, driven, None, np.arange(560.0, 640.0, 0.5)
     )
-    there = poses(table_of([VAN]), run.planner.preview).ahead(np.zeros(1))
-    assert not any(touching(unit, there, 0.2).any() for unit in units)
+    around = Scene(0.0, EgoState(), [VAN]).neighbors
+    there = Poses.of(around, np.array([True]), run.planner.preview).ahead(np.zeros(1))
+    assert not any(unit.touch(there, 0.2).any() for unit in units)
 
 
 @pytest.mark.parametrize("gap", [4.0, 8.0])

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from controllers.planning.placement import lane_shift, off_tracking
 from controllers.planning.planner import Planner
 from controllers.planning.predicted_boxes import swept_path
-from controllers.planning.road_preview import RoadPreview
+from controllers.planning.road_preview import RoadPreview, lane_shift, off_tracking
 from controllers.tracking.lateral_model import LateralModel
 from iits_mj.analytic import Kinematic
 from iits_mj.core.messages import EgoState, Scene

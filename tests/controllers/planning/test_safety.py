@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from controllers.planning.road_preview import RoadPreview
 from controllers.planning.safety import SafetyConfig, conflict, front_gap_needed, rear_gap_needed
-from controllers.planning.surroundings import Surroundings
 from iits_mj.core.messages import EgoState, Scene
 from iits_mj.road import RoadMap, Route
 from tests.controllers.scenes import car
@@ -25,8 +24,8 @@ def target(station=1000.0, preview=PREVIEW):
 
 
 def judged(*vehicles, ego=EGO, limit=0.0, preview=PREVIEW):
-    surroundings = Surroundings(Scene(0.0, ego, vehicles), preview=preview)
-    return conflict(surroundings, target(ego.station, preview), CONFIG, limit=limit)
+    scene = Scene(0.0, ego, vehicles)
+    return conflict(scene, target(ego.station, preview), CONFIG, limit=limit)
 
 
 def least_gap(gap, speed, lead_speed, reaction, braking, lead_braking):
@@ -87,8 +86,7 @@ def test_a_slow_truck_does_not_go_before_somebody_it_cannot_see_yet():
     slow = dataclasses.replace(EGO, speed=5.0)
     assert judged(ego=slow, limit=25.0) is None
     blind = dataclasses.replace(CONFIG, sight_behind=60.0)
-    surroundings = Surroundings(Scene(0.0, slow), preview=PREVIEW)
-    assert "sight" in conflict(surroundings, target(), blind, limit=25.0)
+    assert "sight" in conflict(Scene(0.0, slow), target(), blind, limit=25.0)
 
 
 def test_a_vehicle_on_a_bridge_above_is_not_in_the_lane():
@@ -104,7 +102,7 @@ def test_a_vehicle_on_a_bridge_above_is_not_in_the_lane():
     above = dataclasses.replace(vehicle, z=vehicle.z + 6.0)
     assert judged(above, ego=ego, preview=preview) is None
     lane = preview.follow(1, 2000.0, 400.0, 150.0)
-    around = Surroundings(Scene(0.0, ego, (above,)), preview=preview)
-    assert around.in_lane(lane) == []
-    assert around.leader(lane) is None
-    assert around.beside(lane) is None
+    around = Scene(0.0, ego, (above,)).neighbors
+    assert not around.along_path(lane).any()
+    assert around.leader_along_path(lane) is None
+    assert not around.is_beside(lane)

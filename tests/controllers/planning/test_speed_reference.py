@@ -9,7 +9,7 @@ import pytest
 
 from controllers.decision.base import DecisionContext
 from controllers.pcc import Appointment, PccConfig, PccReference, RecedingConfig
-from controllers.pcc.solver import Solver
+from controllers.pcc.solver import METHODS
 from controllers.planning.planner import PlannerConfig
 from controllers.planning.speed_plan import SpeedConfig
 from controllers.planning.speed_reference import (
@@ -18,7 +18,6 @@ from controllers.planning.speed_reference import (
     check_covers,
     read_profile,
 )
-from controllers.planning.surroundings import Neighbor, Surroundings
 from controllers.stack import Stack
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.core.messages import (
@@ -30,6 +29,7 @@ from iits_mj.core.messages import (
     SpeedZone,
     TrackedVehicle,
 )
+from iits_mj.core.neighbors import Neighbor, Neighbors
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.road.measured import Lanes, measured_route
@@ -157,13 +157,13 @@ def test_a_vehicle_on_a_bridge_above_is_nobody_to_follow(route):
 
 def test_the_traffics_table_is_made_once_a_cycle(route, monkeypatch):
     made = []
-    count = Surroundings.__init__
+    count = Neighbors.__init__
 
     def counted(self, *arguments, **settings):
         made.append(self)
         count(self, *arguments, **settings)
 
-    monkeypatch.setattr(Surroundings, "__init__", counted)
+    monkeypatch.setattr(Neighbors, "__init__", counted)
     stack = stack_of(route, reference=PccReference(route, PCC, PARAMETERS, RECEDING))
     stack.plan(Scene(0.0, ego(route), [vehicle(route, 525.0, 11.0)]))
     assert len(made) == 1
@@ -226,9 +226,9 @@ def test_impossible_neighbors_and_masses_are_refused_by_name(route):
     reference = PccReference(route, PCC, PARAMETERS, RECEDING)
     scene = Scene(0.0, ego(route))
     with pytest.raises(InputError, match="gap -30 m"):
-        reference.update(scene, lambda: Neighbor(vehicle(route, 525.0, 11.0), -30.0))
+        reference.update(scene, lambda: Neighbor("slow", -30.0, 525.0, 0.0, 11.0, 0.0, 4.8, 1.9))
     reference.reset()
-    beside = Neighbor(vehicle(route, 525.0, 11.0), -2.0)
+    beside = Neighbor("slow", -2.0, 525.0, 0.0, 11.0, 0.0, 4.8, 1.9)
     assert reference.update(scene, lambda: beside).speed.size > 10
     reference.reset()
     with pytest.raises(InputError, match=r"mass -5\.0 kg"):
@@ -244,10 +244,10 @@ def test_the_trajectory_stays_the_safety_layer_behind_a_standing_vehicle(route):
 
 
 def test_a_failing_optimizer_does_not_stop_the_stack(route, monkeypatch):
-    def fail(self, task, guess):
+    def fail(task, guess, **settings):
         raise PlanningError("time is up")
 
-    monkeypatch.setattr(Solver, "solve", fail)
+    monkeypatch.setitem(METHODS, "interior_point", fail)
     reference = PccReference(route, PCC, PARAMETERS, RECEDING)
     stack = stack_of(route, reference=reference)
     planned = stack.plan(Scene(0.0, ego(route)))

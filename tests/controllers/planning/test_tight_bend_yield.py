@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from controllers.planning.planner import Planner
-from controllers.planning.predicted_boxes import poses, table_of, touching
+from controllers.planning.predicted_boxes import Poses
 from iits_mj.core.messages import (
     EgoState,
     LightState,
@@ -113,9 +113,10 @@ def test_in_the_bend_the_truck_stops_before_its_trailer_touches_somebody(place):
     assert states[-1].speed < 0.05
     assert "late is where the trailer has to go" in plans[-1].reason
     (sweep,) = (sweep for sweep in planner._stops.bends._known.values() if sweep is not None)
-    there = poses(table_of([oncoming("late", place, 0.0)]), planner.preview).ahead(np.zeros(1))
+    around = Scene(0.0, EgoState(), [oncoming("late", place, 0.0)]).neighbors
+    there = Poses.of(around, np.array([True]), planner.preview).ahead(np.zeros(1))
     row = round(states[-1].station - sweep.first)
-    near = np.any([touching(unit, there, 0.1)[:, 0] for unit in sweep.units], axis=0)
+    near = np.any([unit.touch(there, 0.1)[:, 0] for unit in sweep.units], axis=0)
     # Further on the trailer would have been too near, here it is not.
     assert near[row:].any()
     assert not near[row]

@@ -8,7 +8,7 @@ import pytest
 
 from controllers.planning.planner import PlannerConfig
 from controllers.planning.speed_plan import SpeedConfig
-from controllers.safe_stop.fallback import Driver, Fallback, FallbackConfig
+from controllers.safe_stop.fallback import CommandSource, Fallback, FallbackConfig
 from controllers.safe_stop.stop import SafeStop, SafeStopConfig, StopPhase
 from controllers.stack import Stack
 from iits_mj.core.errors import InputError
@@ -254,7 +254,7 @@ def test_returning_commands_take_over_without_a_step(make_fallback):
         ego = _ego(time=2.0 + 0.02 * k, speed=10.0)
         obeyed.append(fallback.command(ego, received, False))
     # Half a second more of the stop, then a second of both.
-    assert fallback.driver is Driver.COMMANDS
+    assert fallback.source is CommandSource.COMMANDS
     assert obeyed[20].accelerator_pedal == 0.0
     assert obeyed[-1] == received
     wheel = [before.steering_wheel_angle] + [c.steering_wheel_angle for c in obeyed]
@@ -272,7 +272,7 @@ def test_a_single_good_moment_does_not_end_the_stop(make_fallback):
         ego = _ego(time=2.0 + 0.02 * k, speed=10.0)
         command = fallback.command(ego, received, lost=k % 20 == 0)
         assert command.accelerator_pedal == 0.0
-    assert fallback.driver is Driver.STOP
+    assert fallback.source is CommandSource.STOP
     assert fallback.stops == 1
 
 
@@ -281,9 +281,9 @@ def test_commands_lost_again_while_returning_begin_a_new_stop(make_fallback):
     _lose(fallback)
     for k in range(20):
         fallback.command(_ego(time=2.0 + 0.02 * k, speed=10.0), VehicleCommand(), False)
-    assert fallback.driver is Driver.RETURNING
+    assert fallback.source is CommandSource.RETURNING
     fallback.command(_ego(time=2.4, speed=10.0), VehicleCommand(), True)
-    assert fallback.driver is Driver.STOP
+    assert fallback.source is CommandSource.STOP
     assert fallback.stops == 2
 
 
@@ -293,10 +293,10 @@ def test_a_standing_truck_waits_for_the_pedal_to_be_let_go_where_so_configured(m
     pressed, free = VehicleCommand(accelerator_pedal=0.5), VehicleCommand()
     for k in range(100):
         fallback.command(_ego(time=2.0 + 0.02 * k), pressed, False)
-    assert fallback.driver is Driver.STOP
+    assert fallback.source is CommandSource.STOP
     for k in range(100, 200):
         fallback.command(_ego(time=2.0 + 0.02 * k), free if k < 110 else pressed, False)
-    assert fallback.driver is Driver.COMMANDS
+    assert fallback.source is CommandSource.COMMANDS
 
 
 def test_a_harder_demand_of_the_returning_commands_counts_at_once(make_fallback):
@@ -322,7 +322,7 @@ def test_an_emergency_brake_in_force_is_obeyed_while_the_driver_is_lost(make_fal
     released = fallback.command(_ego(time=2.04, speed=10.0), VehicleCommand(), True)
     assert released.xbr_demand == pytest.approx(own.xbr_demand, abs=0.1)
     assert released.brake_pedal == 0.0
-    assert fallback.driver is Driver.STOP
+    assert fallback.source is CommandSource.STOP
 
 
 @pytest.mark.parametrize("wrong", [{"return_time": math.inf}, {"blend_time": -0.1}])
@@ -348,6 +348,6 @@ def test_a_drive_goes_on_after_the_bus_was_gone_for_two_seconds():
         truck.command(command)
         truck.step(10)
         speeds.append(ego.speed)
-    assert fallback.driver is Driver.COMMANDS
+    assert fallback.source is CommandSource.COMMANDS
     assert 10.0 < min(speeds) < 13.5
     assert speeds[-1] > min(speeds) + 1.5

@@ -5,8 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from controllers.tracking.lateral import DisturbanceObserver, LateralController, PathView
-from controllers.tracking.lateral_gains import LateralConfig, LateralGains, PlayConfig, SteeringPlay
+from controllers.tracking.lateral import (
+    DisturbanceObserver,
+    LateralController,
+    PathView,
+    SteeringPlay,
+)
+from controllers.tracking.lateral_gains import LateralConfig, LateralGains, PlayConfig
 from controllers.tracking.lateral_model import LateralModel
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Trajectory

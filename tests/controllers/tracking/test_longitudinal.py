@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from controllers.tracking.longitudinal import LongitudinalController, Phase
+from controllers.tracking.longitudinal import LongitudinalConfig, LongitudinalController, Phase
 from iits_mj.core.messages import EgoState, Trajectory, XbrEbiMode, XbrMode
 from iits_mj.parameters import TruckParameters
 
@@ -192,11 +192,10 @@ def test_coasting_ends_when_the_error_grows():
         assert (last.engine_brake > 0.0) == (phase is Phase.OVERRUN)
 
 
-def test_at_walking_pace_nothing_is_let_be():
-    controller = LongitudinalController(PARAMETERS)
-    controller.phase = Phase.COAST
-    assert controller._forgive(0.1, 20.0) == 0.0
-    assert controller._forgive(0.1, 0.0) == 0.1
+def test_coasting_ignores_small_errors_except_at_walking_pace():
+    config = LongitudinalConfig()
+    assert config.coasting_error(0.1, 20.0) == 0.0
+    assert config.coasting_error(0.1, 0.0) == 0.1
 
 
 def test_braking_beyond_the_drag_is_asked_of_the_engine_brake_without_a_detour():

@@ -137,8 +137,8 @@ def test_traffic_goes_on_alone_after_the_end_of_the_recording(two_lanes):
             frame = traffic.step()
         assert len(frame) > 0
         assert all(v.id.startswith("live.") for v in frame)
-        guests = [n for n in traffic.session.api.vehicle.getIDList() if n.startswith("guest.")]
-        assert guests == []
+        replayed = [n for n in traffic.session.api.vehicle.getIDList() if n.startswith("replayed.")]
+        assert replayed == []
 
 
 def test_without_replayed_vehicles_it_is_intersim(two_lanes):

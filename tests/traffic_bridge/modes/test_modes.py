@@ -223,8 +223,7 @@ def test_the_whole_highway_is_driven_without_a_collision_in_the_traffic(highway)
             vehicles = traffic.step()
         assert count > 60
         assert len(vehicles) > 60
-        world = traffic._running
-        assert not world.session.api.simulation.getCollidingVehiclesIDList()
+        assert not traffic.session.api.simulation.getCollidingVehiclesIDList()
 
 
 def test_a_truck_between_two_lanes_is_seen_in_both(straight):

@@ -15,7 +15,7 @@ from iits_mj.road import Route
 from tests.traffic_bridge.recorded_drive import changed, record
 from tests.traffic_bridge.scripted_truck import ego_at
 from traffic_bridge import Recording, RepSim, ReSim, VehicleFrame
-from traffic_bridge.recording.replay import Replay
+from traffic_bridge.recording.replay import InterpolatedRecording
 
 
 @pytest.fixture(scope="module")
@@ -23,10 +23,10 @@ def recorded(straight, tmp_path_factory):
     return record(straight, tmp_path_factory.mktemp("recording") / "drive", "mobil")
 
 
-def replay_of(times, *tracks: dict[float, TrackedVehicle]) -> Replay:
+def replay_of(times, *tracks: dict[float, TrackedVehicle]) -> InterpolatedRecording:
     """A replay of tracks given as state by time."""
     frames = [[track[t] for track in tracks if t in track] for t in times]
-    return Replay(Recording.of_frames({}, np.array(times), frames))
+    return InterpolatedRecording(Recording.of_frames({}, np.array(times), frames))
 
 
 def test_replay_has_distance_zero_to_its_source(straight, recorded):

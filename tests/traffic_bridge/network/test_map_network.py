@@ -18,7 +18,8 @@ from tests.traffic_bridge.merge_map import (
     merge_map,
     write_merge_map,
 )
-from traffic_bridge import MapNetwork, Network
+from traffic_bridge import MapNetwork
+from traffic_bridge.network.net_file import NetFile
 
 XODR = ROOT / "../shared/data/xodr"
 MAPS = ("e6mini", "curves_elevation", "crest-curve", "velodrome", "fabriksgatan_traffic_lights")
@@ -264,16 +265,16 @@ def test_a_wrong_question_gives_one_clear_error(merge, call, message):
 
 def test_a_net_of_another_map_is_refused(merge, highway):
     with pytest.raises(TrafficError, match="another map"):
-        MapNetwork(highway.road_map, merge.network)
+        MapNetwork(highway.road_map, merge.net)
     with pytest.raises(Error, match="not a SUMO network"):
-        MapNetwork(highway.road_map, Network(merge.road_map.path, (0.0, 0.0)))
+        MapNetwork(highway.road_map, NetFile.read(merge.road_map.path))
 
 
 def test_a_road_made_in_memory_has_a_network_too(straight):
     network = MapNetwork.of(straight.road_map)
     place = network.locate(1000.0, 0.0)
     assert (place.road, place.lane, place.edge) == ("1", -3, "-1")
-    assert MapNetwork.of(Route.straight(length=4000.0).road_map).network == network.network
+    assert MapNetwork.of(Route.straight(length=4000.0).road_map).net.path == network.net.path
 
 
 def test_a_changed_map_gets_another_net_and_a_map_changed_since_is_refused(tmp_path):
@@ -281,10 +282,10 @@ def test_a_changed_map_gets_another_net_and_a_map_changed_since_is_refused(tmp_p
 
     path = tmp_path / "map.xodr"
     first = write_merge_map(path)
-    net = MapNetwork.of(first).network
+    net = MapNetwork.of(first).net
     path.write_text(to_xml(merge_map()).replace('max="25.0"', 'max="20.0"'))
     with pytest.raises(MapError, match="changed"):
         MapNetwork.of(first)
     second = MapNetwork.of(RoadMap.from_opendrive(path))
-    assert second.network.path != net.path
+    assert second.net.path != net.path
     assert second.lanes["-1_0"].speed == 20.0

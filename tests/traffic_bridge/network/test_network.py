@@ -10,7 +10,7 @@ from iits_mj.road import RoadMap, Route
 from iits_mj.road.writer import to_xml
 from tests.paths import ROOT
 from traffic_bridge import MapNetwork, PureSim, TrafficConfig, build_network, cache_dir
-from traffic_bridge.network.lanes import RouteLanes
+from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.session import Session, load_libsumo
 
 XODR = ROOT / "../shared/data/xodr"
@@ -160,9 +160,10 @@ def test_a_malformed_net_gives_one_error_and_leaves_no_sumo(tmp_path, text, expe
 
 
 def test_a_net_of_another_map_is_refused(straight, highway):
-    session = Session(build_network(straight).path)
+    net = build_network(straight)
+    session = Session(net.path)
     with pytest.raises(TrafficError, match="no edge for road"):
-        RouteLanes(session, build_network(highway), highway)
+        RouteLanes(session, net, highway)
     assert not session.is_open
 
 

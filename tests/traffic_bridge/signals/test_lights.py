@@ -3,7 +3,7 @@ import pytest
 from iits_mj.core.errors import InputError, TrafficError
 from iits_mj.road import RoadMap
 from tests.paths import ROOT
-from traffic_bridge import LightPhase, LightProgramRun, LightState, PureSim, TrafficConfig
+from traffic_bridge import LightOverride, LightPhase, LightProgramRun, PureSim, TrafficConfig
 
 MAP = ROOT / "../shared/data/xodr/esmini_fabriksgatan_traffic_lights.xodr"
 STOP_LINE = 114.25  # [m], where the road of the map ends before its junction
@@ -91,7 +91,7 @@ def test_nobody_foretells_a_light_that_is_set_by_hand(traffic):
 
 
 def test_lights_follow_events_and_go_back_to_their_program(junction):
-    red = LightState(light="4", state="r", at_time=2.0, until=5.0)
+    red = LightOverride(light="4", state="r", at_time=2.0, until=5.0)
     mine = LightProgramRun(
         light="4", program="short", phases=((1.0, "G" * 12), (1.0, "y" * 12)), at_time=7.0
     )
@@ -110,7 +110,7 @@ def test_lights_follow_events_and_go_back_to_their_program(junction):
 
 def test_vehicles_stop_before_the_stop_line_of_a_red_light(junction):
     config = TrafficConfig(
-        density=0.2, speed_limit=10.0, events=(LightState(light="4", state="r"),)
+        density=0.2, speed_limit=10.0, events=(LightOverride(light="4", state="r"),)
     )
     with PureSim(junction, config, seed=1) as traffic:
         traffic.reset()
@@ -124,8 +124,8 @@ def test_vehicles_stop_before_the_stop_line_of_a_red_light(junction):
 @pytest.mark.parametrize(
     ("event", "text"),
     [
-        (LightState(light="9", state="r"), "event light_state: no traffic light '9' in the net"),
-        (LightState(light="4", state="rr"), "state 'rr' of traffic light '4': 1 or 12 letters"),
+        (LightOverride(light="9", state="r"), "event light_state: no traffic light '9' in the net"),
+        (LightOverride(light="4", state="rr"), "state 'rr' of traffic light '4': 1 or 12 letters"),
         (LightProgramRun(light="4", program="night"), "program 'night' of traffic light '4'"),
     ],
 )
@@ -163,17 +163,17 @@ def test_a_route_without_lights_has_none_ahead(straight):
 
 def test_a_light_held_by_two_events_shows_the_newer_one_and_ends_with_its_program(junction):
     nested = (
-        LightState(light="4", state="G", at_time=0.5, until=1.0),
-        LightState(light="4", state="y", at_time=0.6, until=0.8),
+        LightOverride(light="4", state="G", at_time=0.5, until=1.0),
+        LightOverride(light="4", state="y", at_time=0.6, until=0.8),
     )
     events = (
         *nested,
-        LightState(light="4", state="r", at_time=2.0, until=4.0),
-        LightState(light="4", state="G", at_time=3.0, until=6.0),
+        LightOverride(light="4", state="r", at_time=2.0, until=4.0),
+        LightOverride(light="4", state="G", at_time=3.0, until=6.0),
         LightProgramRun(
             light="4", program="short", phases=((1.0, "o" * 12),), at_time=5.0, until=7.0
         ),
-        LightState(light="4", state="u", at_time=6.5, until=8.0),
+        LightOverride(light="4", state="u", at_time=6.5, until=8.0),
     )
     with PureSim(junction, TrafficConfig(density="empty", events=events)) as traffic:
         traffic.reset()

@@ -87,7 +87,7 @@ def test_mobil_counts_with_the_accelerations_by_which_sumo_drives(highway):
             occupancy = Occupancy(rounds._graph, rounds._places())
             predicted = {}
             for name, place in occupancy.places.items():
-                around = occupancy.surroundings(place, place.lane)
+                around = occupancy.neighbors(place, place.lane)
                 predicted[name] = idm_acceleration(
                     place.driver, around.gap_ahead, around.speed_ahead
                 )
@@ -110,7 +110,7 @@ def test_traffic_merges_where_a_ramp_joins_and_lanes_end(lane_change, tmp_path):
     arrived = set()
     with PureSim(route, config, seed=1) as traffic:
         traffic.reset()
-        api = traffic._running.session.api
+        api = traffic.session.api
         for _ in range(450):
             for v in traffic.step():
                 standing[v.id] = standing.get(v.id, 0) + 1 if v.speed < 0.1 else 0

@@ -4,9 +4,10 @@ import math
 import pytest
 
 from traffic_bridge import default_types
-from traffic_bridge.network.lane_graph import Lane, LaneGraph
-from traffic_bridge.vehicles.lane_changing import Occupancy, Place, decide
-from traffic_bridge.vehicles.mobil import Driver, Surroundings, gain, idm_acceleration
+from traffic_bridge.network.lane_graph import LaneGraph
+from traffic_bridge.network.net_file import NetLane
+from traffic_bridge.vehicles.lane_changing import LanePosition, Occupancy, decide
+from traffic_bridge.vehicles.mobil import LaneNeighbors, MobilDriver, idm_acceleration, incentive
 
 CAR = default_types()[0]
 TRUCK = next(t for t in default_types() if t.kind == "articulated")
@@ -26,17 +27,17 @@ PLAIN = dataclasses.replace(
 
 
 def driver(name="me", speed=10.0, desired=20.0, kind=PLAIN, movable=True, **changes):
-    return Driver(name, speed, desired, dataclasses.replace(kind, **changes), movable)
+    return MobilDriver(name, speed, desired, dataclasses.replace(kind, **changes), movable)
 
 
 def straight_road(lanes=3, length=1000.0):
     """Edge A, then edge B, with as many lanes."""
-    first = [Lane(f"A_{i}", "A", i, length, ((f"B_{i}", "B"),)) for i in range(lanes)]
-    return LaneGraph([*first, *(Lane(f"B_{i}", "B", i, length) for i in range(lanes))])
+    found = [NetLane(f"{edge}_{i}", edge, i, length) for edge in "AB" for i in range(lanes)]
+    return LaneGraph(found, {f"A_{i}": [(f"B_{i}", "B")] for i in range(lanes)})
 
 
 def on(graph, lane, position, who):
-    return Place(who, graph.lanes[lane], position, {"A": "B"}.get)
+    return LanePosition(who, graph.lanes[lane], position, {"A": "B"}.get)
 
 
 def anywhere(_place, _lane):
@@ -45,7 +46,7 @@ def anywhere(_place, _lane):
 
 def around(graph, places, name, lane):
     occupancy = Occupancy(graph, places)
-    return occupancy.surroundings(occupancy.places[name], graph.lanes[lane])
+    return occupancy.neighbors(occupancy.places[name], graph.lanes[lane])
 
 
 def test_idm_is_zero_at_the_desired_speed_and_at_the_equilibrium_gap():
@@ -62,67 +63,67 @@ def test_idm_agrees_with_a_value_computed_by_hand():
 
 
 def test_gain_of_a_selfish_driver_is_the_difference_of_two_idm_accelerations():
-    here = Surroundings(gap_ahead=20.0, speed_ahead=6.0)
+    here = LaneNeighbors(gap_ahead=20.0, speed_ahead=6.0)
     # Free lane: 1 - 1/16 = 0.9375; own lane -0.885; threshold 0.1.
-    assert gain(driver(), here, Surroundings(), to_right=False) == pytest.approx(1.7225)
+    assert incentive(driver(), here, LaneNeighbors(), to_right=False) == pytest.approx(1.7225)
 
 
 def test_politeness_counts_new_and_old_follower_under_the_symmetric_rule():
     new, old = driver("new"), driver("old")
-    here = Surroundings(20.0, 6.0, 17.0, old)
-    there = Surroundings(math.inf, 0.0, 34.0, new)
+    here = LaneNeighbors(20.0, 6.0, 17.0, old)
+    there = LaneNeighbors(math.inf, 0.0, 34.0, new)
     # New follower: free 0.9375 before; behind me, gap 34, equal speed: s* = 17, so 0.9375 - 0.25.
     # Old follower: behind me, gap 17: 0.9375 - 1 = -0.0625; behind the leader, gap 17 + 5 + 20 = 42
     # at 4 m/s closing: s* = 27: 0.9375 - (27/42)^2 = 0.524235.
     others = -0.25 + (0.9375 - (27.0 / 42.0) ** 2 + 0.0625)
-    selfish = gain(driver(), here, there, to_right=False)
+    selfish = incentive(driver(), here, there, to_right=False)
     for politeness in (0.5, 1.0):
-        value = gain(driver(politeness=politeness), here, there, to_right=False)
+        value = incentive(driver(politeness=politeness), here, there, to_right=False)
         assert value - selfish == pytest.approx(politeness * others)
 
 
 def test_keep_right_rule_counts_the_follower_on_the_left_lane_only():
     new, old = driver("new"), driver("old")
-    here = Surroundings(20.0, 6.0, 17.0, old)
-    there = Surroundings(math.inf, 0.0, 34.0, new)
+    here = LaneNeighbors(20.0, 6.0, 17.0, old)
+    there = LaneNeighbors(math.inf, 0.0, 34.0, new)
     own = 0.9375 + 0.885 - 0.1
     me = driver(politeness=1.0, keep_right_bias=0.3)
-    assert gain(me, here, there, to_right=False) == pytest.approx(own - 0.3 - 0.25)
+    assert incentive(me, here, there, to_right=False) == pytest.approx(own - 0.3 - 0.25)
     relief = 0.9375 - (27.0 / 42.0) ** 2 + 0.0625
-    assert gain(me, here, there, to_right=True) == pytest.approx(own + 0.3 + relief)
+    assert incentive(me, here, there, to_right=True) == pytest.approx(own + 0.3 + relief)
 
 
 def test_keep_right_driver_returns_to_a_free_right_lane_and_a_symmetric_one_stays():
-    alone = Surroundings()
-    assert gain(driver(keep_right_bias=0.2), alone, alone, to_right=True) == pytest.approx(0.1)
-    assert gain(driver(), alone, alone, to_right=True) == pytest.approx(-0.1)
+    alone = LaneNeighbors()
+    assert incentive(driver(keep_right_bias=0.2), alone, alone, to_right=True) == pytest.approx(0.1)
+    assert incentive(driver(), alone, alone, to_right=True) == pytest.approx(-0.1)
 
 
 def test_above_the_critical_speed_nobody_gains_by_passing_on_the_right():
     me = driver(speed=25.0, desired=30.0, keep_right_bias=0.2)
-    slower_left = Surroundings(gap_ahead=60.0, speed_ahead=20.0)
-    free_right = Surroundings()
+    slower_left = LaneNeighbors(gap_ahead=60.0, speed_ahead=20.0)
+    free_right = LaneNeighbors()
     # The free right lane is worth no more than the left: what is left is bias less threshold.
-    assert gain(me, slower_left, free_right, to_right=True) == pytest.approx(0.2 - 0.1)
+    assert incentive(me, slower_left, free_right, to_right=True) == pytest.approx(0.2 - 0.1)
     slow = driver(speed=14.0, desired=30.0, keep_right_bias=0.2)
-    queue_left = Surroundings(gap_ahead=30.0, speed_ahead=10.0)
-    assert gain(slow, queue_left, free_right, to_right=True) > 0.5
+    queue_left = LaneNeighbors(gap_ahead=30.0, speed_ahead=10.0)
+    assert incentive(slow, queue_left, free_right, to_right=True) > 0.5
 
 
 @pytest.mark.parametrize(
     "there",
     [
-        Surroundings(gap_ahead=1.9, speed_ahead=30.0),
-        Surroundings(gap_ahead=-4.0, speed_ahead=30.0),
-        Surroundings(gap_behind=1.9, follower=driver("new", speed=1.0)),
+        LaneNeighbors(gap_ahead=1.9, speed_ahead=30.0),
+        LaneNeighbors(gap_ahead=-4.0, speed_ahead=30.0),
+        LaneNeighbors(gap_behind=1.9, follower=driver("new", speed=1.0)),
         # 20 m/s behind 10 m/s at 15 m: s* = 2 + 30 + 20 * 10 / 4 = 82, far beyond b_safe.
-        Surroundings(gap_behind=15.0, follower=driver("new", speed=20.0)),
-        Surroundings(gap_ahead=5.0, speed_ahead=0.0),
+        LaneNeighbors(gap_behind=15.0, follower=driver("new", speed=20.0)),
+        LaneNeighbors(gap_ahead=5.0, speed_ahead=0.0),
     ],
 )
 def test_a_change_without_room_or_with_hard_braking_is_not_safe(there):
-    here = Surroundings(gap_ahead=3.0, speed_ahead=0.0)
-    assert gain(driver(), here, there, to_right=False) is None
+    here = LaneNeighbors(gap_ahead=3.0, speed_ahead=0.0)
+    assert incentive(driver(), here, there, to_right=False) is None
 
 
 def test_neighbors_are_the_nearest_on_the_lane():
@@ -165,11 +166,11 @@ def test_the_tail_of_a_long_vehicle_is_in_the_way_on_the_edge_it_leaves():
 
 def test_where_lanes_join_the_nearest_follower_counts():
     merged = [
-        Lane("A_0", "A", 0, 100.0, (("B_0", "B"),)),
-        Lane("R_0", "R", 0, 100.0, (("B_0", "B"),)),
-        Lane("B_0", "B", 0, 500.0),
+        NetLane("A_0", "A", 0, 100.0),
+        NetLane("R_0", "R", 0, 100.0),
+        NetLane("B_0", "B", 0, 500.0),
     ]
-    graph = LaneGraph(merged)
+    graph = LaneGraph(merged, {"A_0": [("B_0", "B")], "R_0": [("B_0", "B")]})
     places = [
         on(graph, "B_0", 20.0, driver("me")),
         on(graph, "A_0", 50.0, driver("main")),
@@ -180,11 +181,11 @@ def test_where_lanes_join_the_nearest_follower_counts():
 
 def test_the_end_of_a_lane_is_an_obstacle_and_the_end_of_the_way_is_none():
     lanes = [
-        Lane("A_0", "A", 0, 500.0),
-        Lane("A_1", "A", 1, 500.0, (("B_0", "B"),)),
-        Lane("B_0", "B", 0, 500.0),
+        NetLane("A_0", "A", 0, 500.0),
+        NetLane("A_1", "A", 1, 500.0),
+        NetLane("B_0", "B", 0, 500.0),
     ]
-    graph = LaneGraph(lanes)
+    graph = LaneGraph(lanes, {"A_1": [("B_0", "B")]})
     places = [on(graph, "A_1", 450.0, driver("me")), on(graph, "B_0", 450.0, driver("far"))]
     assert around(graph, places, "me", "A_0").gap_ahead == pytest.approx(50.0)
     assert around(graph, places, "far", "B_0").gap_ahead == math.inf
@@ -243,7 +244,7 @@ def test_a_later_driver_sees_the_place_that_an_earlier_one_left():
     ]
     occupancy = Occupancy(graph, places)
     decide(graph, occupancy, lambda place, lane: place.driver.name == "a")
-    assert occupancy.surroundings(occupancy.places["b"], graph.lanes["A_0"]).gap_ahead == 45.0
+    assert occupancy.neighbors(occupancy.places["b"], graph.lanes["A_0"]).gap_ahead == 45.0
 
 
 def test_nobody_goes_to_a_place_that_another_one_is_about_to_leave():
@@ -262,9 +263,8 @@ def test_nobody_goes_to_a_place_that_another_one_is_about_to_leave():
     assert list(decide(graph, occupancy, to_the_right)) == ["a"]
     assert not occupancy.is_clear(occupancy.places["b"], graph.lanes["A_1"])
     # Who comes from behind too fast would meet it as well, 3 s or 1 s before it is gone.
-    fast = Occupancy(graph, [*places, on(graph, "A_2", 80.0, driver("fast", speed=15.0))])
     for time, clear in ((3.0, False), (1.0, True)):
-        fast._leaving.clear()
+        fast = Occupancy(graph, [*places, on(graph, "A_2", 80.0, driver("fast", speed=15.0))])
         fast.note_leaving("a", "A_1", time)
         assert fast.is_clear(fast.places["fast"], graph.lanes["A_1"]) is clear
     # Then it is gone.

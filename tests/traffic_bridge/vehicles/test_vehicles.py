@@ -16,6 +16,7 @@ from traffic_bridge import (
     default_types,
     read_types,
 )
+from traffic_bridge.overrides import Overrides
 
 TYPES = {kind.name: kind for kind in default_types()}
 
@@ -293,9 +294,15 @@ def test_a_vehicle_changed_for_good_again_and_again_takes_no_more_memory(road):
         undo = traffic.vehicles.change(name, time_headway=2.0)
         for _ in range(200):
             traffic.vehicles.change(name, time_headway=3.0)
-        assert len(traffic.vehicles._orders._of[name]["time_headway"]) < 4
         undo()
         assert in_force(traffic, name, "time_headway") == 3.0
+    overrides = Overrides()
+    kept = overrides.add("a", {"time_headway": 2.0}, list)
+    for _ in range(200):
+        overrides.add("a", {"time_headway": 3.0}, list)
+    assert len(overrides) < 4
+    kept()
+    assert overrides.newest("time_headway", "a") == 3.0
 
 
 def test_vehicles_that_a_full_entrance_turns_away_are_forgotten(road):

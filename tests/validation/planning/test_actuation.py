@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from iits_mj.core.errors import InputError
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.validation.planning import speed_tracking
-from iits_mj.validation.planning.closed_loop import COLUMNS, CONTROL_PERIOD, Record
+from iits_mj.validation.planning.closed_loop import COLUMNS, Record
 
 
 def record(seconds, **columns):

@@ -14,16 +14,16 @@ from iits_mj.core.errors import InputError
 from iits_mj.validation.harness.config import ValidateConfig
 from iits_mj.validation.planning import replay_drives
 from iits_mj.validation.planning.closed_loop import COLUMNS, Record
-from iits_mj.validation.planning.pcc_replay import run_replay
-from iits_mj.validation.planning.replay_cases import (
+from iits_mj.validation.planning.pcc_replay import (
     full_cases,
     highway_case,
     paper_case,
+    run_replay,
     valley_case,
 )
 from iits_mj.validation.planning.replay_drives import (
-    Replay,
-    Trip,
+    CruiseAndPlan,
+    MeasuredDrive,
     climbing_power,
     cruise_time,
     reference_profile,
@@ -62,8 +62,8 @@ def replay_of(cruise, plan):
         vehicle, CASE.road, CASE.config, 20.0, 0.0, arrival=50.0, end_speed=20.0
     )
     drive = evaluate(vehicle, fuel_map, CASE.road, schedule.speed)
-    trips = Trip.of(cruise, CASE), Trip.of(plan, CASE)
-    return Replay(CASE, vehicle, vehicle, schedule, *trips, drive, drive)
+    trips = MeasuredDrive.of(cruise, CASE), MeasuredDrive.of(plan, CASE)
+    return CruiseAndPlan(CASE, vehicle, vehicle, schedule, *trips, drive, drive)
 
 
 def schedule_of(arrival, start=20.0, end=20.0):
@@ -77,7 +77,7 @@ def schedule_of(arrival, start=20.0, end=20.0):
 
 
 def test_only_the_measured_stretch_counts():
-    trip = Trip.of(record(20.0), CASE)
+    trip = MeasuredDrive.of(record(20.0), CASE)
     assert trip.time == pytest.approx(50.0, abs=1e-6)
     assert trip.fuel == pytest.approx(0.25, abs=1e-6)
     assert trip.record["station"].min() >= CASE.first

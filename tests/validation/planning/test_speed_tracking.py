@@ -5,7 +5,7 @@ import pytest
 
 from iits_mj.road import Route
 from iits_mj.validation.harness.config import ValidateConfig
-from iits_mj.validation.planning.closed_loop import Task, drive
+from iits_mj.validation.planning.closed_loop import DriveTask, drive
 from iits_mj.validation.planning.speed_tracking import run_speed_tracking
 
 
@@ -18,7 +18,7 @@ def test_the_empty_truck_keeps_its_speed_on_a_hill():
 def test_a_truck_that_starts_on_a_hill_was_standing_braked():
     route = Route.straight(length=400.0, grade=0.05)
     record = drive(
-        Task(route, 100.0, 100.5, 0.0, 5.0, payload=0.0, timestep=0.005, time_limit=30.0)
+        DriveTask(route, 100.0, 100.5, 0.0, 5.0, payload=0.0, timestep=0.005, time_limit=30.0)
     )
     assert record["station"].min() > record["station"][0] - 0.01
     assert record["time"][0] == pytest.approx(2.0)

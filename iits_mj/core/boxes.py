@@ -1,0 +1,120 @@
+"""Rectangles in the plane: whether they touch, by separating axes, and how far apart they are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from iits_mj.core.arrays import BoolArray, FloatArray
+
+Corners = Sequence[Sequence[float]]
+"""Front right, front left, rear left and rear right corner of a rectangle, x and y [m]."""
+
+
+def axis_gaps(dx: Any, dy: Any, a: Sequence[Any], b: Sequence[Any]) -> tuple[Any, Any, Any, Any]:
+    """Gaps of two rectangles along the axes of both [m], floats or arrays of one shape.
+
+    They overlap when no gap is positive. The greatest gap is a lower bound of the distance; it is
+    less than the distance where two corners face each other.
+
+    Args:
+      dx: from the center of `a` to that of `b` [m]; dy: likewise.
+      dy: see dx.
+      a: cosine and sine of the heading, half of the length, half of the width [m].
+      b: likewise.
+    """
+    a_cos, a_sin, a_length, a_width = a
+    b_cos, b_sin, b_length, b_width = b
+    cosine = abs(a_cos * b_cos + a_sin * b_sin)
+    sine = abs(a_cos * b_sin - a_sin * b_cos)
+    return (
+        abs(a_cos * dx + a_sin * dy) - (a_length + b_length * cosine + b_width * sine),
+        abs(a_cos * dy - a_sin * dx) - (a_width + b_length * sine + b_width * cosine),
+        abs(b_cos * dx + b_sin * dy) - (b_length + a_length * cosine + a_width * sine),
+        abs(b_cos * dy - b_sin * dx) - (b_width + a_length * sine + a_width * cosine),
+    )
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """Rectangles; arrays of one shape, length and width broadcast to it.
+
+    Attributes:
+      x, y: of the centers [m]; yaw: [rad]; length, width: [m].
+    """
+
+    x: FloatArray
+    y: FloatArray
+    yaw: FloatArray
+    length: FloatArray
+    width: FloatArray
+
+    def part(self, rows: slice) -> Boxes:
+        """Some rows, with the length and width of all."""
+        return Boxes(self.x[rows], self.y[rows], self.yaw[rows], self.length, self.width)
+
+    def touch(self, others: Boxes, room: float) -> BoolArray:
+        """Which of the others are nearer than `room` [m], shape (n, *shape of others)."""
+        own = slice(None), *(None,) * others.x.ndim
+        yaw = self.yaw[own]
+        half = 0.5 * self.length + room, 0.5 * self.width + room
+        gaps = axis_gaps(
+            others.x[None] - self.x[own],
+            others.y[None] - self.y[own],
+            (np.cos(yaw), np.sin(yaw), *half),
+            (
+                np.cos(others.yaw)[None],
+                np.sin(others.yaw)[None],
+                0.5 * others.length,
+                0.5 * others.width,
+            ),
+        )
+        return np.asarray(np.logical_and.reduce([gap <= 0.0 for gap in gaps]))
+
+
+def box_corners(
+    x: float, y: float, yaw: float, ahead: float, behind: float, width: float
+) -> Corners:
+    """Corners of a rectangle that reaches `ahead` and `behind` of its origin [m]."""
+    forward_x, forward_y, half = math.cos(yaw), math.sin(yaw), 0.5 * width
+    return [
+        (x + along * forward_x + across * -forward_y, y + along * forward_y + across * forward_x)
+        for along, across in ((ahead, -half), (ahead, half), (-behind, half), (-behind, -half))
+    ]
+
+
+def separation(a: Corners, b: Corners) -> float:
+    """Lower bound of the distance of two rectangles [m]; zero or negative: they overlap."""
+    (ax, ay, *one), (bx, by, *other) = _outline(a), _outline(b)
+    return float(max(axis_gaps(bx - ax, by - ay, one, other)))
+
+
+def box_distance(a: Corners, b: Corners) -> float:
+    """Distance of two rectangles [m]; 0 when they overlap."""
+    return 0.0 if separation(a, b) <= 0.0 else min(_to_edges(a, b), _to_edges(b, a))
+
+
+def _outline(box: Corners) -> tuple[float, float, float, float, float, float]:
+    """Center, cosine and sine of the heading, half of the length, half of the width."""
+    (x0, y0), (x1, y1), (x2, y2), _ = box
+    length, width = math.hypot(x1 - x2, y1 - y2), math.hypot(x1 - x0, y1 - y0)
+    cosine, sine = (x1 - x2) / length, (y1 - y2) / length
+    return 0.5 * (x0 + x2), 0.5 * (y0 + y2), cosine, sine, 0.5 * length, 0.5 * width
+
+
+def _to_edges(corners: Corners, box: Corners) -> float:
+    """Least distance from corners to the edges of a rectangle [m]."""
+    nearest = math.inf
+    for (x0, y0), (x1, y1) in zip(box, [*box[1:], box[0]], strict=True):
+        ex, ey = x1 - x0, y1 - y0
+        square = ex * ex + ey * ey
+        for x, y in corners:
+            dx, dy = x - x0, y - y0
+            along = min(max((dx * ex + dy * ey) / square, 0.0), 1.0)
+            dx, dy = dx - along * ex, dy - along * ey
+            nearest = min(nearest, dx * dx + dy * dy)
+    return math.sqrt(nearest)

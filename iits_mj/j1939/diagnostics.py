@@ -1,0 +1,272 @@
+"""Identification and faults of control units: messages of varying length, which no DBC can hold.
+
+Vehicle, component and software identification (SAE J1939-71) are text fields, each ended by "*";
+real trucks leave out the last "*". Active faults are DM1 (SAE J1939-73), in one frame or in many.
+`read_group` reads these and the messages of the DBC from their bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, Self, TypeAlias
+
+from iits_mj.core.errors import BusError
+from iits_mj.j1939.database import pgn_of, unpack
+from iits_mj.j1939.groups import NOT_AVAILABLE, Group, Status, Value, layouts
+
+TextValue: TypeAlias = Value | str
+
+# Most software versions, and letters of a text field.
+_MAX_FIELDS, _MAX_LETTERS = 250, 200
+
+
+@dataclass(frozen=True, slots=True)
+class LongGroup:
+    """A parameter group whose length depends on its content: here, one of text fields.
+
+    Attributes:
+      MESSAGE: its short name; PGN: its number; SPNS: numbers of its first fields.
+    """
+
+    MESSAGE: ClassVar[str] = ""
+    PGN: ClassVar[int] = -1
+    SPNS: ClassVar[tuple[int, ...]] = ()
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Self:
+        """The group in the bytes of a message; BusError when they cannot be one.
+
+        Missing text fields are empty, further ones are left out.
+        """
+        return cls(*map(_text, data.split(b"*")[: len(cls.SPNS)]))
+
+    def to_bytes(self) -> bytes:
+        """The bytes of the message; BusError when the content cannot be sent."""
+        return b"".join(_text_field(f.name, getattr(self, f.name)) for f in fields(self))
+
+    def entries(self) -> Iterator[tuple[str, int, TextValue]]:
+        """Name, SPN and content of each field."""
+        for field, spn in zip(fields(self), self.SPNS, strict=False):
+            yield field.name, spn, getattr(self, field.name)
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleIdentification(LongGroup):
+    """VI, PGN 65260.
+
+    Attributes:
+      vehicle_identification_number: SPN 237.
+    """
+
+    MESSAGE: ClassVar[str] = "VI"
+    PGN: ClassVar[int] = 65260
+    SPNS: ClassVar[tuple[int, ...]] = (237,)
+
+    vehicle_identification_number: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ComponentIdentification(LongGroup):
+    """CI, PGN 65259; a missing field is empty.
+
+    Attributes:
+      make, model, serial_number, unit_number: SPN 586, 587, 588, 233.
+    """
+
+    MESSAGE: ClassVar[str] = "CI"
+    PGN: ClassVar[int] = 65259
+    SPNS: ClassVar[tuple[int, ...]] = (586, 587, 588, 233)
+
+    make: str = ""
+    model: str = ""
+    serial_number: str = ""
+    unit_number: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SoftwareIdentification(LongGroup):
+    """SOFT, PGN 65242.
+
+    Attributes:
+      versions: SPN 234, one text a field.
+    """
+
+    MESSAGE: ClassVar[str] = "SOFT"
+    PGN: ClassVar[int] = 65242
+
+    versions: tuple[str, ...] = ()
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Self:
+        """The fields, at most as many as the first byte says; BusError without that byte."""
+        if not data:
+            raise BusError("SOFT has 0 bytes: at least the number of its fields is wanted")
+        texts = data[1:].split(b"*")
+        if not texts[-1].strip(b" \xff\x00"):
+            texts.pop()
+        return cls(tuple(map(_text, texts[: data[0]])))
+
+    def to_bytes(self) -> bytes:
+        """The bytes of the message; BusError for too many versions or a text with other letters."""
+        if len(self.versions) > _MAX_FIELDS:
+            raise BusError(f"{len(self.versions)} software versions: at most {_MAX_FIELDS} allowed")
+        texts = b"".join(_text_field("software version", text) for text in self.versions)
+        return bytes([len(self.versions)]) + texts
+
+    def entries(self) -> Iterator[tuple[str, int, TextValue]]:
+        """Name, SPN and text of each version."""
+        for number, text in enumerate(self.versions, start=1):
+            yield f"software_version_{number}", 234, text
+
+
+def _text(data: bytes) -> str:
+    """Text as control units send it: without filling, and "?" for what is no printable ASCII."""
+    characters = data.rstrip(b"\xff\x00").decode("latin-1")
+    shown = (c if c.isascii() and c.isprintable() else "?" for c in characters)
+    return "".join(shown).strip()
+
+
+def _text_field(field: str, text: str) -> bytes:
+    if not (text.isascii() and text.isprintable()) or "*" in text or len(text) > _MAX_LETTERS:
+        raise BusError(
+            f"{field} {text!r}: at most {_MAX_LETTERS} printable ASCII characters without '*' "
+            "allowed"
+        )
+    return text.encode("ascii") + b"*"
+
+
+_SWITCHES: dict[object, int] = {0.0: 0, 1.0: 1, Status.ERROR: 2, NOT_AVAILABLE: 3}
+_SWITCH_VALUES: tuple[Value, ...] = (0.0, 1.0, Status.ERROR, NOT_AVAILABLE)
+_MIN_LENGTH = 6
+_SINGLE_FRAME = 8
+_NO_FAULT = (bytes(4), b"\xff" * 4)
+_MAX_SPN, _MAX_FMI, _NO_COUNT = (1 << 19) - 1, 31, 127
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A diagnostic trouble code.
+
+    Attributes:
+      spn: what is at fault, 0 to 524287; 19 bits in Intel order, as in version 4 of the conversion.
+      fmi: how it fails, 0 to 31.
+      occurrences: how often, 0 to 126, or not available.
+      old_conversion: the SPN is in one of the orders before version 4. The message does not say in
+        which, so `spn` may be another.
+    """
+
+    spn: int
+    fmi: int
+    occurrences: int | Status = NOT_AVAILABLE
+    old_conversion: bool = False
+
+    @classmethod
+    def from_bytes(cls, code: bytes) -> Fault:
+        """The fault in the four bytes of its code."""
+        count = code[3] & 0x7F
+        return cls(
+            spn=code[0] | code[1] << 8 | (code[2] >> 5) << 16,
+            fmi=code[2] & 0x1F,
+            occurrences=NOT_AVAILABLE if count == _NO_COUNT else count,
+            old_conversion=bool(code[3] & 0x80),
+        )
+
+    def to_bytes(self) -> bytes:
+        """The four bytes of the code; BusError for a number out of range."""
+        spn, fmi = self.spn, self.fmi
+        count = _NO_COUNT if isinstance(self.occurrences, Status) else self.occurrences
+        limits = (("spn", spn, _MAX_SPN), ("fmi", fmi, _MAX_FMI), ("occurrences", count, _NO_COUNT))
+        for name, value, limit in limits:
+            if not 0 <= value <= limit:
+                raise BusError(f"fault's {name} = {value!r}: 0 to {limit} allowed")
+        last = count | (0x80 if self.old_conversion else 0)
+        return bytes([spn & 0xFF, spn >> 8 & 0xFF, spn >> 16 << 5 | fmi, last])
+
+
+@dataclass(frozen=True, slots=True)
+class ActiveFaults(LongGroup):
+    """DM1, PGN 65226: lamps (0 off, 1 on) and active faults.
+
+    Attributes:
+      protect_lamp, amber_warning_lamp, red_stop_lamp, malfunction_lamp: SPN 987, 624, 623, 1213.
+      flash_*: 0 slowly, 1 fast, not available: does not flash. SPN 3041, 3040, 3039, 3038.
+      faults: empty when there are none.
+    """
+
+    MESSAGE: ClassVar[str] = "DM1"
+    PGN: ClassVar[int] = 65226
+    SPNS: ClassVar[tuple[int, ...]] = (987, 624, 623, 1213, 3041, 3040, 3039, 3038)
+
+    # In the order of the bits: lamps in byte 1 from the lowest up, how they flash in byte 2.
+    protect_lamp: Value = NOT_AVAILABLE
+    amber_warning_lamp: Value = NOT_AVAILABLE
+    red_stop_lamp: Value = NOT_AVAILABLE
+    malfunction_lamp: Value = NOT_AVAILABLE
+    flash_protect_lamp: Value = NOT_AVAILABLE
+    flash_amber_warning_lamp: Value = NOT_AVAILABLE
+    flash_red_stop_lamp: Value = NOT_AVAILABLE
+    flash_malfunction_lamp: Value = NOT_AVAILABLE
+    faults: tuple[Fault, ...] = ()
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Self:
+        """Lamps and faults; filling at the end is left out. BusError below 6 bytes."""
+        if len(data) < _MIN_LENGTH:
+            raise BusError(f"DM1 has {len(data)} bytes: at least {_MIN_LENGTH} are wanted")
+        word = int.from_bytes(data[:2], "little")
+        lamps = enumerate(fields(cls)[: len(cls.SPNS)])
+        switches: dict[str, Any] = {f.name: _SWITCH_VALUES[word >> 2 * i & 3] for i, f in lamps}
+        codes = (data[2 + 4 * i : 6 + 4 * i] for i in range((len(data) - 2) // 4))
+        faults = tuple(Fault.from_bytes(code) for code in codes if code not in _NO_FAULT)
+        return cls(**switches, faults=faults)
+
+    def to_bytes(self) -> bytes:
+        """The bytes: 8 with at most one fault, else 2 and 4 for each."""
+        word = 0
+        for place, (name, _, value) in enumerate(LongGroup.entries(self)):
+            code = _SWITCHES.get(value)
+            if code is None:
+                raise BusError(f"DM1's {name} = {value!r}: 0, 1, error or not available allowed")
+            word |= code << 2 * place
+        codes = b"".join(fault.to_bytes() for fault in self.faults) or _NO_FAULT[0]
+        return (word.to_bytes(2, "little") + codes).ljust(_SINGLE_FRAME, b"\xff")
+
+    def entries(self) -> Iterator[tuple[str, int, TextValue]]:
+        """Name, SPN and number of lamps, flashes and the parts of each fault."""
+        yield from LongGroup.entries(self)
+        for number, fault in enumerate(self.faults, start=1):
+            count = fault.occurrences
+            known = count if isinstance(count, Status) else float(count)
+            yield f"fault_{number}_spn", 1214, float(fault.spn)
+            yield f"fault_{number}_fmi", 1215, float(fault.fmi)
+            yield f"fault_{number}_occurrences", 1216, known
+
+
+LONG_GROUPS: tuple[type[LongGroup], ...] = (
+    *(ActiveFaults, ComponentIdentification, SoftwareIdentification, VehicleIdentification),
+)
+_BY_PGN = {kind.PGN: kind for kind in LONG_GROUPS}
+# Configurations have grown over the years; the first so many bytes were always there.
+_GROWN = {"EC1": 28, "RC": 19}
+
+
+def read_group(pgn: int, data: bytes) -> Group | LongGroup | None:
+    """The group in the bytes of a message of any length; None for an unknown PGN.
+
+    EC1 and RC of older and newer control units are shorter or longer: missing signals are not
+    available, further bytes are left out.
+
+    Raises:
+      BusError: the bytes do not have the length of the group.
+    """
+    varying = _BY_PGN.get(pgn)
+    if varying is not None:
+        return varying.from_bytes(data)
+    for name, least in _GROWN.items():
+        if pgn == pgn_of(name):
+            length = layouts().get_message_by_name(name).length
+            if len(data) < least:
+                raise BusError(f"{name} has {len(data)} bytes: at least {least} are wanted")
+            data = data[:length].ljust(length, b"\xff")
+    return unpack(pgn, data)

@@ -1,0 +1,237 @@
+// The whole air brake: control, lines, chambers with ABS, spring brakes, reservoirs, wheel brakes.
+#ifndef IITS_MJ_PLUGIN_LAWS_AIR_BRAKE_H_
+#define IITS_MJ_PLUGIN_LAWS_AIR_BRAKE_H_
+
+#include <algorithm>
+#include <vector>
+
+#include "plugin/laws/brake_control.h"
+#include "plugin/laws/dead_time.h"
+#include "plugin/laws/endurance.h"
+#include "plugin/laws/reservoir.h"
+#include "plugin/laws/wheel_brake.h"
+
+namespace iits {
+
+inline constexpr int kAxlesMax = 8;
+inline constexpr int kWheelsMax = 2 * kAxlesMax;
+
+template <class T>
+struct BrakePneumatics {
+  BrakeControlState<T> control;
+  ReservoirState<T> reservoir;
+  T parking[kCircuits];                  // share of the spring brakes that is applied
+  WheelBrakeState<T> wheel[kWheelsMax];  // only those of existing wheels are used
+};
+
+template <class T>
+struct BrakeWindUp {
+  T angle[kWheelsMax];   // of the brakes' elastic parts [rad]
+  T torque[kWheelsMax];  // on the wheel, against forward rotation [N m]
+};
+
+template <class T>
+struct AirBrakeState {
+  EnduranceDemand<T> endurance;  // first: the powertrain reads it
+  EnduranceDemand<T> next_endurance;
+  BrakePneumatics<T> now, next;
+  DeadTimeLine<T> line;
+  BrakeWindUp<T> wind_up, next_wind_up;
+  T next_is_fresh, next_wind_up_is_fresh;  // computed since the last commit
+  T xbr_active, abs_active;
+  T work;       // that the brakes have taken from the wheels since the reset [J]
+  T next_work;  // half of the next step's, with the wheel speeds at its start [J]
+};
+
+// Wheels are in order: left and right of each axle, axle by axle.
+template <class T>
+struct AirBrake {
+  using State = AirBrakeState<T>;
+  using Pneumatics = BrakePneumatics<T>;
+
+  BrakeControl<T> control;
+  Reservoirs<T> reservoirs;
+  std::vector<WheelBrake<T>> wheels;
+  T parking_time_constant = 0;  // [s]
+  T shaft_ratio = 0;  // force at the driven wheels per torque of the propeller shaft [1/m]
+
+  // Computes what follows from the wheels and the time step.
+  void Prepare(T h) {
+    T response = 0;
+    for (const WheelBrake<T>& wheel : wheels) {
+      control.AddWheel(wheel.circuit, wheel.wheel_radius, wheel.inertia, wheel.torque_per_pressure);
+      if (wheel.parking_torque > 0) spring_volume_[wheel.circuit] += wheel.chamber_volume;
+      dead_time_max_ = Max(dead_time_max_, wheel.dead_time);
+      response += (wheel.dead_time + wheel.build_up_time_constant) / wheels.size();
+      auto same = [&wheel](const Line& l) {
+        return l.circuit == wheel.circuit && l.dead_time == wheel.dead_time;
+      };
+      auto place = std::find_if(lines_.begin(), lines_.end(), same);
+      line_of_wheel_.push_back(static_cast<int>(place - lines_.begin()));
+      if (place == lines_.end()) lines_.push_back({wheel.circuit, wheel.dead_time});
+      rates_.push_back(wheel.Rates(h));
+    }
+    sample_spacing_ = dead_time_max_ / (DeadTimeLine<T>::kSlots - 2);
+    control.response_time = response;
+  }
+
+  // Brake torque of a wheel from the committed pressures, against its rotation; 0 without pressure.
+  // `power` becomes the greater by the brake's.
+  T Torque(size_t i, T wheel_speed, T h, State* s, T* power) const {
+    const T capacity = wheels[i].Torque(s->now.wheel[i], s->now.parking[wheels[i].circuit]);
+    s->next_wind_up.angle[i] = s->next_wind_up.torque[i] = 0;
+    if (capacity == 0) return 0;
+    T angle = s->wind_up.angle[i];
+    const T torque = WheelBrake<T>::Grip(Rates(i, h), capacity, wheel_speed, &angle);
+    s->next_wind_up.angle[i] = angle;
+    s->next_wind_up.torque[i] = torque;
+    *power += torque * wheel_speed;
+    return torque;
+  }
+
+  // Pressures of the next step from the demand of this one, of which the caller has filled in what
+  // is not in the brakes themselves. `shaft` is the powertrain's answer, `parking` the driver's
+  // spring-brake control, 0 to 1; `hub_speed(i)` and `wheel_speed(i)` return a wheel end's forward
+  // speed [m/s] and rotation [rad/s].
+  template <class HubSpeed, class WheelSpeed>
+  void Step(BrakeDemand<T> demand, const EnduranceState<T>& shaft, T parking, T h,
+            const HubSpeed& hub_speed, const WheelSpeed& wheel_speed, State* s) const {
+    Pneumatics* next = &s->next;
+    Copy(s->now, next);
+    if (next->control.initialized == 0) reservoirs.Fill(&next->reservoir);
+    demand.abs_active = demand.abs_on_drive = false;
+    demand.uphill_torque = 0;
+    for (size_t i = 0; i < wheels.size(); ++i) {
+      const bool abs = s->now.wheel[i].abs_active != 0;
+      demand.abs_active = demand.abs_active || abs;
+      demand.abs_on_drive = demand.abs_on_drive || (abs && wheels[i].circuit == kDrive);
+      demand.uphill_torque -= s->wind_up.torque[i];
+    }
+    demand.shaft_force = shaft_ratio * shaft.shaft_torque;
+    demand.shaft_force_max = shaft_ratio * shaft.shaft_torque_max;
+    demand.reservoir = next->reservoir.pressure;
+    const BrakeEffort<T> effort = control.Update(demand, h, &next->control);
+    if (!Quiet(*s, h)) Brake(h, hub_speed, wheel_speed, s);
+    Park(parking, h, next);
+    reservoirs.Pump(shaft.engine_speed, h, &next->reservoir);
+    s->next_endurance.shaft_torque = shaft_ratio > 0 ? effort.shaft_force / shaft_ratio : T(0);
+    if (demand.abs_on_drive) s->next_endurance.shaft_torque = EnduranceDemand<T>::kRelease;
+    s->next_endurance.cut_traction = effort.active;
+    s->next_is_fresh = 1;
+    s->xbr_active = demand.xbr > 0 && demand.xbr_mode != demand.kOff;
+    s->abs_active = demand.abs_active;
+  }
+
+  // Commits what was computed last; nothing for a part that was not.
+  template <class WheelSpeed>
+  void Commit(T h, const WheelSpeed& wheel_speed, State* s) const {
+    if (s->next_is_fresh != 0) {
+      Copy(s->next, &s->now);
+      s->line.Push(s->now.control.supply, h, sample_spacing_);
+      s->endurance = s->next_endurance;
+    }
+    if (s->next_wind_up_is_fresh != 0) {
+      // Torque times the mean of the wheel's speed before and after the step: what it took from the
+      // kinetic energy. The wheel speeds are those after the step by now.
+      T power = 0;
+      for (size_t i = 0; i < wheels.size(); ++i) {
+        s->wind_up.angle[i] = s->next_wind_up.angle[i];
+        s->wind_up.torque[i] = s->next_wind_up.torque[i];
+        power += s->wind_up.torque[i] * wheel_speed(i);
+      }
+      s->work += s->next_work + 0.5 * h * power;
+    }
+    s->next_is_fresh = s->next_wind_up_is_fresh = 0;
+  }
+
+ private:
+  // Brake line to wheels that have the same dead time.
+  struct Line {
+    int circuit;
+    T dead_time;
+  };
+
+  WheelBrakeRates<T> Rates(size_t i, T h) const {
+    return h == rates_[i].step ? rates_[i] : wheels[i].Rates(h);
+  }
+
+  void Copy(const Pneumatics& from, Pneumatics* to) const {
+    to->control = from.control;
+    to->reservoir = from.reservoir;
+    std::copy(from.parking, from.parking + kCircuits, to->parking);
+    std::copy(from.wheel, from.wheel + wheels.size(), to->wheel);
+  }
+
+  // No pressure in valves, lines and chambers: most of the time.
+  bool Quiet(const State& s, T h) const {
+    T pressure = 0;
+    for (const T& supply : s.next.control.supply) pressure += supply;
+    for (size_t i = 0; i < wheels.size(); ++i) pressure += s.now.wheel[i].effective;
+    return pressure == 0 && s.line.clock + h - s.line.last_used > dead_time_max_;
+  }
+
+  // From the supply valves to the chambers.
+  template <class HubSpeed, class WheelSpeed>
+  void Brake(T h, const HubSpeed& hub_speed, const WheelSpeed& wheel_speed, State* s) const {
+    const Pneumatics& now = s->now;
+    Pneumatics* next = &s->next;
+    T supplies[kWheelsMax], duty[kWheelsMax];
+    for (size_t i = 0; i < lines_.size(); ++i) {
+      const T current = next->control.supply[lines_[i].circuit];
+      supplies[i] = s->line.Look(lines_[i].circuit, lines_[i].dead_time, h, current);
+    }
+    for (size_t i = 0; i < wheels.size(); ++i) {
+      const bool braked = now.wheel[i].pressure > wheels[i].push_out_pressure;
+      duty[i] = wheels[i].Duty(Rates(i, h), now.wheel[i], braked ? hub_speed(i) : T(0),
+                               wheel_speed(i), &next->wheel[i].slip);
+    }
+    for (size_t i = 0; i < wheels.size(); i += 2) {  // axle by axle
+      // Driven axles by the wheel with less grip (select low), the others each wheel for itself.
+      if (wheels[i].circuit == kDrive) duty[i] = duty[i + 1] = Min(duty[i], duty[i + 1]);
+      for (size_t j : {i, i + 1}) {
+        const T supply = supplies[line_of_wheel_[j]];
+        next->wheel[j].abs_active = wheels[j].Active(supply, duty[j], now.wheel[j]);
+      }
+    }
+    for (size_t i = 0; i < wheels.size(); ++i) {
+      const WheelBrake<T>& wheel = wheels[i];
+      const T supply = supplies[line_of_wheel_[i]];
+      WheelBrakeState<T>* chamber = &next->wheel[i];
+      if (supply == 0 && chamber->pressure == 0) continue;
+      const WheelBrakeRates<T> rates = Rates(i, h);
+      const size_t other = i ^ 1;  // wheel of the axle
+      const bool other_active = next->wheel[other].abs_active != 0;
+      const T rise_max = wheel.RiseMax(rates, now.wheel[i], now.wheel[other], other_active);
+      const T before = wheel.Air(*chamber);
+      wheel.Update(rates, supply, rise_max, duty[i], chamber);
+      const T drawn = wheel.Air(*chamber) - before;
+      if (drawn > 0) reservoirs.Draw(wheel.circuit, drawn, &next->reservoir);
+    }
+  }
+
+  // Spring brakes on the driver's demand, or for lack of the air that releases them.
+  void Park(T wanted, T h, Pneumatics* next) const {
+    for (int i = 0; i < kCircuits; ++i) {
+      const T target = Max(wanted, reservoirs.Springs(i, next->reservoir));
+      if (next->parking[i] == target) continue;
+      const T change = LagShare(h, parking_time_constant) * (target - next->parking[i]);
+      next->parking[i] += change;
+      if (abs(target - next->parking[i]) < 1e-6) next->parking[i] = target;
+      if (change < 0) {  // air fills the chambers, which releases the springs
+        const T air = spring_volume_[i] * (next->reservoir.pressure[i] + kAtmosphere);
+        reservoirs.Draw(i, -change * air, &next->reservoir);
+      }
+    }
+  }
+
+  std::vector<WheelBrakeRates<T>> rates_;  // of each wheel, for the model's time step
+  std::vector<Line> lines_;
+  std::vector<int> line_of_wheel_;
+  T sample_spacing_ = 0;             // of the dead-time line [s]
+  T dead_time_max_ = 0;              // [s]
+  T spring_volume_[kCircuits] = {};  // of the spring brakes' chambers [m3]
+};
+
+}  // namespace iits
+
+#endif  // IITS_MJ_PLUGIN_LAWS_AIR_BRAKE_H_

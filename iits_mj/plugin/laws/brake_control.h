@@ -1,0 +1,293 @@
+// Electronic brake control: from XBR demand and brake pedal to the supply pressure of each circuit
+// and to the torque demanded of the endurance brakes.
+#ifndef IITS_MJ_PLUGIN_LAWS_BRAKE_CONTROL_H_
+#define IITS_MJ_PLUGIN_LAWS_BRAKE_CONTROL_H_
+
+#include <vector>
+
+#include "plugin/laws/dead_time.h"
+#include "plugin/laws/lookup.h"
+#include "plugin/laws/number.h"
+
+namespace iits {
+
+// Load sensing: how a braking force is shared among the circuits, and the pressures it takes.
+// Shares of the force are tables over the deceleration for a light and a heavy vehicle; a vehicle's
+// own are interpolated between them by its mass.
+template <class T>
+struct BrakeDistribution {
+  // Attributes; shares row by row, a column per circuit.
+  std::vector<T> demand, light, heavy;
+  T mass_light, mass_heavy, push_out;
+  // Braking force per pressure above push-out [N/Pa], the sum of the circuit's wheels.
+  T slope[kCircuits] = {};
+
+  // Pressures [Pa] whose braking force is `friction` [N], while the propeller shaft gives
+  // `shaft_force` at the driven wheels, which then need less friction.
+  void Pressures(T friction, T shaft_force, T deceleration, T mass, T pressure[kCircuits]) const {
+    T fraction;
+    const size_t row = kCircuits * FindInterval(demand, deceleration, &fraction);
+    const T load = Clamp((mass - mass_light) / (mass_heavy - mass_light), 0.0, 1.0);
+    auto between = [&fraction, row](const std::vector<T>& table, int i) {
+      return table[row + i] + fraction * (table[row + kCircuits + i] - table[row + i]);
+    };
+    T share[kCircuits], sum = 0;
+    for (int i = 0; i < kCircuits; ++i) {
+      const T light_share = between(light, i), heavy_share = between(heavy, i);
+      share[i] = slope[i] > 0 ? light_share + load * (heavy_share - light_share) : T(0);
+      sum += share[i];
+    }
+    // The braking of the shaft is deducted from the driven wheels' share of the total.
+    const T total = friction + Max(0.0, shaft_force);
+    if (sum > 0 && total > 0 && slope[kDrive] > 0) {
+      const T spared = Max(0.0, shaft_force) / total * sum;
+      const T left = Max(0.0, share[kDrive] - spared);
+      sum += left - share[kDrive];
+      share[kDrive] = left;
+    }
+    for (int i = 0; i < kCircuits; ++i) {
+      const T force = sum > 0 ? friction * share[i] / sum : T(0);
+      pressure[i] = slope[i] > 0 ? push_out + force / slope[i] : T(0);
+    }
+  }
+};
+
+template <class T>
+struct BrakeControlState {
+  T initialized;
+  T supply[kCircuits];  // pressure at the outlet of the supply valve [Pa]
+  // A model of the brakes behind it: pressure in the chambers, pressure behind their hysteresis
+  // [Pa], and the share of the hysteresis by which the supply is lowered to compensate for it.
+  T chamber[kCircuits], effective[kCircuits], lowering[kCircuits];
+  T speed;             // of the vehicle, low-passed [m/s]
+  T reference[2];      // demand as the brakes can follow it, then behind the filter [m/s2]
+  T xbr;               // XBR demand that is followed: it falls gradually [m/s2]
+  T trim;              // added to the demand by the deceleration control [m/s2]
+  T shaft, shaft_max;  // present and greatest force of the propeller shaft, low-passed [N]
+  T asked;             // of the propeller shaft [N]
+  T holding;           // 1: the brakes hold the standing vehicle
+  T hold_time;         // since the demand ended, while holding [s]
+};
+
+template <class T>
+struct BrakeDemand {
+  enum XbrMode { kOff = 0, kAddition, kMaximum };                    // SPN 2916
+  enum EbiMode { kFrictionOnly = 0, kEnduranceOnly, kIntegration };  // SPN 2914
+  T xbr;    // demanded deceleration, >= 0, 0 when XBR is off [m/s2]
+  T pedal;  // of the driver, 0 to 1
+  XbrMode xbr_mode;
+  EbiMode ebi_mode;
+  T speed;             // of the vehicle, forward [m/s]
+  T mass, gravity;     // of the whole vehicle [kg]; [m/s2]
+  bool abs_active;     // on any wheel
+  bool abs_on_drive;   // on a driven wheel
+  T shaft_force;       // present braking force of the propeller shaft, signed [N]
+  T shaft_force_max;   // the greatest that it could give [N]
+  T uphill_torque;     // brake torque that keeps the vehicle from rolling back [N m]
+  const T* reservoir;  // pressure of each circuit's [Pa]
+};
+
+// Demands on the powertrain.
+template <class T>
+struct BrakeEffort {
+  T shaft_force;  // braking force wanted of the propeller shaft, >= 0 [N]
+  bool active;    // a driver or a controller demands braking
+};
+
+template <class T>
+struct BrakeControl {
+  using Demand = BrakeDemand<T>;
+  using State = BrakeControlState<T>;
+
+  BrakeDistribution<T> distribution;
+  // Attributes.
+  T rise_rate, fall_rate, pressure_max, release_rate;
+  T pedal_deceleration, rolling_resistance;
+  T filter_time, trim_gain, trim_max, trim_share, trim_speed_min;
+  T shaft_speed_off, shaft_speed_on, endurance_rate;
+  T hysteresis, hysteresis_time;
+  T hold_speed, hold_deceleration, hold_release_speed, hold_time_max, hold_uphill;
+  // From the wheels.
+  T response_time = 0;  // from the supply valve to the brake, mean [s]
+  T spin_mass = 0, radius_sum = 0;
+  int wheels = 0;
+
+  // Adds a wheel: its circuit, radius [m], spin inertia [kg m2], torque per pressure [N m/Pa].
+  void AddWheel(int circuit, T radius, T inertia, T torque_per_pressure) {
+    distribution.slope[circuit] += torque_per_pressure / radius;
+    spin_mass += inertia / (radius * radius);
+    radius_sum += radius;
+    ++wheels;
+  }
+
+  // Advances the supply pressures by h.
+  BrakeEffort<T> Update(const Demand& demand, T h, State* s) const {
+    if (s->initialized == 0) {
+      s->initialized = 1;
+      s->speed = demand.speed;
+      s->shaft = demand.shaft_force;
+      s->shaft_max = demand.shaft_force_max;
+    }
+    const T difference = demand.speed - s->speed;
+    s->speed += difference * h / (filter_time + h);
+    const T deceleration = -difference / (filter_time + h);
+
+    const Level level = Arbitrate(demand, h, s);
+    Hold(demand, level.total > 0, h, s);
+    const Targets targets = Blend(demand, level, ShaftForce(demand, h, s), *s);
+    T supplied = 1;  // least share of a circuit's set point that its supply has reached
+    for (int i = 0; i < kCircuits; ++i) {
+      const T target = targets.pressure[i];
+      Supply(i, target, h, s);
+      if (target > 0) {
+        supplied = Min(supplied, Min(1.0, (s->supply[i] + s->lowering[i] * hysteresis) / target));
+      }
+    }
+    Trim(demand, level.total, deceleration, targets, supplied, h, s);
+    BrakeEffort<T> effort = targets.effort;
+    if (demand.ebi_mode == demand.kIntegration) {
+      // The demand rises no faster than friction can fall, from zero after a gear change.
+      const T limit = Min(s->asked, demand.shaft_force_max) + endurance_rate * demand.mass * h;
+      effort.shaft_force = Min(effort.shaft_force, Max(0.0, limit));
+    }
+    s->asked = effort.shaft_force;
+    return effort;
+  }
+
+ private:
+  static constexpr double kPedalMin = 0.01;  // a pedal below is up
+  static constexpr double kNear = 0.1;       // share of the hysteresis that sets no direction
+
+  struct Level {  // of the demands [m/s2]
+    T driver, total;
+  };
+  struct Targets {
+    T pressure[kCircuits];
+    BrakeEffort<T> effort;
+    bool limited;  // the brakes cannot give more
+    bool idle;     // the brakes cannot give less
+  };
+
+  // Combines driver and XBR as J1939-71 says at SPN 2916. The XBR part ends gradually in motion.
+  Level Arbitrate(const Demand& demand, T h, State* s) const {
+    const T asked = demand.xbr_mode == demand.kOff ? T(0) : demand.xbr;
+    const bool moving = abs(demand.speed) > hold_speed;
+    s->xbr = moving ? Max(asked, s->xbr - release_rate * h) : asked;
+    const T driver = demand.pedal > kPedalMin ? demand.pedal * pedal_deceleration : T(0);
+    const bool addition = demand.xbr_mode == demand.kAddition;
+    return {driver, addition ? driver + s->xbr : Max(driver, s->xbr)};
+  }
+
+  // A vehicle braked to a standstill is held while the demand lasts; on an upgrade also afterwards,
+  // until the driveline carries it, or drives it backwards, or the hill-hold time is over.
+  void Hold(const Demand& demand, bool active, T h, State* s) const {
+    if (active) {
+      if (abs(demand.speed) < hold_speed) s->holding = 1;
+      s->hold_time = 0;
+    } else if (s->holding != 0) {
+      s->hold_time += h;
+      const T hill = demand.mass * hold_uphill;  // force that rolls the vehicle back [N]
+      const bool carried = demand.uphill_torque < hill * radius_sum / Max(wheels, 1);
+      const bool reversing = demand.shaft_force > hill;
+      if (carried || reversing || s->hold_time > hold_time_max) s->holding = 0;
+    }
+    if (abs(demand.speed) > hold_release_speed) s->holding = 0;
+  }
+
+  // Braking force of this deceleration on the level, less rolling resistance; it also slows the
+  // wheels' rotation.
+  T Force(const Demand& demand, T deceleration) const {
+    const T rolling = rolling_resistance * demand.mass * demand.gravity;
+    return Max(0.0, (demand.mass + spin_mass) * deceleration - rolling);
+  }
+
+  // Braking force of the shaft when friction has had time to respond: its present and its greatest
+  // force, both extrapolated by their recent change. So friction acts when a gear change
+  // begins, before a retarder fades out, and ends when one has filled.
+  T ShaftForce(const Demand& demand, T h, State* s) const {
+    auto ahead = [this, &h](T now, T* past) {
+      const T change = now - *past;
+      *past += change * h / (response_time + h);
+      return now + change;
+    };
+    const T force = ahead(demand.shaft_force, &s->shaft);
+    return Min(force, Max(0.0, ahead(demand.shaft_force_max, &s->shaft_max)));
+  }
+
+  // Shares the force. The shaft brakes in any case (engine drag); friction gives the rest.
+  Targets Blend(const Demand& demand, const Level& level, T shaft_force, const State& s) const {
+    Targets t = {};
+    t.effort.active = level.total > 0;
+    const T wanted = t.effort.active ? Max(0.0, level.total + s.trim) : T(0);
+    T friction = 0, force = 0;
+    const bool endurance_only = demand.ebi_mode == demand.kEnduranceOnly && s.xbr > 0;
+    if (t.effort.active) {
+      force = Force(demand, wanted);
+      friction = Max(0.0, force - shaft_force);
+      if (endurance_only) friction = Min(friction, Force(demand, level.driver));
+      t.idle = friction <= 0;
+      // Endurance brakes act on one axle group and do not control slip: off while ABS works. Near
+      // walking speed the driveline opens soon: where friction is allowed, it takes over before.
+      if (demand.ebi_mode != demand.kFrictionOnly && !demand.abs_active) {
+        const T range = (demand.speed - shaft_speed_off) / (shaft_speed_on - shaft_speed_off);
+        const bool integrated = demand.ebi_mode == demand.kIntegration;
+        t.effort.shaft_force = integrated ? force * Clamp(range, 0.0, 1.0) : force;
+        t.limited = endurance_only && level.driver == 0 && force > demand.shaft_force_max;
+      }
+    }
+    const T held = s.holding != 0 ? Force(demand, hold_deceleration) : T(0);
+    const bool prepared = t.effort.active && !(endurance_only && level.driver == 0);
+    if (!prepared && held == 0) return t;
+    distribution.Pressures(Max(friction, held), shaft_force, wanted, demand.mass, t.pressure);
+    for (int i = 0; i < kCircuits; ++i) {
+      const T available = Min(pressure_max, demand.reservoir[i]);
+      t.limited = t.limited || t.pressure[i] > available;
+      t.pressure[i] = Min(t.pressure[i], available);
+    }
+    return t;
+  }
+
+  // Integral of the deceleration's error against a reference that is as slow as the brakes. It
+  // stops when the error is not due to the brakes: standstill, ABS, brakes at their limits.
+  void Trim(const Demand& demand, T wanted, T deceleration, const Targets& targets, T supplied, T h,
+            State* s) const {
+    s->reference[0] += (supplied * wanted - s->reference[0]) * h / (response_time + h);
+    s->reference[1] += (s->reference[0] - s->reference[1]) * h / (filter_time + h);
+    T change = 0;
+    if (demand.abs_active) {  // a deficit that the road's friction causes is not made up later
+      for (T& reference : s->reference) reference = Min(reference, deceleration);
+    } else if (demand.speed > trim_speed_min && !targets.limited) {
+      change = h * trim_gain * (s->reference[1] - deceleration);
+      if (targets.idle) change = Max(change, 0.0);
+    }
+    // The bounds close with the demand: the trim is zero when braking ends.
+    const T limit = Min(trim_max + trim_share * wanted, wanted);
+    s->trim = Clamp(s->trim + change, -limit, limit);
+  }
+
+  // Moves a supply valve to the pressure wanted in the brakes. On the way down the brakes'
+  // hysteresis holds pressure back: the supply goes lower, until a model of them has reached the
+  // target. In released brakes it waits at the push-out pressure, from which they act without
+  // delay.
+  void Supply(int circuit, T wanted, T h, State* s) const {
+    T* supply = &s->supply[circuit];
+    T* chamber = &s->chamber[circuit];
+    T* effective = &s->effective[circuit];
+    T* lowering = &s->lowering[circuit];
+    const T error = *effective - wanted;
+    const bool off = wanted <= distribution.push_out && error < kNear * hysteresis;
+    if (error > 0 && !off) {
+      *lowering = Min(1.0, *lowering + error / hysteresis * h / hysteresis_time);
+    } else if (error < -kNear * hysteresis || off) {
+      *lowering = 0;  // on the way up the brakes follow at once
+    }
+    const T target = Max(0.0, wanted - *lowering * hysteresis);
+    *supply = Clamp(target, *supply - h * fall_rate, *supply + h * rise_rate);
+    *chamber += (*supply - *chamber) * h / (response_time + h);
+    *effective = Clamp(*effective, *chamber, *chamber + hysteresis);
+  }
+};
+
+}  // namespace iits
+
+#endif  // IITS_MJ_PLUGIN_LAWS_BRAKE_CONTROL_H_

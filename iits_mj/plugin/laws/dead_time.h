@@ -1,0 +1,57 @@
+// Dead time of the brake lines: a ring of time-stamped samples, independent of the time step.
+#ifndef IITS_MJ_PLUGIN_LAWS_DEAD_TIME_H_
+#define IITS_MJ_PLUGIN_LAWS_DEAD_TIME_H_
+
+#include "plugin/laws/number.h"
+
+namespace iits {
+
+enum Circuit { kFront = 0, kDrive, kTrailer, kCircuits };
+
+// State of all lines; all zero is lines without pressure. Samples are at least `spacing` apart, so
+// that the ring covers (kSlots - 1) * spacing at any step; between samples the signal, which is
+// rate-limited, is a straight line.
+template <class T>
+struct DeadTimeLine {
+  static constexpr int kSlots = 16;
+
+  T clock;      // own time: the user may set the time of the simulation at will [s]
+  T last_used;  // clock when a supply last had pressure; 0 also when never
+  T newest;     // slot of the newest sample
+  T stamp[kSlots];
+  T value[kSlots][kCircuits];
+
+  void Push(const T supply[kCircuits], T h, T spacing) {
+    clock += h;
+    if (supply[kFront] > 0 || supply[kDrive] > 0 || supply[kTrailer] > 0) last_used = clock;
+    int slot = static_cast<int>(newest);
+    if (clock - stamp[slot] < spacing) return;
+    slot = (slot + 1) % kSlots;
+    newest = slot;
+    stamp[slot] = clock;
+    for (int i = 0; i < kCircuits; ++i) value[slot][i] = supply[i];
+  }
+
+  // Supply pressure of the circuit `delay` seconds before the end of a step of h that is not pushed
+  // yet; `current` is the pressure at its end.
+  T Look(int circuit, T delay, T h, T current) const {
+    const T wanted = clock + h - delay;
+    T later_stamp = clock + h, later_value = current;
+    int slot = static_cast<int>(newest);
+    for (int i = 0; i < kSlots; ++i) {
+      if (stamp[slot] <= wanted) {
+        const T span = later_stamp - stamp[slot];
+        const T share = span > 0 ? (wanted - stamp[slot]) / span : T(1);
+        return value[slot][circuit] + share * (later_value - value[slot][circuit]);
+      }
+      later_stamp = stamp[slot];
+      later_value = value[slot][circuit];
+      slot = (slot + kSlots - 1) % kSlots;
+    }
+    return later_value;
+  }
+};
+
+}  // namespace iits
+
+#endif  // IITS_MJ_PLUGIN_LAWS_DEAD_TIME_H_

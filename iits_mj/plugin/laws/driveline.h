@@ -1,0 +1,182 @@
+// From the crankshaft to the propeller shaft: clutch, gears, losses, and the energy that each
+// dissipates.
+#ifndef IITS_MJ_PLUGIN_LAWS_DRIVELINE_H_
+#define IITS_MJ_PLUGIN_LAWS_DRIVELINE_H_
+
+#include "plugin/laws/number.h"
+
+namespace iits {
+
+// One semi-implicit step of engine inertia against clutch and elastic driveline, one torsional
+// spring and damper that slips at the clutch's capacity:
+//
+//   J dw/dt = T_e - T,   T = k x + c dx/dt,   |T| <= capacity   (return mapping)
+//
+// The end-of-step engine speed enters T, so that the engine's side is stable at any step; the
+// gearbox's speed is that of the step's start. In slip dx/dt is whatever keeps |T| at capacity.
+template <class T>
+struct ElasticClutch {
+  T stiffness;  // at the gearbox input [N m/rad]
+  T damping;    // at the gearbox input [N m s/rad]
+
+  // Returns the clutch torque, positive from the engine to the wheels; updates torsion and speed.
+  T Step(T engine_torque, T inertia, T input_speed, T capacity, T h, T* torsion,
+         T* engine_speed) const {
+    const T free_speed = *engine_speed + h * engine_torque / inertia;
+    const T gain = stiffness * h + damping;
+    T torque =
+        (stiffness * *torsion + gain * (free_speed - input_speed)) / (1 + gain * h / inertia);
+    torque = Clamp(torque, -capacity, capacity);
+    *torsion = (h * torque + damping * *torsion) / gain;
+    *engine_speed = Max(0.0, free_speed - h * torque / inertia);
+    return torque;
+  }
+};
+
+// Engagement, 0 open to 1 closed, as a gearbox controller moves it while a gear is in.
+template <class T>
+struct ClutchControl {
+  T idle_speed;           // [rad/s]
+  T pedal_up;             // accelerator travel up to which the clutch stays open at standstill
+  T launch_share;         // engagement that carries the engine's reference torque
+  T engagement_time;      // full travel at launch [s]
+  T opening_time;         // full travel [s]
+  T launch_range;         // engine speed above idle, to the reference torque [rad/s]
+  T alike_range;          // speed difference at which the clutch closes for good [rad/s]
+  T release_share;        // of idle: gearbox input speed below which it opens, pedal down
+  T release_share_coast;  // the same, pedal up
+  T stall_share;          // of idle: engine speed at which its capacity is zero
+  T stall_range;          // of idle: above, to the whole capacity
+
+  // Slips while the truck starts: torque grows with engine speed above idle. So the clutch settles
+  // at the engine's own torque, cannot stall it, and carries nothing at idle. Closes for good when
+  // both sides turn alike; opens near idle speed.
+  T Update(T engagement, T engine_speed, T input_speed, T pedal, T h) const {
+    const bool powered = pedal >= pedal_up;
+    T target = 0;
+    if (input_speed > (powered ? release_share : release_share_coast) * idle_speed) {
+      const bool alike = abs(engine_speed - input_speed) < alike_range;
+      const T pulled = Max(engine_speed, input_speed);
+      target = alike || engagement >= 1 ? T(1) : Launch(pulled);
+    } else if (powered) {
+      target = Launch(engine_speed);
+    }
+    return Clamp(target, engagement - h / opening_time, engagement + h / engagement_time);
+  }
+
+  // Last guard: whatever the control does, the capacity is zero before the engine stalls.
+  T StallGuard(T engine_speed) const {
+    return Clamp((engine_speed / idle_speed - stall_share) / stall_range, 0.0, 1.0);
+  }
+
+ private:
+  T Launch(T speed) const {
+    return Clamp((speed - idle_speed) / launch_range, 0.0, 1.0) * launch_share;
+  }
+};
+
+// Energies since the reset [J].
+template <class T>
+struct EnergyAccount {
+  T engine_work;    // at the flywheel, negative in overrun
+  T clutch_loss;    // slip, damping, synchronizing
+  T gear_loss;      // gears and final drive
+  T retarder_work;  // turned into heat, >= 0
+};
+
+template <class T>
+struct DrivelineState {
+  T torsion;     // at the gearbox input [rad]
+  T engagement;  // of the clutch, 0 to 1
+  T inertia;     // that turned with the crankshaft in the last step [kg m2]
+  T stiffness;   // of the last step, at the gearbox input [N m/rad]
+};
+
+// Torques of one step. Its work is booked when the speed at its end is known, with the mean speed:
+// h T (w + w') / 2 is exactly what the torque adds to the kinetic energy of a constant inertia.
+template <class T>
+struct StepWork {
+  T engine_work, clutch_work;  // flywheel to clutch; clutch to gears, less the stored energy
+  T gear_torque, retarder_torque, shaft_torque;  // at the propeller shaft [N m]
+  T shaft_speed;                                 // at the step's start [rad/s]
+
+  void Book(T end_speed, T h, EnergyAccount<T>* account) const {
+    const T angle = 0.5 * h * (shaft_speed + end_speed);
+    account->engine_work += engine_work;
+    account->clutch_loss += clutch_work - angle * gear_torque;
+    account->gear_loss += angle * (gear_torque - retarder_torque - shaft_torque);
+    account->retarder_work += angle * retarder_torque;
+  }
+};
+
+// The engaged gear, as the driveline sees it.
+template <class T>
+struct GearData {
+  T ratio;       // 0: none, negative in reverse
+  T inertia;     // with the crankshaft's [kg m2]
+  T efficiency;  // of the gears
+};
+
+template <class T>
+struct Driveline {
+  ClutchControl<T> control;
+  T torque_max;           // of the closed clutch [N m]
+  T efficiency;           // behind the gearbox
+  T stiffness, damping;   // at the propeller shaft; attributes give them at the wheels
+  T loss_reversal_speed;  // over which the loss changes its side [rad/s]
+
+  // Kinetic and elastic energy of what turns with the engine [J].
+  static T Energy(const DrivelineState<T>& s, T engine_speed) {
+    return 0.5 * (s.inertia * engine_speed * engine_speed + s.stiffness * s.torsion * s.torsion);
+  }
+
+  // Adopts the inertia and the stiffness of the engaged gear.
+  void SetGear(const GearData<T>& gear, DrivelineState<T>* s) const {
+    s->inertia = gear.inertia;
+    if (gear.ratio == 0) {
+      s->stiffness = s->torsion = s->engagement = 0;
+    } else {
+      s->stiffness = stiffness / (gear.ratio * gear.ratio);
+    }
+  }
+
+  // One step of clutch, engine speed and gears; fills `work`. The propeller shaft's torque behind
+  // the final drive's losses, work->shaft_torque, acts on the wheels.
+  void Step(const GearData<T>& gear, T engine_torque, T retarder_torque, T shaft_speed, T h,
+            DrivelineState<T>* s, T* engine_speed, StepWork<T>* work) const {
+    const T before = Energy(*s, *engine_speed);
+    const T start_speed = *engine_speed;
+    SetGear(gear, s);
+    const T input_speed = gear.ratio * shaft_speed;
+    T clutch_torque = 0;
+    if (gear.ratio == 0) {
+      *engine_speed = Max(0.0, start_speed + h * engine_torque / gear.inertia);
+    } else {
+      const T capacity = s->engagement * torque_max * control.StallGuard(start_speed);
+      const ElasticClutch<T> clutch = {s->stiffness, damping / (gear.ratio * gear.ratio)};
+      clutch_torque = clutch.Step(engine_torque, gear.inertia, input_speed, capacity, h,
+                                  &s->torsion, engine_speed);
+    }
+    work->engine_work = 0.5 * h * engine_torque * (start_speed + *engine_speed);
+    // Includes what a change of gear takes from the rotating parts, or adds to them.
+    work->clutch_work = work->engine_work - (Energy(*s, *engine_speed) - before);
+    work->gear_torque = clutch_torque * gear.ratio;
+    work->retarder_torque = retarder_torque;
+    const T behind_gears =
+        AfterLoss(clutch_torque, input_speed, gear.efficiency) * gear.ratio - retarder_torque;
+    work->shaft_torque = AfterLoss(behind_gears, shaft_speed, efficiency);
+    work->shaft_speed = shaft_speed;
+  }
+
+ private:
+  // Torque behind a pair of gears. Losses oppose the flow of power in either direction.
+  T AfterLoss(T torque, T speed, T share) const {
+    if (torque * speed >= 0) return torque * share;
+    const T back = Min(1.0, abs(speed) / loss_reversal_speed);
+    return torque * (share + back * (1 / share - share));
+  }
+};
+
+}  // namespace iits
+
+#endif  // IITS_MJ_PLUGIN_LAWS_DRIVELINE_H_

@@ -1,0 +1,67 @@
+// Types that gearbox and shift strategy share: the gears, the state, the controller's input.
+#ifndef IITS_MJ_PLUGIN_LAWS_GEARS_H_
+#define IITS_MJ_PLUGIN_LAWS_GEARS_H_
+
+#include <cstdlib>
+#include <vector>
+
+#include "plugin/laws/number.h"
+
+namespace iits {
+
+// Whole numbers are stored as `T`, so that the state is an array of one type.
+template <class T>
+struct GearboxState {
+  T gear;          // engaged: 1 to n, 0 neutral, -1 reverse
+  T target;        // wanted gear, equal to `gear` outside a change
+  T phase;         // Gearbox::Phase
+  T phase_time;    // since the phase began [s]
+  T gear_time;     // since the last change ended [s]
+  T low_time;      // for how long a lower gear has been called for [s]
+  T shaft_speed;   // propeller shaft, low-passed [rad/s]
+  T acceleration;  // of the propeller shaft, filtered [rad/s2]
+  T torque;        // of the propeller shaft, low-passed as the speed is [N m]
+  T load;          // filtered torque that would keep the shaft's speed [N m]
+  T pedal;         // low-passed: a floored pedal far above it is a kick-down
+  T direction;     // of the last change: 1 up, -1 down, 0 none yet
+  T failed_gear;   // gear that could not carry the load, 0 none
+  T failed_load;   // the load then [N m]
+};
+
+template <class T>
+struct GearboxInput {
+  enum Mode { kDrive = 0, kNeutral = 1, kReverse = 2 };
+  Mode mode;
+  T pedal, engine_brake;        // commands to the engine, 0 to 1
+  T shaft_speed, shaft_torque;  // propeller shaft [rad/s], [N m]
+  T engine_speed;
+  bool clutch_open;
+  T mass;                               // of the vehicle, as the model has it now [kg]
+  T driver_pedal, driver_engine_brake;  // the driver's positions, 0 to 1
+};
+
+template <class T>
+struct Gears {
+  std::vector<T> ratios;    // of gears 1 to n, falling
+  std::vector<T> inertias;  // at the gearbox input [kg m2]
+  T reverse_ratio;          // magnitude
+  T final_drive;
+  T gear_efficiency;
+  T efficiency;         // from gearbox input to the wheels
+  T meters_per_radian;  // of the propeller shaft
+
+  int count() const { return static_cast<int>(ratios.size()); }
+  // 0 in neutral, negative in reverse.
+  T Ratio(int gear) const {
+    return gear > 0 ? ratios[gear - 1] : (gear < 0 ? -reverse_ratio : T(0));
+  }
+  T InputInertia(int gear) const { return gear ? inertias[std::abs(gear) - 1] : T(0); }
+  // Inertia of the vehicle's mass about the propeller shaft [kg m2].
+  T VehicleInertia(T mass) const { return mass * meters_per_radian * meters_per_radian; }
+  // Vehicle speed [m/s].
+  T Speed(T shaft_speed) const { return shaft_speed * meters_per_radian; }
+};
+
+}  // namespace iits
+
+#endif  // IITS_MJ_PLUGIN_LAWS_GEARS_H_

@@ -1,0 +1,61 @@
+// Compressed air: a reservoir per circuit, compressor with governor, and the spring brakes that a
+// lack of pressure applies.
+#ifndef IITS_MJ_PLUGIN_LAWS_RESERVOIR_H_
+#define IITS_MJ_PLUGIN_LAWS_RESERVOIR_H_
+
+#include "plugin/laws/wheel_brake.h"
+
+namespace iits {
+
+template <class T>
+struct ReservoirState {
+  T pressure[kCircuits];  // above the atmosphere [Pa]
+  T pumping;              // 1: the governor has cut the compressor in
+};
+
+// Air is counted as pressure times volume [Pa m3] at one temperature.
+template <class T>
+struct Reservoirs {
+  // Attributes.
+  T volume[kCircuits];
+  T displacement, cut_in, cut_out, spring_begin, spring_full;
+
+  // Charged to the cut-out pressure.
+  void Fill(ReservoirState<T>* s) const {
+    for (T& pressure : s->pressure) pressure = cut_out;
+    s->pumping = 0;
+  }
+
+  void Draw(int circuit, T air, ReservoirState<T>* s) const {
+    s->pressure[circuit] = Max(0.0, s->pressure[circuit] - air / volume[circuit]);
+  }
+
+  // The compressor at this speed of the engine [rad/s] for h.
+  void Pump(T engine_speed, T h, ReservoirState<T>* s) const {
+    T lack = 0;  // of air below the cut-out pressure
+    bool low = false;
+    for (int i = 0; i < kCircuits; ++i) {
+      lack += volume[i] * Max(0.0, cut_out - s->pressure[i]);
+      low = low || s->pressure[i] < cut_in;
+    }
+    if (low) s->pumping = 1;
+    if (s->pumping == 0) return;
+    const T delivered = kAtmosphere * displacement * Max(0.0, engine_speed) * h;
+    // Each reservoir takes air in proportion to its deficit: all are full at the same time.
+    const T share = delivered >= lack ? T(1) : delivered / lack;
+    for (T& pressure : s->pressure) pressure += share * Max(0.0, cut_out - pressure);
+    if (share == 1) s->pumping = 0;
+  }
+
+  // Share of the spring brakes that is on for lack of air. Those of the towing vehicle depend on
+  // the better of its circuits, those of the trailer on its own.
+  T Springs(int circuit, const ReservoirState<T>& s) const {
+    const T pressure =
+        circuit == kTrailer ? s.pressure[kTrailer] : Max(s.pressure[kFront], s.pressure[kDrive]);
+    return Clamp((spring_begin - pressure) / (spring_begin - spring_full), 0.0, 1.0);
+  }
+};
+
+}  // namespace iits
+
+#endif  // IITS_MJ_PLUGIN_LAWS_RESERVOIR_H_

@@ -1,0 +1,152 @@
+// The "adaptive" shift strategy: grade and mass are in the load, the load decides.
+#ifndef IITS_MJ_PLUGIN_LAWS_SHIFT_ADAPTIVE_H_
+#define IITS_MJ_PLUGIN_LAWS_SHIFT_ADAPTIVE_H_
+
+#include "plugin/laws/shift_prediction.h"
+
+namespace iits {
+
+// Power at the wheels [W] in a gear with the pedal on the floor.
+template <class T>
+T AvailablePower(const ShiftSituation<T>& now, int gear, T shaft_speed) {
+  const T torque = now.engine.PedalTorque(now.gears.Ratio(gear) * shaft_speed, T(1));
+  return now.ShaftTorque(gear, torque) * shaft_speed;
+}
+
+// Power at the wheels [W] that the pedal asks for: that of the present gear, and with the pedal
+// near the floor its share of the best gear's power.
+template <class T>
+T PowerWanted(const ShiftSituation<T>& now) {
+  const ShiftParameters<T>& p = now.p;
+  const T speed = now.in.shaft_speed;
+  const T torque = now.engine.PedalTorque(now.InputSpeed(), now.in.pedal);
+  const T wanted = now.ShaftTorque(now.gear, torque) * speed;
+  if (!now.Floored()) return wanted;
+  const T share = (now.in.pedal - p.floored_pedal) / (1 - p.floored_pedal);
+  T greatest = 0;
+  for (int gear = p.start_gear; gear <= now.gears.count(); ++gear) {
+    if (now.gears.Ratio(gear) * speed > now.Ceiling()) continue;
+    greatest = Max(greatest, AvailablePower(now, gear, speed));
+  }
+  return Max(wanted, share * greatest / p.adaptive_reserve);
+}
+
+// Fuel rate [kg/s] for this power at the wheels in a gear.
+template <class T>
+T FuelFor(const ShiftSituation<T>& now, int gear, T shaft_speed, T power) {
+  const EnginePoint<T> at = now.engine.At(now.gears.Ratio(gear) * shaft_speed);
+  EngineState<T> state = {};
+  state.speed = at.speed;
+  state.torque = power / (at.speed * now.gears.efficiency) + at.drag;
+  return now.engine.FuelRate(at, state);
+}
+
+// Work at the wheels [J] within the horizon when the change to this gear begins now, under the
+// present load. Includes the cost of the pause and of building up the torque.
+template <class T>
+T WorkAhead(const ShiftSituation<T>& now, int gear) {
+  constexpr double kLookStep = 0.5;  // [s]: numerical
+  const Engine<T>& engine = now.engine;
+  const T from = now.in.shaft_speed, load = now.state.load, inertia = now.VehicleInertia();
+  const T ratio = now.gears.Ratio(gear), transmission = now.ShaftTorque(gear, 1);
+  T speed = from, left = now.p.adaptive_horizon, angle = 0;
+  if (gear != now.gear) {
+    speed = now.SpeedAfterChange(from);
+    angle = 0.5 * (from + speed) * now.p.change_time;
+    left -= now.p.change_time;
+  }
+  const T demand = engine.PedalTorque(ratio * speed, now.in.pedal);
+  const TorqueRecovery<T> recovery = now.Recovery(gear, demand, demand, engine.drag(ratio * speed));
+  // Torque that is missing at first, spread over the time until it is there.
+  const T missing = recovery.time > 0 ? recovery.impulse / recovery.time : T(0);
+  T building = recovery.time;
+  while (left > 0 && speed > 0) {
+    const T step = Min(kLookStep, left);
+    const T share = Min(building, step) / step;
+    const T torque = engine.PedalTorque(ratio * speed, now.in.pedal) - share * missing;
+    const T next = Max(0.0, speed + step * (torque * transmission - load) / inertia);
+    angle += 0.5 * (speed + next) * step;
+    speed = next;
+    left -= step;
+    building -= share * step;
+  }
+  return 0.5 * inertia * (speed * speed - from * from) + load * angle;
+}
+
+// Floored pedal: the gear that does the most work within the horizon, a higher one only when the
+// engine turns as fast as it is meant to. The present one stays unless another does more by
+// `adaptive_gain`.
+template <class T>
+int StrongestGear(const ShiftSituation<T>& now) {
+  const ShiftParameters<T>& p = now.p;
+  const T speed = now.in.shaft_speed;
+  const T kept = WorkAhead(now, now.gear);
+  T most = kept + p.adaptive_gain * abs(kept);
+  int best = now.gear;
+  const int up = now.InputSpeed() < now.Ceiling() ? 0 : p.skip_up_max;
+  const int lowest = Max(p.start_gear, now.gear - p.skip_down_max);
+  for (int gear = Min(now.gears.count(), now.gear + up); gear >= lowest; --gear) {
+    if (gear == now.gear) continue;
+    if (gear > now.gear && now.SpeedAfterUpshift(gear) <= 0) continue;
+    if (gear < now.gear) {
+      if (now.gears.Ratio(gear) * speed > now.Ceiling() || now.SoonOutgrown(gear)) break;
+      if (!now.Bears(gear, now.DipOf(gear, speed))) continue;
+    }
+    const T work = WorkAhead(now, gear);
+    if (work > most) {
+      most = work;
+      best = gear;
+    }
+  }
+  return best;
+}
+
+// The gear with the lowest fuel rate for the power wanted, among those that turn fast enough, not
+// too fast, and keep a torque reserve over load and power. The present gear stays unless another
+// one saves `adaptive_gain` of its fuel, or it cannot give the power itself.
+template <class T>
+int AdaptiveGear(const ShiftSituation<T>& now) {
+  const ShiftParameters<T>& p = now.p;
+  const T speed = now.in.shaft_speed;
+  const T load = Max(0.0, now.state.load);
+  const T wanted = Max(0.0, PowerWanted(now));
+  const T slowest = now.LowSpeed();
+  const T fastest = now.Ceiling();
+  const T economic = fastest * (p.adaptive_speed_max + (1 - p.adaptive_speed_max) * now.in.pedal);
+
+  // The clutch slips or is open: there is nothing to compare.
+  if (now.InputSpeed() < now.engine.idle_speed) return now.gear;
+  // The present gear may use its reserve up.
+  const T needed = Max(wanted / p.adaptive_reserve, load * speed);
+  const bool able = AvailablePower(now, now.gear, speed) >= needed && now.InputSpeed() < fastest;
+  // Floored and not enough: the strongest gear. Fuel decides only on shifting up.
+  const bool floored = now.in.pedal >= p.kick_down_pedal;
+  if (floored && !able) {
+    const int strongest = StrongestGear(now);
+    if (strongest != now.gear) return strongest;
+  }
+  T least = able ? (1 - p.adaptive_gain) * FuelFor(now, now.gear, speed, wanted) : T(kInfinity);
+  // Near its governor the present gear gives less than is wanted: another one need not give more.
+  const T kept = Min(wanted, AvailablePower(now, now.gear, speed));
+  int best = now.gear;
+  const int lowest = floored ? now.gear : Max(p.start_gear, now.gear - p.skip_down_max);
+  const int highest = Min(now.gears.count(), now.gear + p.skip_up_max);
+  for (int gear = lowest; gear <= highest; ++gear) {
+    if (gear == now.gear || (gear < now.gear && now.SoonOutgrown(gear))) continue;
+    const T ratio = now.gears.Ratio(gear);
+    if (ratio * speed > economic) continue;
+    const T after = gear > now.gear ? now.SpeedAfterUpshift(gear) : now.SpeedWhenRecovered(gear);
+    if (after <= 0 || (gear < now.gear && ratio * after < p.downshift_speed * slowest)) continue;
+    if (AvailablePower(now, gear, after) < Max(kept, p.adaptive_reserve * load * after)) continue;
+    const T fuel = FuelFor(now, gear, speed, wanted);
+    if (fuel < least) {
+      least = fuel;
+      best = gear;
+    }
+  }
+  return best;
+}
+
+}  // namespace iits
+
+#endif  // IITS_MJ_PLUGIN_LAWS_SHIFT_ADAPTIVE_H_

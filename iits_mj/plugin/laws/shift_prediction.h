@@ -1,0 +1,243 @@
+// The gearbox controller's estimate of the vehicle's state, and its prediction of a gear change.
+#ifndef IITS_MJ_PLUGIN_LAWS_SHIFT_PREDICTION_H_
+#define IITS_MJ_PLUGIN_LAWS_SHIFT_PREDICTION_H_
+
+#include "plugin/laws/engine.h"
+#include "plugin/laws/gears.h"
+#include "plugin/laws/lookup.h"
+#include "plugin/laws/number.h"
+
+namespace iits {
+
+// Attributes of the shift strategy; ../README_powertrain.md explains each.
+template <class T>
+struct ShiftParameters {
+  int start_gear, skip_up_max, skip_down_max;
+  bool adaptive;  // else by tables
+  T change_time;  // of a gear change, from the gearbox's phases [s]
+  T downshift_delay, downshift_margin, min_gear_time, reversal_time;
+  T acceleration_lag, load_lag, pedal_lag;
+  T lowest_speed, lowest_speed_pedal, rolling_speed;
+  T recovery_horizon, recovery_speed, recovery_time;
+  T upshift_speed, downshift_speed, downshift_speed_max, power_speed;
+  T overspeed, overspeed_braking;
+  T torque_reserve, failed_reserve, failed_load, built_up_torque;
+  T stuck_acceleration, first_gear_delay, engage_speed_max;
+  T floored_pedal, kick_down_pedal, kick_down_rise, kick_down_speed;
+  T braking_speed_low, braking_speed_high, braking_deceleration;
+  T adaptive_period, adaptive_reserve, adaptive_gain, adaptive_speed_max, adaptive_horizon;
+  Map<T> upshift, downshift;
+
+  // Advances speed, acceleration, load and pedal as the strategy sees them. The shaft speed is
+  // low-passed once; its distance to the raw speed is the filtered acceleration. The load is the
+  // torque that would hold the speed, by the balance T = load + I dw/dt of the vehicle's mass, with
+  // the same lag in each term.
+  void Observe(const Gears<T>& gears, const GearboxInput<T>& in, T h, GearboxState<T>* s) const {
+    const T difference = in.shaft_speed - s->shaft_speed;
+    s->shaft_speed += difference * h / (acceleration_lag + h);
+    s->acceleration = difference / (acceleration_lag + h);
+    s->torque += (in.shaft_torque - s->torque) * h / (acceleration_lag + h);
+    const T load = s->torque - gears.VehicleInertia(in.mass) * s->acceleration;
+    s->load += (load - s->load) * h / (load_lag + h);
+    s->pedal += (in.driver_pedal - s->pedal) * h / (pedal_lag + h);
+    if (s->load < failed_load * s->failed_load) s->failed_gear = s->failed_load = 0;
+  }
+
+  // Lowest engine speed that the controller accepts in gear; higher with the pedal down.
+  T LowSpeed(const Engine<T>& engine, T pedal) const {
+    return engine.idle_speed * (lowest_speed + lowest_speed_pedal * pedal);
+  }
+
+  // Gear for a vehicle that rolls at this speed without a gear.
+  int GearForSpeed(const Gears<T>& gears, const Engine<T>& engine, T shaft_speed) const {
+    for (int gear = gears.count(); gear > start_gear; --gear) {
+      if (gears.Ratio(gear) * shaft_speed >= rolling_speed * engine.idle_speed) return gear;
+    }
+    return start_gear;
+  }
+
+  // Whether a gear that is about to be engaged still fits the speed.
+  bool Fits(const Gears<T>& gears, const Engine<T>& engine, int gear, T shaft_speed) const {
+    const T speed = gears.Ratio(gear) * shaft_speed;
+    return (gear <= start_gear || speed > engine.idle_speed) &&
+           (gear == gears.count() || speed < overspeed * engine.brake_speed);
+  }
+};
+
+// Everything that the choice of a gear depends on, and what follows from it. Speeds are those of
+// the propeller shaft [rad/s] unless they are called engine speeds.
+template <class T>
+struct ShiftSituation {
+  const ShiftParameters<T>& p;
+  const Gears<T>& gears;
+  const Engine<T>& engine;
+  const GearboxInput<T>& in;
+  const GearboxState<T>& state;
+  int gear;  // engaged, 1 to n
+
+  // Step of a search for the speed that a gear holds, as a share of the governed speed: numerical.
+  static constexpr double kHeldSpeedStep = 0.01;
+
+  // Shaft speed in a change: when the clutch is closed, and at its lowest, a time [s] later.
+  struct Dip {
+    T after, speed, time;
+  };
+  struct Held {
+    int gear;
+    T speed;  // 0 when no gear holds the load
+  };
+
+  bool Floored() const { return in.pedal > p.floored_pedal; }
+  bool Braking() const { return in.engine_brake > 0 && in.pedal < engine.pedal_up; }
+  bool KicksDown() const {
+    return in.pedal >= p.kick_down_pedal && in.driver_pedal - state.pedal > p.kick_down_rise;
+  }
+  T VehicleInertia() const { return gears.VehicleInertia(in.mass); }
+  // Engine speed with the clutch closed.
+  T InputSpeed() const { return gears.Ratio(gear) * in.shaft_speed; }
+  // Greatest engine speed after a downshift.
+  T Ceiling() const { return p.downshift_speed_max * engine.governed_speed; }
+  T LowSpeed() const { return p.LowSpeed(engine, in.pedal); }
+
+  // Engine speed a little later, if the gear stays.
+  T SpeedSoon() const {
+    const T speed = in.shaft_speed + p.recovery_horizon * state.acceleration;
+    return gears.Ratio(gear) * speed;
+  }
+
+  // Shaft speed at the end of a change that begins at `from`: the load slows the vehicle down, a
+  // descent speeds it up.
+  T SpeedAfterChange(T from) const {
+    T coasting = -state.load / VehicleInertia();
+    if (in.pedal > engine.pedal_up) coasting = Min(coasting, state.acceleration);
+    return from + p.change_time * coasting;
+  }
+
+  T ShaftTorque(int at, T engine_torque) const {
+    return engine_torque * gears.Ratio(at) * gears.efficiency;
+  }
+
+  // Recovery of the engine's torque after a change to `next`, without a pause for the present gear.
+  TorqueRecovery<T> Recovery(int next, T demand, T level, T drag) const {
+    const T before = in.shaft_torque / ShaftTorque(gear, 1);
+    return next == gear ? engine.BuildUp(before, demand, level, drag)
+                        : engine.Recovery(before, p.change_time, demand, level, drag);
+  }
+
+  // How the shaft's speed falls by a change to `next` that begins at `from`, and further until the
+  // engine's torque has built up to the load; for the present gear, only the latter.
+  Dip DipOf(int next, T from) const {
+    const T after = next == gear ? from : SpeedAfterChange(from);
+    if (in.pedal <= engine.pedal_up) {
+      // Braked: the gear must last for a while.
+      return {after, T(after + p.recovery_horizon * Min(0.0, state.acceleration)), 0};
+    }
+    const T speed = gears.Ratio(next) * after;
+    const T transmission = ShaftTorque(next, 1);
+    const T demand = engine.PedalTorque(speed, in.pedal);
+    const T level = Max(0.0, state.load) / transmission;
+    const TorqueRecovery<T> recovery = Recovery(next, demand, level, engine.drag(speed));
+    const T lost = recovery.impulse * transmission / VehicleInertia();
+    return {after, after - lost, recovery.time};
+  }
+  T SpeedWhenRecovered(int next) const { return DipOf(next, in.shaft_speed).speed; }
+
+  // The engine does not turn too slowly while its torque builds up, and not slowly for long: with a
+  // floored pedal `recovery_speed` is accepted, below the slowest speed for `recovery_time`. As the
+  // deficit of torque fades in a straight line, the speed falls to the dip in a parabola.
+  bool Bears(int next, const Dip& dip) const {
+    const T ratio = gears.Ratio(next), lowest = ratio * dip.speed;
+    const T slow = LowSpeed(), low = p.upshift_speed * slow;
+    if (lowest >= low) return true;
+    if (!Floored() || lowest < p.recovery_speed * engine.idle_speed) return false;
+    if (lowest >= slow) return true;
+    const T first = ratio * dip.after;
+    const T share = first > slow ? sqrt((slow - lowest) / (first - lowest)) : T(1);
+    return share * dip.time <= p.recovery_time;
+  }
+
+  // Torque over load is at least `reserve` at this shaft speed.
+  bool Carries(int next, T shaft_speed, T reserve) const {
+    const T torque = engine.PedalTorque(gears.Ratio(next) * shaft_speed, in.pedal);
+    return ShaftTorque(next, torque) >= reserve * Max(0.0, state.load);
+  }
+
+  // Shaft speed up to which a gear carries the load after a change to it that begins at `from`; 0
+  // when it never does.
+  T HeldSpeed(int next, T from) const {
+    const Dip dip = DipOf(next, from);
+    if (!Bears(next, dip) || !Carries(next, dip.speed, p.torque_reserve)) return 0;
+    const T ratio = gears.Ratio(next);
+    const T step = kHeldSpeedStep * engine.governed_speed / ratio;
+    T held = dip.speed;
+    while (ratio * held < engine.governed_speed && Carries(next, held + step, 1)) held += step;
+    return held;
+  }
+
+  // Lower gear that holds the highest speed on this climb, when the change begins at `from`.
+  Held BestHeld(T from) const {
+    const T after = SpeedAfterChange(from);
+    Held best = {gear, 0};
+    for (int next = gear - 1; next >= p.start_gear && gears.Ratio(next) * after < Ceiling();
+         --next) {
+      const T held = HeldSpeed(next, from);
+      if (held > best.speed) best = {next, held};
+    }
+    return best;
+  }
+
+  // Floored pedal: the torque, once it has built up, will carry the load before the engine is too
+  // slow.
+  bool Recovers() const {
+    if (!Floored()) return false;
+    const Dip dip = DipOf(gear, in.shaft_speed);
+    return Bears(gear, dip) && Carries(gear, dip.speed, p.torque_reserve);
+  }
+
+  // Floored pedal, and the present gear does not hold at any speed: a lower one that holds now will
+  // not hold a little later.
+  bool WaitingCosts() const {
+    if (!Floored() || state.acceleration >= 0 || Recovers()) return false;
+    const T ratio = gears.Ratio(gear);
+    const T step = kHeldSpeedStep * engine.governed_speed / ratio;
+    const T slowest = LowSpeed() / ratio;
+    for (T speed = SpeedWhenRecovered(gear); speed >= slowest; speed -= step) {
+      if (Carries(gear, speed, 1)) return false;
+    }
+    const T held = BestHeld(in.shaft_speed).speed;
+    if (held <= 0) return false;
+    const T soon = in.shaft_speed + p.recovery_horizon * state.acceleration;
+    return BestHeld(soon).speed < (1 - kHeldSpeedStep) * held;
+  }
+
+  // Shaft speed after an upshift, when the torque has built up; 0 when the pedal's torque would not
+  // hold the load then. A gear that failed under this load must show more torque.
+  T SpeedAfterUpshift(int next) const {
+    const bool failed = state.failed_gear > 0 && next >= state.failed_gear;
+    const T reserve = failed ? Max(p.failed_reserve, p.torque_reserve) : p.torque_reserve;
+    const Dip dip = DipOf(next, in.shaft_speed);
+    return Bears(next, dip) && Carries(next, dip.speed, reserve) ? dip.speed : T(0);
+  }
+
+  // The torque at the wheels has built up to the pedal's demand; while the clutch slips, at the
+  // engine's speed.
+  bool TorqueHasBuiltUp() const {
+    const T speed = Max(InputSpeed(), in.engine_speed);
+    const T full = ShaftTorque(gear, engine.PedalTorque(speed, in.pedal));
+    return in.shaft_torque > p.built_up_torque * full;
+  }
+
+  // At full load the engine would reach its governed speed within the reversal time: a downshift is
+  // not worth it.
+  bool SoonOutgrown(int next) const {
+    const T ratio = gears.Ratio(next);
+    const T recovered = SpeedWhenRecovered(next);
+    const T torque = ShaftTorque(next, engine.TorqueLimit(ratio * recovered));
+    const T acceleration = (torque - state.load) / VehicleInertia();
+    return ratio * (recovered + p.reversal_time * acceleration) > engine.governed_speed;
+  }
+};
+
+}  // namespace iits
+
+#endif  // IITS_MJ_PLUGIN_LAWS_SHIFT_PREDICTION_H_

@@ -1,0 +1,172 @@
+// When the automated gearbox changes gear, and into which one.
+#ifndef IITS_MJ_PLUGIN_LAWS_SHIFT_STRATEGY_H_
+#define IITS_MJ_PLUGIN_LAWS_SHIFT_STRATEGY_H_
+
+#include "plugin/laws/shift_adaptive.h"
+#include "plugin/laws/shift_prediction.h"
+
+namespace iits {
+
+// Two strategies. "tables": the published shift speeds over pedal say when to shift, engine speed
+// and torque say when not to. "adaptive": by load and mass, the gear with the lowest fuel rate for
+// the requested power, among those that keep a torque reserve.
+template <class T>
+struct ShiftStrategy : ShiftParameters<T> {
+  using Situation = ShiftSituation<T>;
+  struct Choice {
+    int gear;
+    bool failed;  // the gear could not carry the load
+  };
+
+  // For how long a lower gear has been called for [s].
+  static T LowTime(const Situation& now, T h) {
+    return CallsForLower(now) ? now.state.low_time + h : T(0);
+  }
+
+  // Gear to be in, in drive.
+  static Choice Choose(const Situation& now, T h) {
+    const ShiftParameters<T>& p = now.p;
+    const int gear = now.gear;
+    const GearboxState<T>& s = now.state;
+    const T pedal_up = now.engine.pedal_up;
+    const bool standing =
+        now.gears.Ratio(p.start_gear) * now.in.shaft_speed < now.engine.idle_speed;
+    if (standing && now.in.clutch_open && (gear > p.start_gear || now.in.pedal < pedal_up)) {
+      return {p.start_gear, false};
+    }
+    if (gear < now.gears.count() && TooFast(now)) return {gear + 1, false};
+    if (s.gear_time < p.min_gear_time) return {gear, false};
+    const bool decides = !p.adaptive || floor(s.gear_time / p.adaptive_period) !=
+                                            floor((s.gear_time - h) / p.adaptive_period);
+    const bool cut = now.in.pedal < now.in.driver_pedal;  // by the brakes: it will come back
+    if (now.in.pedal > pedal_up && decides && !cut) {
+      int next = p.adaptive ? AdaptiveGear(now) : TableUpshift(now);
+      if (next == gear && !p.adaptive) next = KickDown(now);
+      if (next != gear && !ReversesTooSoon(now, next)) return {next, false};
+    }
+    const T delay = p.downshift_delay + (gear <= p.start_gear ? p.first_gear_delay : T(0));
+    if (s.low_time <= delay) return {gear, false};
+    int lower = BrakeGear(now);
+    if (lower == gear) lower = Downshift(now);
+    return {lower, lower != gear && now.in.pedal > pedal_up};
+  }
+
+ private:
+  // Driven beyond the limit of the governor, or of the engine brake.
+  static bool TooFast(const Situation& now) {
+    T limit = now.p.overspeed * now.engine.governed_speed;
+    if (now.Braking()) limit = now.p.overspeed_braking * now.engine.brake_speed;
+    return now.InputSpeed() > limit;
+  }
+
+  // Up again soon after a downshift: only when the engine runs against its governor. Down again
+  // soon after an upshift: only for a kick-down.
+  static bool ReversesTooSoon(const Situation& now, int next) {
+    if (now.state.direction * (next - now.gear) >= 0 || now.state.gear_time > now.p.reversal_time) {
+      return false;
+    }
+    return next < now.gear ? !now.KicksDown() : now.InputSpeed() < now.Ceiling();
+  }
+
+  // Highest gear that the table allows and that holds the load.
+  static int TableUpshift(const Situation& now) {
+    int best = now.gear;
+    const int highest = Min(now.gears.count(), now.gear + now.p.skip_up_max);
+    for (int next = now.gear + 1; next <= highest; ++next) {
+      if (now.gears.Speed(now.in.shaft_speed) < now.p.upshift(T(next - 1), now.in.pedal)) break;
+      if (now.SpeedAfterUpshift(next) > 0) best = next;
+    }
+    return best;
+  }
+
+  // Floored pedal: the engine gives its full torque, that is less than the load, and the lower gear
+  // has more.
+  static bool LosesSpeed(const Situation& now) {
+    const T speed = now.InputSpeed();
+    if (!now.Floored() || now.SpeedSoon() > now.p.power_speed * now.engine.idle_speed) return false;
+    const T full = now.ShaftTorque(now.gear, now.engine.PedalTorque(speed, now.in.pedal));
+    if (!now.TorqueHasBuiltUp() || full > now.state.load) return false;
+    const T faster = now.gears.Ratio(now.gear - 1) * now.in.shaft_speed;
+    const T lower = now.ShaftTorque(now.gear - 1, now.engine.PedalTorque(faster, now.in.pedal));
+    return lower > now.p.torque_reserve * full;
+  }
+
+  static bool CallsForLower(const Situation& now) {
+    const ShiftParameters<T>& p = now.p;
+    if (now.gear < 2) return false;
+    if (BrakeGear(now) != now.gear) return true;
+    const T low = now.LowSpeed();
+    if (now.gear <= p.start_gear) {
+      return now.Floored() && now.InputSpeed() < low && now.TorqueHasBuiltUp() &&
+             now.gears.Speed(now.state.acceleration) < p.stuck_acceleration;
+    }
+    // Too slow, and not recovering.
+    if (Max(now.InputSpeed(), now.SpeedSoon()) < low && !now.Recovers()) return true;
+    if (now.WaitingCosts()) return true;
+    if (!p.adaptive && now.gears.Speed(now.in.shaft_speed) <
+                           p.downshift(T(now.gear), now.in.pedal) - p.downshift_margin) {
+      return true;
+    }
+    return LosesSpeed(now);
+  }
+
+  // Lower gear whose engine speed will be comfortable when the change is over.
+  static int Downshift(const Situation& now) {
+    const T after = now.SpeedAfterChange(now.in.shaft_speed);
+    const T wanted = now.p.downshift_speed * now.LowSpeed();
+    const int lowest = now.Floored() ? 1 : now.p.start_gear;
+    int next = now.gear;
+    while (next > lowest && now.gears.Ratio(next - 1) * after < now.Ceiling()) {
+      if (next < now.gear && (now.gears.Ratio(next) * now.SpeedWhenRecovered(next) >= wanted ||
+                              now.SoonOutgrown(next - 1))) {
+        break;
+      }
+      --next;
+    }
+    if (!now.Floored() || next == now.gear) return next;
+    // Every change costs speed: at once into the gear that will hold.
+    const auto best = now.BestHeld(now.in.shaft_speed);
+    if (best.speed > 0 && (now.WaitingCosts() || now.HeldSpeed(next, now.in.shaft_speed) <= 0)) {
+      return best.gear;
+    }
+    return next;
+  }
+
+  // The pedal has just been floored: into the gear that the upshift table would still be in.
+  static int KickDown(const Situation& now) {
+    if (!now.KicksDown()) return now.gear;
+    const T speed = now.gears.Speed(now.in.shaft_speed);
+    int next = now.gear;
+    while (next > now.p.start_gear && now.gear - next < now.p.skip_down_max &&
+           now.gears.Ratio(next - 1) * now.in.shaft_speed < now.Ceiling() &&
+           speed < now.p.kick_down_speed * now.p.upshift(T(next - 1), now.in.pedal) &&
+           !now.SoonOutgrown(next - 1)) {
+      --next;
+    }
+    return next;
+  }
+
+  // The more engine brake the driver asks for, the faster the engine turns; friction brakes
+  // that slow the truck down anyway need no help.
+  static int BrakeGear(const Situation& now) {
+    const ShiftParameters<T>& p = now.p;
+    if (!now.Braking() || now.in.driver_engine_brake <= 0 ||
+        now.gears.Speed(now.state.acceleration) < -p.braking_deceleration) {
+      return now.gear;
+    }
+    const T share = p.braking_speed_low + (p.braking_speed_high - p.braking_speed_low) *
+                                              Min(1.0, now.in.driver_engine_brake);
+    const T limit = share * now.engine.brake_speed;
+    const T fastest = Max(now.in.shaft_speed, now.SpeedAfterChange(now.in.shaft_speed));
+    int next = now.gear;
+    while (next > p.start_gear && now.gear - next < p.skip_down_max &&
+           now.gears.Ratio(next - 1) * fastest < limit) {
+      --next;
+    }
+    return next;
+  }
+};
+
+}  // namespace iits
+
+#endif  // IITS_MJ_PLUGIN_LAWS_SHIFT_STRATEGY_H_

@@ -1,0 +1,129 @@
+// Registration of a plugin with MuJoCo, and look-up of the elements that belong to an instance.
+#ifndef IITS_MJ_PLUGIN_PLUGIN_H_
+#define IITS_MJ_PLUGIN_PLUGIN_H_
+
+#include <mujoco/mujoco.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <memory>
+#include <type_traits>
+#include <vector>
+
+#include "plugin/attributes.h"
+
+namespace iits {
+
+// Bodies that reference the plugin instance, in body order.
+std::vector<int> BodiesOfInstance(const mjModel* m, int instance);
+
+// Actuators that belong to the plugin instance, in actuator order.
+std::vector<int> ActuatorsOfInstance(const mjModel* m, int instance);
+
+// Sensors that belong to the plugin instance, in sensor order.
+std::vector<int> SensorsOfInstance(const mjModel* m, int instance);
+
+// Instance of `plugin` that has an actuator under the same name prefix as `actuator`; -1 when there
+// is none.
+int PartnerInstance(const mjModel* m, int actuator, const char* plugin);
+
+// Message that the partner committed at the end of the last step, so that the order in which MuJoCo
+// calls the plugins does not matter. It is the first member of the partner's state; all zero
+// without a partner (instance < 0).
+template <class Message>
+Message ReadPartner(const mjModel* m, const mjData* d, int instance) {
+  if (instance < 0) return Message();
+  return *reinterpret_cast<const Message*>(d->plugin_state + m->plugin_stateadr[instance]);
+}
+
+// Control value within its range; 0 where there is no actuator, or the value is not finite.
+inline double Control(const mjModel* m, const mjData* d, int actuator, double low, double high) {
+  if (actuator < 0) return 0;
+  const double value = d->ctrl[m->actuator_ctrladr[actuator]];
+  return std::isfinite(value) ? std::clamp(value, low, high) : 0;
+}
+
+// Base of the plugins: defaults for what a plugin leaves out. Objects hold constants; all that
+// evolves is in plugin_state, as a `State` of the plugin.
+struct PluginBase {
+  // Numbers of a sensor.
+  static int SensorSize(const mjModel*, int /*instance*/, int /*sensor*/) { return 1; }
+  // `State`s of an instance.
+  static int StateCount(const mjModel*, int /*instance*/) { return 1; }
+
+  // The state is all zero when this is called.
+  void Reset(void* /*state*/) const {}
+  void Passive(const mjModel*, mjData*, void* /*state*/) const {}
+  void Actuator(const mjModel*, mjData*, void* /*state*/) const {}
+  void Sensors(const mjModel*, mjData*, void* /*state*/) const {}
+  void Advance(const mjModel*, mjData*, void* /*state*/) const {}
+};
+
+// Registers the plugin `P`, a PluginBase with
+//   struct State;                               numbers of type mjtNum; empty: no state
+//   Attributes Table();                         its attributes, in MuJoCo's order
+//   bool Bind(const mjModel* m, int instance);  reads them and finds its elements; false after a
+//                                               warning
+// and those of the functions above that `capabilities` need.
+template <class P>
+void RegisterPlugin(const char* name, int capabilities) {
+  using State = typename P::State;
+  static constexpr int kSize = std::is_empty_v<State> ? 0 : sizeof(State) / sizeof(mjtNum);
+  static std::vector<const char*> names;
+  P prototype;
+  for (const Attribute& attribute : prototype.Table()) names.push_back(attribute.name);
+
+  mjpPlugin plugin;
+  mjp_defaultPlugin(&plugin);
+  plugin.name = name;
+  plugin.capabilityflags = capabilities;
+  plugin.nattribute = static_cast<int>(names.size());
+  plugin.attributes = names.data();
+  // Not mjSTAGE_VEL: there MuJoCo would compute the velocities of all subtrees, which no sensor
+  // needs. Accelerometers have computed what mjSTAGE_ACC needs.
+  if (capabilities & mjPLUGIN_SENSOR) plugin.needstage = mjSTAGE_ACC;
+  plugin.nstate =
+      +[](const mjModel* m, int instance) { return kSize * P::StateCount(m, instance); };
+  plugin.nsensordata = +[](const mjModel* m, int instance, int sensor) {
+    return P::SensorSize(m, instance, sensor);
+  };
+  plugin.init = +[](const mjModel* m, mjData* d, int instance) {
+    auto p = std::make_unique<P>();
+    const bool bound = p->Bind(m, instance);
+    d->plugin_data[instance] = bound ? reinterpret_cast<uintptr_t>(p.release()) : 0;
+    return bound ? 0 : -1;
+  };
+  plugin.destroy = +[](mjData* d, int instance) {
+    delete reinterpret_cast<P*>(d->plugin_data[instance]);
+    d->plugin_data[instance] = 0;
+  };
+  plugin.reset = +[](const mjModel* m, mjtNum* state, void* data, int instance) {
+    mju_zero(state, m->plugin_statenum[instance]);
+    reinterpret_cast<P*>(data)->Reset(reinterpret_cast<State*>(state));
+  };
+  plugin.compute = +[](const mjModel* m, mjData* d, int instance, int capability) {
+    const P* p = reinterpret_cast<P*>(d->plugin_data[instance]);
+    State* state = reinterpret_cast<State*>(d->plugin_state + m->plugin_stateadr[instance]);
+    if (capability & mjPLUGIN_PASSIVE) p->Passive(m, d, state);
+    if (capability & mjPLUGIN_ACTUATOR) p->Actuator(m, d, state);
+    if (capability & mjPLUGIN_SENSOR) p->Sensors(m, d, state);
+  };
+  plugin.advance = +[](const mjModel* m, mjData* d, int instance) {
+    State* state = reinterpret_cast<State*>(d->plugin_state + m->plugin_stateadr[instance]);
+    reinterpret_cast<P*>(d->plugin_data[instance])->Advance(m, d, state);
+  };
+  mjp_registerPlugin(&plugin);
+}
+
+// One function a plugin, called when MuJoCo loads the library.
+void RegisterAerodynamics();
+void RegisterAirBrake();
+void RegisterFifthWheel();
+void RegisterPowertrain();
+void RegisterSteering();
+void RegisterTire();
+
+}  // namespace iits
+
+#endif  // IITS_MJ_PLUGIN_PLUGIN_H_

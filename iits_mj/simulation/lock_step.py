@@ -1,0 +1,275 @@
+"""The lock-step: one clock on which a truck, its driver and the scene advance together.
+
+`LockStep` is given everything else: the truck, who drives it, where scenes come from and who
+watches. `iits_mj.simulation.Simulation` is the lock-step of a drive in traffic; the validation
+hands in scenes, drivers and recorders of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from iits_mj.core.context import Closing
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import Decision, EgoState, Scene, Trajectory, VehicleCommand
+from iits_mj.core.timing import CONTROL_PERIOD, CYCLE_PERIOD, TIMESTEP
+from iits_mj.j1939 import CommandReceiver, CommandSender
+from iits_mj.j1939 import Frame as BusFrame
+from iits_mj.j1939.receiver import STEERING_ANGLE_MAX
+from iits_mj.simulation.frame import Frame
+
+
+class Driver(Protocol):
+    """Plans every 100 ms and commands every 20 ms; `controllers.stack.Stack` is one."""
+
+    last_decision: Decision
+
+    @property
+    def lane_changes(self) -> int:
+        """Number of lane changes completed since `reset`."""
+
+    @property
+    def refused(self) -> int:
+        """Number of lane changes requested and refused since `reset`."""
+
+    def reset(self) -> None:
+        """Prepares for a new drive."""
+
+    def plan(self, scene: Scene) -> Trajectory:
+        """Returns the trajectory to follow from now on; called every 100 ms."""
+
+    def control(self, ego: EgoState) -> VehicleCommand:
+        """Returns the command for the next 20 ms."""
+
+    def reference_speed(self, station: float) -> float:
+        """Returns the speed requested at a station [m/s]."""
+
+
+class DrivenTruck(Protocol):
+    """What the lock-step needs of a truck; `iits_mj.truck.Truck` has it."""
+
+    def observe(self) -> EgoState:
+        """Returns the present state."""
+
+    def command(self, command: VehicleCommand) -> None:
+        """Sets the controls."""
+
+    def step(self, n: int) -> None:
+        """Advances the physics by `n` time steps."""
+
+
+class Observer:
+    """Watches a drive without changing it; derive from it and override what you need.
+
+    Attributes:
+      period: time between two calls of `observe` [s], a whole number of physics steps.
+      reads_bus: whether `sent` is called; the frames are encoded only for observers that ask.
+    """
+
+    period: float = CYCLE_PERIOD
+    reads_bus: bool = False
+
+    def observe(self, simulation: LockStep, frame: Frame) -> None:
+        """Receives the drive at its start and after every period; may call `simulation.stop`."""
+
+    def planned(self, scene: Scene, trajectory: Trajectory) -> None:
+        """Receives every plan and the scene it was made for, the first plan included."""
+
+    def commanded(self, ego: EgoState, wanted: VehicleCommand, obeyed: VehicleCommand) -> None:
+        """Receives every command before the physics advance with it.
+
+        Args:
+          ego: the state that the command answers.
+          wanted: the driver's command.
+          obeyed: the command that reaches the truck.
+        """
+
+    def sent(self, frame: BusFrame) -> None:
+        """Receives every command frame in the order of sending."""
+
+
+class Sender(Protocol):
+    """The controller's end of the bus."""
+
+    def frames(self, command: VehicleCommand, time: float) -> list[BusFrame]:
+        """Returns the frames that are due at this time [s]."""
+
+
+class CommandPath:
+    """Passes commands from the driver to the truck, directly or as J1939 frames.
+
+    Directly, the truck gets the command as it is, and the frames are those that would carry it.
+    Over bytes, the truck gets what its `CommandReceiver` makes of the frames.
+
+    Args:
+      over_bytes: whether the truck obeys the frames.
+      steering_angle_max: of the truck's steering wheel [rad].
+      sender: makes the controller's end; default: each message at its own rate.
+
+    Attributes:
+      over_bytes: whether the truck obeys the frames.
+      receiver: the truck's side; it receives nothing where commands pass directly.
+    """
+
+    def __init__(
+        self,
+        *,
+        over_bytes: bool,
+        steering_angle_max: float = STEERING_ANGLE_MAX,
+        sender: Callable[[], Sender] = CommandSender,
+    ) -> None:
+        self.over_bytes = over_bytes
+        self._steering_angle_max = steering_angle_max
+        self._make_sender = sender
+        self.reset()
+
+    def reset(self) -> None:
+        """Prepares for a new drive."""
+        self.receiver = CommandReceiver(steering_angle_max=self._steering_angle_max)
+        self._sender = self._make_sender()
+
+    def transmit(
+        self,
+        command: VehicleCommand,
+        time: float,
+        listeners: Sequence[Callable[[BusFrame], None]] = (),
+    ) -> VehicleCommand:
+        """Returns what reaches the truck of a command; calls the listeners with its frames.
+
+        Args:
+          command: of the driver.
+          time: at which it is given [s].
+          listeners: called with each frame; without any, a direct command is not encoded.
+
+        Raises:
+          InputError: the command cannot be encoded.
+        """
+        if not (self.over_bytes or listeners):
+            return command
+        # Log files keep microseconds: the drive must be the same when it is repeated from a log.
+        time = round(time, 6)
+        frames = self._sender.frames(command, time)
+        for frame in frames:
+            for listener in listeners:
+                listener(frame)
+        if not self.over_bytes:
+            return command
+        for frame in frames:
+            self.receiver.receive(frame)
+        return self.receiver.command(time)
+
+
+class LockStep(Closing):
+    """Advances a truck, its driver and the scene on one clock.
+
+    A control step lasts 20 ms. Its order: the truck is observed; when the last plan is 100 ms old,
+    the scene of this observation is taken and planned; the driver commands; the observers are
+    called; the truck obeys and the physics advance.
+
+    `plan` may be called before the control step of the same instant: that plan then holds.
+    `Simulation` does so at the end of each cycle, so that the frame it returns shows the new plan.
+    Its plan and the command after it then answer two observations of one instant, whose stations
+    differ by rounding (the road position is searched from the last one found), while in a plain
+    lock-step they answer the same observation.
+
+    Args:
+      truck: at the start of its drive.
+      driver: who drives.
+      scenes: returns the scene of a state.
+      observers: who watches.
+      timestep: of the truck's physics [s], which divides 20 ms.
+      path: the way of the commands to the truck; default: directly.
+
+    Attributes:
+      truck, driver, observers, timestep, path: as given.
+      scene, trajectory: of the last plan; command: the last one that reached the truck.
+      ended: why the drive is over, "" while it is not.
+
+    Raises:
+      InputError: 20 ms is not a multiple of the time step.
+    """
+
+    def __init__(
+        self,
+        truck: DrivenTruck,
+        driver: Driver,
+        scenes: Callable[[EgoState], Scene],
+        observers: Sequence[Observer] = (),
+        *,
+        timestep: float = TIMESTEP,
+        path: CommandPath | None = None,
+    ) -> None:
+        self._control_steps = round(CONTROL_PERIOD / timestep)
+        self._cycle_steps = round(CYCLE_PERIOD / timestep)
+        if abs(self._control_steps * timestep - CONTROL_PERIOD) > 1e-9:
+            raise InputError(
+                f"timestep {timestep!r} s: the commands' period of {CONTROL_PERIOD} s must be a "
+                "multiple of it"
+            )
+        self.truck: DrivenTruck = truck
+        self.driver = driver
+        self.observers = tuple(observers)
+        self.timestep = timestep
+        self.path = CommandPath(over_bytes=False) if path is None else path
+        self._scenes = scenes
+        self._start()
+
+    def _start(self) -> None:
+        """Sets the clock to zero."""
+        self.ended = ""
+        self.command = VehicleCommand()
+        self._steps = self._plan_due = 0
+
+    @property
+    def time(self) -> float:
+        """Time since the start [s], exact multiples of the time step."""
+        return self._steps * self.timestep
+
+    def stop(self, reason: str) -> None:
+        """Ends the drive after the present cycle."""
+        self.ended = self.ended or reason
+
+    def advance(self, duration: float, until: Callable[[EgoState], bool] = lambda _: False) -> bool:
+        """Drives for a duration, or to the end of the control step whose state ends the drive.
+
+        Args:
+          duration: at most [s].
+          until: whether the state that a command answered is the last one.
+
+        Returns:
+          Whether a state ended the drive.
+        """
+        return any(until(self._control_step()) for _ in range(round(duration / CONTROL_PERIOD)))
+
+    def close(self) -> None:
+        """Releases what the drive holds; may be called again."""
+
+    def _control_step(self) -> EgoState:
+        """Advances 20 ms and returns the state at their start; see the class for the order."""
+        ego = self._observe()
+        if self._steps >= self._plan_due:
+            self._plan(ego)
+        wanted = self.driver.control(ego)
+        listeners = [observer.sent for observer in self.observers if observer.reads_bus]
+        self.command = self.path.transmit(wanted, self.time, listeners)
+        for observer in self.observers:
+            observer.commanded(ego, wanted, self.command)
+        self.truck.command(self.command)
+        self._advance_physics(self._control_steps)
+        return ego
+
+    def _plan(self, ego: EgoState) -> None:
+        """Plans in the scene of a state; the next plan is due 100 ms later."""
+        self.scene = self._scenes(ego)
+        self.trajectory = self.driver.plan(self.scene)
+        self._plan_due = self._steps + self._cycle_steps
+        for observer in self.observers:
+            observer.planned(self.scene, self.trajectory)
+
+    def _observe(self) -> EgoState:
+        return self.truck.observe()
+
+    def _advance_physics(self, steps: int) -> None:
+        self.truck.step(steps)
+        self._steps += steps

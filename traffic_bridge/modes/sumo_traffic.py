@@ -1,0 +1,154 @@
+"""The traffic of one route in SUMO: demand, lane changes, and what is seen around the ego."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from iits_mj.core.messages import EgoState
+from iits_mj.road import Route
+from traffic_bridge.config import TrafficConfig
+from traffic_bridge.frame import VehicleFrame
+from traffic_bridge.modes.ego import EgoInTraffic, ego_type_xml
+from traffic_bridge.modes.observation import Observation
+from traffic_bridge.modes.replayed_vehicles import ReplayedVehicles
+from traffic_bridge.network.nets import build_network
+from traffic_bridge.network.route_lanes import RouteLanes
+from traffic_bridge.session import Session
+from traffic_bridge.signals.controller import TrafficController
+from traffic_bridge.vehicles.demand import Demand
+from traffic_bridge.vehicles.lane_changing import LaneChanger
+from traffic_bridge.vehicles.registry import Vehicles
+
+ROLL_CALL = 50  # steps after which vehicles that SUMO gave up at an entrance are forgotten
+
+
+class SumoTraffic:
+    """One running SUMO simulation on one route.
+
+    Args:
+      route: the ego's road.
+      config: settings.
+      seed: of everything random.
+      with_ego: the traffic reacts to the truck.
+      lanes: of an earlier world on the same route, to save reading the net again.
+
+    Attributes:
+      replayed: vehicles that are led from outside, None where there are none.
+
+    Raises:
+      MapError, TrafficError: see `build_network` and `Session`.
+    """
+
+    def __init__(
+        self,
+        route: Route,
+        config: TrafficConfig,
+        seed: int,
+        with_ego: bool,
+        lanes: RouteLanes | None = None,
+    ) -> None:
+        self.route = route
+        self.config = config
+        self.replayed: ReplayedVehicles | None = None
+        self._steps = 0
+        net = build_network(route)
+        types = "".join(t.to_sumo_xml(config.speed_limit) for t in config.types)
+        self.session = Session(
+            net.path, types + ego_type_xml(config.footprint), config.step_length, seed
+        )
+        with self.session.guard("setting up the traffic"):
+            if lanes is None:
+                lanes = RouteLanes(self.session, net, route, config.oncoming)
+            else:
+                lanes.bind(self.session)
+            self.lanes = lanes
+            self.vehicles = Vehicles(self.session, config.types)
+            self.signals = TrafficController(self.session, lanes, self.vehicles, config)
+            rng = np.random.default_rng(seed)
+            self._demand = Demand(
+                self.session, lanes, self.vehicles, config, rng, self.signals.limits
+            )
+        self._ego = EgoInTraffic(self.session, lanes, route, config.footprint, config.step_length)
+        self._with_ego = with_ego
+        self._held: set[str] = set()
+        self._api = self.session.api
+        self._observation = Observation(
+            self.session,
+            lanes,
+            self.vehicles,
+            route,
+            view_range=config.view_range,
+            step_length=config.step_length,
+            lane_change_duration=config.lane_change_duration,
+        )
+        self._lane_changer = (
+            LaneChanger(self.session, lanes.graph, self.vehicles, config)
+            if config.lane_change == "mobil"
+            else None
+        )
+        self.vehicles.when_forgotten(self._observation.forget)
+        if self._lane_changer is not None:
+            self.vehicles.when_forgotten(self._lane_changer.forget)
+
+    @property
+    def time(self) -> float:
+        """Since the beginning [s]."""
+        return self._steps * self.config.step_length
+
+    def begin(self, ego: EgoState | None) -> VehicleFrame:
+        """Populates the road around the ego and lets everybody depart; time is zero then."""
+        with self.session.guard("populating the road"):
+            self.signals.begin(None if ego is None else ego.station)
+            if self.replayed is not None:
+                self.replayed.place(0.0)
+            self._demand.fill(None if ego is None else self._ego.room(ego, self.config.speed_limit))
+        if self._with_ego and ego is not None:
+            self._ego.place(ego)
+        self.session.step()
+        with self.session.guard("populating the road"):
+            self._demand.discard_pending()
+            self._drop_arrived()
+            return self._observe(ego)
+
+    def advance(self, ego: EgoState | None) -> VehicleFrame:
+        """One step; the ego is where it is at the step's end. Returns the vehicles, by name."""
+        with self.session.guard("adding vehicles"):
+            station = None if ego is None else ego.station
+            if self._steps % ROLL_CALL == 0:
+                self.vehicles.drop_lost()
+            self._demand.spawn(station)
+            self.signals.step(self.time, station)
+            if self._lane_changer is not None:
+                self._lane_changer.step(self.time, lambda: self._demand.entries(station))
+            if self.replayed is not None:
+                self.replayed.place(self.time + self.config.step_length)
+        if self._with_ego and ego is not None:
+            self._ego.place(ego)
+        self.session.step()
+        self._steps += 1
+        with self.session.guard("reading the vehicles"):
+            self._drop_arrived()
+            return self._observe(ego)
+
+    def _observe(self, ego: EgoState | None) -> VehicleFrame:
+        boxes = self._ego.boxes(ego) if self._with_ego and ego is not None else ()
+        frame = self._observation.read(ego, boxes)
+        held = self._observation.held
+        if held or self._held:
+            # Who swings out is held back until clear; SUMO's own car-following stays in force.
+            set_speed = self._api.vehicle.setSpeed
+            for name in sorted(self._held - held.keys()):
+                if name in self.vehicles:
+                    set_speed(name, -1.0)
+            self._held = {name for name in held if not self.vehicles.is_scripted(name)}
+            for name in sorted(self._held):
+                set_speed(name, held[name])
+        return frame
+
+    def close(self) -> None:
+        """Ends SUMO."""
+        self.session.close()
+
+    def _drop_arrived(self) -> None:
+        for name in self._api.simulation.getArrivedIDList():
+            self.vehicles.forget(name)
