@@ -11,9 +11,8 @@ import pytest
 from iits_mj import cli
 from iits_mj.core.messages import VehicleCommand
 from iits_mj.j1939 import LogWriter, command_to_frames, read_log
-from tests.paths import ROOT
+from tests.paths import outside
 
-KENWORTH = ROOT / "../shared/data/j1939/KWTruck.txt"
 Capture = pytest.CaptureFixture[str]
 
 
@@ -124,12 +123,11 @@ def test_a_log_is_never_written_over_while_it_is_read(
 @pytest.fixture(scope="module")
 def revved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A second and a half of a recorded truck whose driver treads on the pedal."""
-    if not KENWORTH.is_file():
-        pytest.skip("the recorded frames are not here")
+    recorded = outside("j1939/KWTruck.txt")
     path = tmp_path_factory.mktemp("revved") / "revved.log"
     first = None
     with LogWriter(path) as writer:
-        for frame in read_log(KENWORTH):
+        for frame in read_log(recorded):
             first = frame.time if first is None else first
             if frame.time - first >= 30.0:
                 writer.write(frame)

@@ -1,5 +1,4 @@
 import json
-import os
 
 import numpy as np
 import pytest
@@ -18,14 +17,13 @@ from iits_mj.validation.traffic.flow import (
     wasserstein,
 )
 from iits_mj.validation.traffic.group import own_recording
-from tests.paths import ROOT
+from tests.paths import DATA, needs
 from traffic_bridge import VehicleFrame
 from traffic_bridge.datasets import Trajectories
 from traffic_bridge.frame import COLUMNS
 from traffic_bridge.vehicles.idm import IdmParameters, equilibrium_gap
 
-DATA = ROOT.parent / "shared" / "data" / "trajectories"
-DATA /= "ngsim_i80_1600_1615_reconstructed_pairs.parquet"
+PAIRS = "trajectories/ngsim_i80_1600_1615_reconstructed_pairs.parquet"
 
 
 def _samples(speed, spacing=None, time=None, lane=None, station=None, weight=None):
@@ -165,9 +163,9 @@ def test_a_missing_data_file_is_wrong_use(capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not os.path.exists(DATA), reason="the recorded NGSIM pairs are not here")
+@needs(PAIRS)
 def test_calibrated_traffic_has_the_speeds_of_the_recorded_one(capsys):
-    code = main(["validate", "traffic", "--json", "--data", str(DATA)])
+    code = main(["validate", "traffic", "--json", "--data", str(DATA / PAIRS)])
     checks = {c["name"]: c for c in json.loads(capsys.readouterr().out)["checks"]}
     assert checks["calibrated, all: speed, Wasserstein"]["value"] <= 1.0
     error = "gap error of {}, pairs not fitted to"
