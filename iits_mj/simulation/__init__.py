@@ -9,7 +9,7 @@ print(summary.to_text())
 
 from iits_mj.simulation.config import DriveConfig, ServeConfig
 from iits_mj.simulation.frame import Frame
-from iits_mj.simulation.lock_step import Observer
+from iits_mj.simulation.lock_step import LockStep, Observer
 from iits_mj.simulation.loop import Simulation
 from iits_mj.simulation.server import Server
 from iits_mj.simulation.summary import DriveSummary, ServeSummary
@@ -19,6 +19,7 @@ __all__ = [
     "DriveConfig",
     "DriveSummary",
     "Frame",
+    "LockStep",
     "Observer",
     "ServeConfig",
     "ServeSummary",

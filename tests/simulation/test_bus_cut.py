@@ -11,13 +11,14 @@ from controllers.stack import Stack
 from iits_mj.core.messages import Scene
 from iits_mj.j1939 import CommandReceiver, command_to_frames
 from iits_mj.road import RoadMap
+from iits_mj.simulation.lock_step import LockStep, Observer
 from iits_mj.truck import Truck
 
 STATION, SPEED = 10_960.0, 80.0 / 3.6
 TIME, OFFSET, REAL_SPEED = range(3)
 
 
-class Chain:
+class Chain(Observer):
     """Stack, frames, receiver, fallback and truck, 20 ms at a time, in a bend of 620 m."""
 
     def __init__(self, payload, stops=True):
@@ -28,31 +29,33 @@ class Chain:
         )
         config = PlannerConfig(speed=SpeedConfig(cruise_speed=SPEED))
         self.stack = Stack(self.route, planner=config, parameters=self.truck.parameters)
+        self.plan = self.stack.plan
         self.receiver = CommandReceiver()
         self.fallback = Fallback(SafeStop(self.route, self.truck.parameters)) if stops else None
-        self.cycle = 0
+        self.lock_step = LockStep(self.truck, self, lambda ego: Scene(ego.time, ego), [self])
+        self.cycle, self.cut, self.rows = 0, False, []
+
+    def control(self, ego):
+        """What the truck obeys: the stack's frames, or the fallback without them."""
+        command = self.stack.control(ego)
+        if not self.cut:
+            for frame in command_to_frames(command, self.cycle, ego.time):
+                self.receiver.receive(frame)
+        self.cycle += 1
+        obeyed = self.receiver.command(ego.time)
+        if self.fallback is None:
+            return obeyed
+        return self.fallback.command(ego, obeyed, self.receiver.loss(ego.time).driver)
+
+    def commanded(self, ego, wanted, obeyed):
+        middle = float(self.route.lane_offset(0, ego.station))
+        self.rows.append((ego.time, ego.offset - middle, ego.speed))
 
     def drive(self, duration, cut=False):
         """Rows of time, distance to the lane's middle, speed."""
-        rows = []
-        for _ in range(round(duration * 50)):
-            ego = self.truck.observe()
-            if self.cycle % 5 == 0:
-                self.stack.plan(Scene(ego.time, ego, ()))
-            command = self.stack.control(ego)
-            if not cut:
-                for frame in command_to_frames(command, self.cycle, ego.time):
-                    self.receiver.receive(frame)
-            self.cycle += 1
-            obeyed = self.receiver.command(ego.time)
-            if self.fallback is not None:
-                lost = self.receiver.loss(ego.time).driver
-                obeyed = self.fallback.command(ego, obeyed, lost)
-            self.truck.command(obeyed)
-            self.truck.step(10)
-            middle = float(self.route.lane_offset(0, ego.station))
-            rows.append((ego.time, ego.offset - middle, ego.speed))
-        return np.array(rows)
+        self.cut, self.rows = cut, []
+        self.lock_step.advance(duration)
+        return np.array(self.rows)
 
 
 @pytest.mark.parametrize(

@@ -187,3 +187,19 @@ def test_recorded_traffic_is_met_again_exactly(tmp_path: Path) -> None:
     assert recorded
     for vehicle in recorded:
         assert (met[vehicle.id].x, met[vehicle.id].y) == pytest.approx((vehicle.x, vehicle.y))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("payload", "seed"), [(36_000.0, 0), (0.0, 1)])
+def test_23_minutes_of_traffic_leave_no_warning(payload, seed):
+    config = DriveConfig(payload=payload, seed=seed, speed=9.8, start_speed=9.0, duration=1380.0)
+    # On a free road the plan is faster than so slow a cruise where that is cheaper, too: the road
+    # would end within 25 minutes.
+    with Simulation(config) as simulation:
+        summary = simulation.run()
+        data = simulation.truck.data
+    assert summary.ended == "reached the end of the time"
+    assert not summary.collision
+    assert not data.warning.number.any()
+    assert np.isfinite(data.qpos).all()
+    assert np.isfinite(data.sensordata).all()

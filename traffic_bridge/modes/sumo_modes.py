@@ -51,7 +51,7 @@ class Traffic(Protocol):
 
 
 class Mode(Closing):
-    """Context manager of every mode."""
+    """Base of every mode: a context manager, without lights and places between two steps."""
 
     def close(self) -> None:
         """Ends the traffic; may be called again."""

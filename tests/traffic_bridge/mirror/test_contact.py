@@ -15,6 +15,7 @@ from tests.traffic_bridge.mirror.test_mirror import scene, vehicle
 from traffic_bridge import Mirror, VehicleFrame
 from traffic_bridge.mirror.bodies import Outline, may_touch, separation
 from traffic_bridge.mirror.mirror import DEFAULT_POOL
+from traffic_bridge.modes.sumo_modes import Mode
 
 
 def test_contact_names_the_pair_and_exerts_no_force(straight):
@@ -211,7 +212,7 @@ def test_a_thin_clip_at_30_meters_a_second_is_seen_between_two_traffic_steps(dri
     assert len(between) == pytest.approx(lasting / 0.002, abs=3)
 
 
-class _Crossing:
+class _Crossing(Mode):
     """Traffic of one car that crosses before the truck at a right angle."""
 
     def __init__(self, route, at, offset, when, speed=20.0):
@@ -225,9 +226,6 @@ class _Crossing:
     def step(self, ego=None):
         self.time = ego.time
         return self._car()
-
-    def close(self):
-        pass
 
     def _car(self):
         p = self.route.evaluate(self._at, self._offset)
