@@ -17,7 +17,7 @@ from controllers.decision.fast_world.traffic import HighwayTraffic
 from controllers.decision.rules import Mobil
 from iits_mj.core.messages import Decision, EgoState, Scene, TrackedVehicle
 from iits_mj.road import Route
-from iits_mj.validation.longitudinal.ideal_drive import STEP, IdealDrive
+from iits_mj.validation.planning.ideal_drive import STEP, IdealDrive
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from iits_mj.core.messages import Decision, EgoState, PlanMode, Scene, SpeedProf
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from iits_mj.validation.longitudinal.ideal_drive import IdealDrive, car
+from iits_mj.validation.planning.ideal_drive import IdealDrive, car
 
 # What counts as a breach beyond rounding, as share of the limit.
 _SLACK = 0.01
