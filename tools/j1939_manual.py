@@ -17,7 +17,7 @@ from iits_mj.j1939.frame import Frame
 from iits_mj.j1939.groups import layouts
 from iits_mj.j1939.mapping import SignalRow, commands, reports, sender
 
-# More sensors than this are named by the first and the last.
+# A longer list of sensors is shortened to the first and the last.
 _MOST_NAMES = 3
 PAGE = Path(__file__).resolve().parents[1] / "iits_mj" / "j1939" / "README.md"
 
@@ -71,7 +71,7 @@ def _commands() -> str:
 
 
 def _paper() -> str:
-    """The paper's inputs and outputs, numbered, and what its release has more."""
+    """The inputs and outputs of the paper by number, then the additions of its release."""
     rows = [
         "| | the paper's | message, signal | SPN | control or sensor |",
         "|---|---|---|---|---|",
@@ -99,7 +99,7 @@ def _reports() -> str:
 
 
 def _silent() -> str:
-    """What stays "not available" in the messages that the truck sends."""
+    """Signals that are always "not available" in the messages of the truck."""
     rows = ["| message | signals |", "|---|---|"]
     sent = {(row.message, row.signal) for row in reports()} | {("VW", "axle_location")}
     for name in dict.fromkeys(row.message for row in reports()):

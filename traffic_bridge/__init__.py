@@ -1,4 +1,4 @@
-"""SUMO behind one door: traffic around the truck, in four modes, mirrored into MuJoCo.
+"""Traffic around the truck: SUMO simulations, recordings and data sets, shown in MuJoCo.
 
     from traffic_bridge import InterSim, TrafficConfig
 
@@ -6,11 +6,17 @@
         vehicles = traffic.reset(ego)
         vehicles = traffic.step(ego)      # every 0.1 s
 
-libsumo is imported when a simulation starts, not before.
+The modes are PureSim, InterSim, RepSim, ReSim and MixedSim; `docs/traffic.md` describes them.
+libsumo is imported when a simulation starts.
 """
 
-from traffic_bridge.config import DENSITIES, LANE_CHANGE_MODELS, TrafficConfig
-from traffic_bridge.datasets import Trajectories, import_trajectories, read_trajectories
+from traffic_bridge.config import DENSITIES, LANE_CHANGE_MODELS, Departure, TrafficConfig
+from traffic_bridge.datasets import (
+    ImportConfig,
+    Trajectories,
+    import_trajectories,
+    read_trajectories,
+)
 from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.mirror.mirror import Mirror
 from traffic_bridge.modes.parallel import SeparateTraffic, TrafficWorlds, WorldSpec
@@ -45,7 +51,6 @@ from traffic_bridge.vehicles.calibration import (
     evaluate,
     trimmed,
 )
-from traffic_bridge.vehicles.departures import Departure
 from traffic_bridge.vehicles.idm import IdmParameters
 from traffic_bridge.vehicles.types import KINDS, VehicleType, default_types, read_types
 
@@ -57,6 +62,7 @@ __all__ = [
     "Departure",
     "Event",
     "IdmParameters",
+    "ImportConfig",
     "InterSim",
     "LaneClosure",
     "LightAhead",

@@ -1,4 +1,4 @@
-"""What a traffic simulation is asked for: one frozen dataclass, checked when it is made."""
+"""Settings of a traffic simulation: frozen dataclasses that check their values when made."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from iits_mj.core.checks import in_range, is_number, make_plain, shown
+from iits_mj.core.checks import in_range, is_number, is_whole, make_plain, shown
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint
 from traffic_bridge.signals.events import Event, SlowConvoy, StoppedVehicle, VehicleChange, event_of
-from traffic_bridge.vehicles.departures import Departure
 from traffic_bridge.vehicles.types import VehicleType, default_types, type_from_dict
 
 # Spawn probability per second and lane of the paper's three densities (section VI-C).
@@ -20,7 +19,52 @@ DENSITIES = {"dense": 0.05, "medium": 0.02, "sparse": 0.005, "empty": 0.0}
 LANE_CHANGE_MODELS = ("lc2013", "mobil")
 LANE_DISCIPLINES = ("right", "free")
 SCOPES = ("route", "both", "map")
+# Allowed values of the numbers in `TrafficConfig`.
+RANGES = {
+    "speed_limit": (1.0, 70.0),
+    "view_range": (10.0, 5_000.0),
+    "step_length": (0.01, 1.0),
+    "lane_change_duration": (0.0, 10.0),
+    "clear_distance": (20.0, 5_000.0),
+    "fill_ahead": (0.0, 200_000.0),
+    "fill_behind": (0.0, 200_000.0),
+}
 DEFAULT_MIX = (("car", 0.70), ("van", 0.12), ("truck", 0.08), ("articulated", 0.10))
+
+
+@dataclass(frozen=True)
+class Departure:
+    """One vehicle that departs by a list, as soon after `time` as its place is free.
+
+    Attributes:
+      time: traffic time [s].
+      type: name of its type.
+      lane: of the route, from the right.
+      station: of its front bumper [m]; None: the beginning of the route.
+      speed: desired speed [m/s]; None: the mean of its type.
+
+    Raises:
+      InputError: a value is not allowed.
+    """
+
+    time: float
+    type: str = "car"
+    lane: int = 0
+    station: float | None = None
+    speed: float | None = None
+
+    def __post_init__(self) -> None:
+        """Checks every value."""
+        in_range("departure: time", self.time, 0.0, 1e6)
+        if not isinstance(self.type, str) or not self.type:
+            raise InputError(f"departure: type = {self.type!r}: must be the name of a vehicle type")
+        if not is_whole(self.lane) or self.lane < 0:
+            raise InputError(f"departure: lane = {self.lane!r}: must be a whole number from 0 on")
+        if self.station is not None:
+            in_range("departure: station", self.station, 0.0, 1e6)
+        if self.speed is not None:
+            in_range("departure: speed", self.speed, 0.5, 70.0)
+        make_plain(self)
 
 
 @dataclass(frozen=True)
@@ -28,31 +72,31 @@ class TrafficConfig:
     """Settings of PureSim and InterSim.
 
     Attributes:
-      density: "dense", "medium", "sparse", "empty", or the spawn probability itself, per second
-        and lane, 0 to 0.5. It also fixes how many vehicles stand on the road at the beginning.
-        A mapping from type to probability gives each type its own; it takes `mix`'s place.
+      density: "dense", "medium", "sparse", "empty", or the spawn probability per second and lane,
+        0 to 0.5. It also sets the number of vehicles on the road at the beginning. A mapping gives
+        each type its own probability and replaces `mix`.
       speed_limit: maximum speed of the traffic [m/s]; every vehicle's desired speed is a fraction
         of it (see `VehicleType`). The paper uses 12.5 and 15.
       lane_change: "lc2013" (SUMO's model) or "mobil" (ours, see `traffic_bridge.vehicles.mobil`).
-      lane_discipline: "right": the traffic keeps to the right lane as its types want to; "free":
-        each for itself: nobody keeps right for its own sake nor gives way to who comes from behind,
-        and overtakers stay in their lane, which fills all lanes alike (`keep_right_bias`,
-        `politeness` and `lc_keep_right` of all types are zero).
-      mix: name and weight of each type of vehicle that comes by chance.
-      types: the `VehicleType`s there are, each with a name of its own.
+      lane_discipline: "right": vehicles keep right as their types define; "free": they do not keep
+        right, do not give way to faster followers and stay in their lane after overtaking, which
+        fills all lanes alike (`keep_right_bias`, `politeness` and `lc_keep_right` of all types are
+        zero).
+      mix: name and weight of each type of vehicle that departs at random.
+      types: the `VehicleType`s, each with a unique name.
       view_range: vehicles within this distance of the ego are reported [m].
       step_length: [s].
-      lane_change_duration: time in which a lane change is carried out sideways [s]; 0 shows SUMO's
-        instant change.
+      lane_change_duration: duration of the sideways motion of a lane change [s]; 0 shows SUMO's
+        instantaneous change.
       clear_distance: no vehicle appears within this distance of the ego [m].
-      fill_ahead, fill_behind: stretch of road before and behind the ego that is populated at the
+      fill_ahead, fill_behind: stretch of road ahead of and behind the ego that is populated at the
         beginning [m].
-      scope: where traffic drives: "route" along the ego's route; "both" on the opposite lanes of
-        its roads too; "map" from every entrance of the map to exits drawn by chance, turning at
-        junctions, beside the flow along the route.
+      scope: where traffic drives: "route": along the ego's route; "both": on the opposite lanes of
+        its roads too; "map": also from every entrance of the map to random exits, turning at
+        junctions.
       footprint: size of the ego combination.
       events: what happens at a time or station, see `traffic_bridge.signals.events`.
-      departures: vehicles that come by a list, beside those that come by chance.
+      departures: vehicles that depart by a list, in addition to the random ones.
 
     Raises:
       InputError: a value is out of its range; the message names what is allowed.
@@ -76,9 +120,9 @@ class TrafficConfig:
     departures: tuple[Departure, ...] = ()
 
     def __post_init__(self) -> None:
-        """Checks every value; mappings given as `mix` or `density` become plain values.
+        """Checks every value; mappings given as `mix` or `density` become tuples and numbers.
 
-        Numbers are kept as Python's own, so that a stored configuration stays JSON.
+        Numbers are converted to Python's own, so that a stored configuration is JSON.
         """
         if isinstance(self.density, Mapping):
             object.__setattr__(self, "mix", tuple(self.density.items()))
@@ -96,25 +140,17 @@ class TrafficConfig:
                 f"density {shown(self.density)}: allowed are {', '.join(DENSITIES)}, "
                 "or a probability from 0 to 0.5 per second and lane"
             )
-        if self.lane_change not in LANE_CHANGE_MODELS:
-            raise InputError(
-                f"lane_change {shown(self.lane_change)}: "
-                f"allowed are {', '.join(LANE_CHANGE_MODELS)}"
-            )
-        if self.lane_discipline not in LANE_DISCIPLINES:
-            raise InputError(
-                f"lane_discipline {shown(self.lane_discipline)}: "
-                f"allowed are {', '.join(LANE_DISCIPLINES)}"
-            )
-        if self.scope not in SCOPES:
-            raise InputError(f"scope {shown(self.scope)}: allowed are {', '.join(SCOPES)}")
-        in_range("speed_limit", self.speed_limit, 1.0, 70.0)
-        in_range("view_range", self.view_range, 10.0, 5_000.0)
-        in_range("step_length", self.step_length, 0.01, 1.0)
-        in_range("lane_change_duration", self.lane_change_duration, 0.0, 10.0)
-        in_range("clear_distance", self.clear_distance, 20.0, 5_000.0)
-        in_range("fill_ahead", self.fill_ahead, 0.0, 200_000.0)
-        in_range("fill_behind", self.fill_behind, 0.0, 200_000.0)
+        for name, allowed in (
+            ("lane_change", LANE_CHANGE_MODELS),
+            ("lane_discipline", LANE_DISCIPLINES),
+            ("scope", SCOPES),
+        ):
+            if getattr(self, name) not in allowed:
+                raise InputError(
+                    f"{name} {shown(getattr(self, name))}: allowed are {', '.join(allowed)}"
+                )
+        for name, (low, high) in RANGES.items():
+            in_range(name, getattr(self, name), low, high)
         if not isinstance(self.footprint, EgoFootprint):
             raise InputError(f"footprint {shown(self.footprint)}: must be an EgoFootprint")
         for what, kind in (("types", VehicleType), ("events", Event), ("departures", Departure)):
@@ -129,7 +165,7 @@ class TrafficConfig:
         make_plain(self)
 
     def _check_names(self, names: set[str]) -> None:
-        """Checks that types have different names, and that mix and scripts name types there are."""
+        """Checks that type names are unique, and that mix, events and departures use them."""
         known = ", ".join(kind.name for kind in self.types)
         if not self.types or len(names) != len(self.types):
             raise InputError(f"types {known!r}: at least one, each with a name of its own")
@@ -158,15 +194,11 @@ class TrafficConfig:
 
     @property
     def oncoming(self) -> bool:
-        """Whether traffic drives on the opposite lanes of the route's roads too."""
+        """Whether traffic also drives on the opposite lanes of the route's roads."""
         return self.scope != "route"
 
     def type_of(self, name: str) -> VehicleType:
-        """The vehicle type of a name.
-
-        Raises:
-          InputError: there is none.
-        """
+        """The vehicle type of a name; InputError if there is none."""
         for vehicle_type in self.types:
             if vehicle_type.name == name:
                 return vehicle_type
@@ -174,12 +206,12 @@ class TrafficConfig:
         raise InputError(f"vehicle type {name!r}: allowed are {known}")
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for a JSON file; `from_dict` is the inverse."""
+        """The settings as values for a JSON file; `from_dict` is the inverse."""
         return dataclasses.asdict(self) | {"events": [event.as_dict() for event in self.events]}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> TrafficConfig:
-        """The configuration written by `as_dict`.
+        """The configuration that `as_dict` wrote.
 
         Raises:
           InputError: a key is missing, unknown or has an unusable value.
@@ -206,11 +238,7 @@ def _are_pairs(mix: Any) -> bool:
 
 
 def _all_of(what: str, entries: Any, kind: type) -> tuple[Any, ...]:
-    """The entries as a tuple, each of a class.
-
-    Raises:
-      InputError: one is of another class, or they are no sequence.
-    """
+    """The entries as a tuple; InputError if one is of another class or they are no sequence."""
     if isinstance(entries, (str, kind)) or not isinstance(entries, Iterable):
         raise InputError(f"{what} {shown(entries)}: must be a sequence of {kind.__name__}")
     for entry in (made := tuple(entries)):

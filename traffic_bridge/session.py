@@ -1,4 +1,4 @@
-"""One libsumo simulation: started, guarded and closed. The only module that imports libsumo."""
+"""One libsumo simulation: start, error handling and end. The only module that imports libsumo."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ ERROR_LOG = "errors.txt"
 
 
 def load_libsumo() -> Any:
-    """Imports libsumo without its chatter on the terminal.
+    """Imports libsumo without its messages on the terminal.
 
     Raises:
       TrafficError: the package is missing.
     """
     before = os.environ.get("LIBSUMO_AS_TRACI")
-    # libsumo prints a warning about pyarrow's version unless this says "quiet" at import.
+    # libsumo prints a warning about pyarrow's version unless this is "quiet" at import.
     os.environ["LIBSUMO_AS_TRACI"] = "quiet"
     try:
         import libsumo
@@ -54,7 +54,7 @@ def sumo_runs_here() -> bool:
 
 @contextlib.contextmanager
 def _captured_stderr(path: Path) -> Iterator[None]:
-    """Sends what native code writes to stderr into a file: SUMO explains itself only there."""
+    """Redirects stderr of native code to a file, because SUMO writes its errors only there."""
     saved = os.dup(2)
     target = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     try:
@@ -67,7 +67,7 @@ def _captured_stderr(path: Path) -> Iterator[None]:
 
 
 def check_net(net: Path) -> None:
-    """Refuses a net on which SUMO would die or misbehave instead of complaining.
+    """Checks a net for faults on which SUMO crashes instead of reporting an error.
 
     Raises:
       TrafficError: the file is missing, not well-formed XML, has no version, place or lanes, a lane
@@ -84,7 +84,7 @@ def check_net(net: Path) -> None:
 
 @lru_cache(maxsize=16)
 def _fault(net: Path, _changed: int, _size: int) -> str:
-    """What is wrong with a net, or nothing; kept while the file is the same."""
+    """The fault of a net in words, or ""; cached while the file does not change."""
     versioned, placed, internal = False, False, False
     lanes, inside, reached = 0, set(), set()
     for event, element in ElementTree.iterparse(net, events=("start", "end")):
@@ -120,7 +120,7 @@ def _positive(text: str | None) -> bool:
     try:
         return 0.0 < float(text or "") < math.inf
     except ValueError:
-        return True  # SUMO says better what is wrong with a number
+        return True  # SUMO has a better message for a malformed number
 
 
 def _finite(shape: str) -> bool:
@@ -128,10 +128,10 @@ def _finite(shape: str) -> bool:
 
 
 class Session:
-    """A loaded SUMO simulation. There can be one in a process (libsumo has one global world).
+    """A loaded SUMO simulation. A process can have one, because libsumo has one global state.
 
-    A session that nobody refers to any more is closed. A simulation that other code of the process
-    has started through libsumo is neither used nor closed.
+    A session without references is closed. A simulation that other code of the process has started
+    through libsumo is neither used nor closed.
 
     Args:
       net: the SUMO network file.
@@ -180,7 +180,7 @@ class Session:
             *("--step-length", str(step_length), "--seed", str(seed % 2**31)),
             *("--time-to-teleport", "-1", "--collision.action", "warn"),
             *("--max-depart-delay", "5", "--error-log", self._error_log),
-            # Each vehicle is tried by itself: the road is filled in one step.
+            # SUMO tries to insert each vehicle separately: the road is filled in one step.
             *("--eager-insert", "true"),
             *("--no-step-log", "true", "--no-warnings", "true", "--xml-validation", "never"),
             *options,
@@ -190,21 +190,21 @@ class Session:
             self.api.start(command)
 
     def guard(self, action: str) -> Guard:
-        """A `with` block for all that uses `api`.
+        """A `with` block for every use of `api`.
 
-        SUMO's errors become a `TrafficError` that says what was being done, and close.
+        SUMO's errors become a `TrafficError` that names the action, and close the simulation.
 
         Raises:
-          TrafficError: on entering, when this simulation has ended or is no longer the one that
-            libsumo holds, which is left alone.
+          TrafficError: on entering, if this simulation has ended or libsumo holds another one,
+            which stays open.
         """
         return Guard(self, action)
 
     def getter(self, domain: str, name: str) -> Callable[[str], Any]:
-        """A function of libsumo that reads a value by id, for reading many at once.
+        """A fast function of libsumo that reads a value by id, for reading many values.
 
-        libsumo's public functions hand over to native ones, which takes as long as most of those.
-        The native one is given where this version of libsumo has it under the name it should have.
+        libsumo's public functions call native ones, which takes as long as the native ones
+        themselves. The native function is returned if this version of libsumo has it.
 
         Args:
           domain: "vehicle", "lane" ...
@@ -236,11 +236,7 @@ class Session:
         return self._finalizer is not None and self._finalizer.alive
 
     def check_held(self) -> None:
-        """Refuses to go on when libsumo holds another simulation; this one is closed then.
-
-        Raises:
-          TrafficError: other code has ended or replaced the simulation.
-        """
+        """Closes the simulation and raises TrafficError if libsumo holds another one."""
         if not _holds(self.api, self._error_log):
             self.close()
             raise TrafficError(
@@ -249,7 +245,7 @@ class Session:
             )
 
     def explain(self, error: BaseException) -> str:
-        """What SUMO says about an error: its message and what it wrote while loading."""
+        """SUMO's explanation of an error: its message and its output while loading."""
         parts = [str(error).strip()]
         for path in (self._stderr, Path(self._error_log)):
             if path.is_file():
@@ -273,7 +269,7 @@ class Guard:
         self._loading = loading
 
     def __enter__(self) -> None:
-        """Checks that the simulation is there, in the outermost of nested blocks also by name."""
+        """Checks that the simulation is open and, in the outermost block, that libsumo holds it."""
         session = self._session
         if not session.is_open:
             raise TrafficError(
@@ -303,17 +299,17 @@ class Guard:
 
 
 def _holds(api: Any, error_log: str) -> bool:
-    """Whether libsumo holds the simulation that writes this error log; each has its own."""
+    """Whether libsumo holds the simulation with this error log; each has its own."""
     if not api.isLoaded():
         return False
     try:
         return bool(api.simulation.getOption("error-log") == error_log)
     except (api.TraCIException, api.libsumo.FatalTraCIError, RuntimeError):
-        return True  # no options to ask: a start() that failed half-way
+        return True  # no options to read: start() has failed half-way
 
 
 def _unload(api: Any, folder: tempfile.TemporaryDirectory[str]) -> None:
-    # A simulation that failed while it was loaded fails to close, too, but is gone then.
+    # A simulation that failed while loading also fails to close, but is gone then.
     with contextlib.suppress(api.TraCIException, api.libsumo.FatalTraCIError, RuntimeError):
         if _holds(api, str(Path(folder.name) / ERROR_LOG)):
             api.close()

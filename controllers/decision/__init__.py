@@ -23,22 +23,15 @@ def make(name: str, weights: str | None = None) -> DecisionMaker:
         raise InputError(f"decision maker {name!r} takes no weights; only 'ddqn' does")
     if name == "keep":
         return Keep()
-    if name in ("conservative", "neutral", "aggressive"):
-        from controllers.decision.rules import ClearanceRule
-
-        return ClearanceRule(name)
-    if name == "mobil":
-        from controllers.decision.rules import Mobil
-
-        return Mobil()
-    if name == "lookahead":
-        from controllers.decision.rules import LookAhead
-
-        return LookAhead()
     if name == "ddqn":
         from controllers.decision.policy import load_policy
 
         return load_policy(weights)
+    if name in NAMES:
+        from controllers.decision import rules
+
+        strong = {"mobil": rules.Mobil, "lookahead": rules.LookAhead}
+        return strong[name]() if name in strong else rules.ClearanceRule(name)
     raise InputError(f"decision maker {name!r} is unknown; allowed are: {', '.join(NAMES)}")
 
 

@@ -1,4 +1,9 @@
-"""The trained policy as a decision maker; needs numpy only."""
+"""The trained policy as a decision maker, and its network's file; needs numpy only.
+
+The network is the paper's, 216-256-512-256-3 with ReLU. Its file is an npz without pickled objects:
+`w0..w3` of shape (outputs, inputs), `b0..b3`, and `metadata`, a JSON text with the version of the
+observation, the layers and the origin.
+"""
 
 from __future__ import annotations
 
@@ -21,31 +26,28 @@ from controllers.decision.observation import (
     OBSERVATION_VERSION,
     ROWS,
 )
+from controllers.decision.trip import ACTIONS
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision
 
-# --- The paper's network in numpy: 216-256-512-256-3 with ReLU, and its file ---
-# The file is an npz without pickled objects: `w0..w3` of shape (outputs, inputs), `b0..b3`, and
-# `metadata`, a JSON text that tells the version of the observation, the layers and the origin.
-
 LAYERS = (OBSERVATION_SIZE, 256, 512, 256, 3)
-ACTIONS = (Decision.LEFT, Decision.KEEP, Decision.RIGHT)
 _KEEP = ACTIONS.index(Decision.KEEP)
 FORMAT = "iits_mj.q_network.1"
 _SIZE_MAX = 64 * 2**20
+SHIPPED = Path(__file__).resolve().parent / "weights" / "ddqn.npz"
 
 FloatArray = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
 class QNetwork:
-    """The four layers, and how it decides.
+    """The four layers of the network.
 
     Attributes:
       weights: of shape (outputs, inputs), float32; biases: (outputs,).
-      metadata: JSON values that the file tells of itself.
-      margin: a change is decided on when its value exceeds that of keeping by more than this, in
-        the values' units: hysteresis, so that no change hangs on the values' noise.
+      metadata: JSON values of the file.
+      margin: a change is decided when its value exceeds that of keeping by more than this, in the
+        values' units: hysteresis against their noise.
     """
 
     weights: tuple[FloatArray, ...]
@@ -54,9 +56,19 @@ class QNetwork:
     margin: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuses shapes other than the paper's and numbers that are not finite."""
-        _check_layers(self.weights, self.biases, "network")
-        _check_margin(self.margin, "network")
+        """Raises InputError for shapes other than the paper's or numbers that are not finite."""
+        shapes = list(zip(LAYERS[1:], LAYERS[:-1], strict=True))
+        found = [w.shape for w in self.weights]
+        if found != shapes or [b.shape for b in self.biases] != [s[:1] for s in shapes]:
+            names = ", ".join(map(str, found))
+            raise InputError(f"network has layers of shape {names}; {shapes} are wanted")
+        if not all(np.isfinite(a).all() for a in (*self.weights, *self.biases)):
+            raise InputError("network holds numbers that are not finite")
+        margin = self.margin
+        number = isinstance(margin, int | float) and not isinstance(margin, bool)
+        if not number or not (math.isfinite(margin) and margin >= 0.0):
+            raise InputError(f"network has the margin {margin!r}; use a number, zero or more")
+        object.__setattr__(self, "margin", float(margin))
 
     @classmethod
     def random(cls, generator: np.random.Generator) -> QNetwork:
@@ -83,13 +95,13 @@ class QNetwork:
         return x
 
     def greedy(self, observation: NDArray[np.floating[Any]]) -> Decision:
-        """The decision with the greatest value, keeping the lane being worth the margin more."""
+        """The decision with the greatest value, the margin added to that of keeping the lane."""
         values = self.values(observation).copy()
         values[_KEEP] += self.margin
         return ACTIONS[int(np.argmax(values))]
 
     def save(self, path: str | Path, **metadata: Any) -> None:
-        """Writes the npz; keyword arguments join its metadata."""
+        """Writes the npz; keyword arguments are added to its metadata."""
         header = {
             **self.metadata,
             **metadata,
@@ -109,39 +121,32 @@ class QNetwork:
         """Reads a file written by `save`.
 
         Raises:
-          InputError: no such file, not an npz of ours, other shapes, another version of the
-            observation, numbers that are not finite; the message gives the reason.
+          InputError: the file does not exist or is not such an npz, has other shapes or another
+            version of the observation, or a number is not finite; the message gives the reason.
         """
-        name = str(path)
+        name = f"weights file {str(path)!r}"
         try:
             if Path(path).stat().st_size > _SIZE_MAX:
-                raise InputError(f"weights file {name!r} is larger than {_SIZE_MAX >> 20} MiB")
+                raise InputError(f"{name} is larger than {_SIZE_MAX >> 20} MiB")
             with np.load(path, allow_pickle=False) as content:
                 arrays = {key: content[key] for key in content.files}
         except FileNotFoundError as error:
-            raise InputError(f"weights file {name!r} does not exist") from error
-        except (
-            OSError,
-            ValueError,
-            EOFError,
-            KeyError,
-            zipfile.BadZipFile,
-            zipfile.error,
-        ) as error:
-            raise InputError(f"weights file {name!r} is not a readable npz: {error}") from error
+            raise InputError(f"{name} does not exist") from error
+        except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
+            raise InputError(f"{name} is not a readable npz: {error}") from error
         except Exception as error:  # a damaged deflate stream raises zlib.error
-            raise InputError(f"weights file {name!r} is damaged: {error}") from error
+            raise InputError(f"{name} is damaged: {error}") from error
         metadata = _metadata(arrays, name)
         count = len(LAYERS) - 1
         missing = [k for i in range(count) for k in (f"w{i}", f"b{i}") if k not in arrays]
         if missing:
-            raise InputError(f"weights file {name!r} lacks {', '.join(missing)}")
+            raise InputError(f"{name} lacks {', '.join(missing)}")
         weights = tuple(arrays[f"w{i}"].astype(np.float32) for i in range(count))
         biases = tuple(arrays[f"b{i}"].astype(np.float32) for i in range(count))
-        _check_layers(weights, biases, f"weights file {name!r}")
-        margin = metadata.get("margin", 0.0)
-        _check_margin(margin, f"weights file {name!r}")
-        return cls(weights, biases, metadata, float(margin))
+        try:
+            return cls(weights, biases, metadata, metadata.get("margin", 0.0))
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from error
 
 
 def check_observation(observation: NDArray[np.floating[Any]]) -> None:
@@ -166,41 +171,19 @@ def _metadata(arrays: dict[str, Any], name: str) -> dict[str, Any]:
         metadata = json.loads(str(arrays["metadata"]))
         kind, version = metadata["format"], metadata["observation_version"]
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"weights file {name!r} has no usable metadata: {error}") from error
+        raise InputError(f"{name} has no usable metadata: {error}") from error
     if kind != FORMAT:
-        raise InputError(f"weights file {name!r} has format {kind!r}; {FORMAT!r} is wanted")
+        raise InputError(f"{name} has format {kind!r}; {FORMAT!r} is wanted")
     if version != OBSERVATION_VERSION:
         raise InputError(
-            f"weights file {name!r} is for version {version!r} of the observation; "
+            f"{name} is for version {version!r} of the observation; "
             f"this program has version {OBSERVATION_VERSION}: train the policy again"
         )
     return dict(metadata)
 
 
-def _check_layers(
-    weights: tuple[FloatArray, ...], biases: tuple[FloatArray, ...], what: str
-) -> None:
-    shapes = list(zip(LAYERS[1:], LAYERS[:-1], strict=True))
-    if [w.shape for w in weights] != shapes or [b.shape for b in biases] != [s[:1] for s in shapes]:
-        found = ", ".join(str(w.shape) for w in weights)
-        raise InputError(f"{what} has layers of shape {found}; {shapes} are wanted")
-    if not all(np.isfinite(a).all() for a in (*weights, *biases)):
-        raise InputError(f"{what} holds numbers that are not finite")
-
-
-def _check_margin(margin: Any, what: str) -> None:
-    number = isinstance(margin, int | float) and not isinstance(margin, bool)
-    if not number or not (math.isfinite(margin) and margin >= 0.0):
-        raise InputError(f"{what} has the margin {margin!r}; it must be a number, zero or more")
-
-
-# --- The trained policy as a decision maker; needs numpy only ---
-
-SHIPPED = Path(__file__).resolve().parent / "weights" / "ddqn.npz"
-
-
 class GreedyPolicy:
-    """Decides for the action of greatest value; lanes that do not exist are not left to chance.
+    """Decides for the action of greatest value; keeps the lane if the truck may not use the other.
 
     Attributes:
       network: of the action values.
@@ -215,7 +198,7 @@ class GreedyPolicy:
         """Has no memory of its own: the observation holds the last three seconds."""
 
     def decide(self, context: DecisionContext) -> Decision:
-        """The greedy decision; KEEP where it points to a lane the truck may not use."""
+        """The greedy decision; KEEP if the truck may not use its lane."""
         decision = self.network.greedy(context.observation)
         if decision is not Decision.KEEP and not context.may_use(context.lane - int(decision)):
             return Decision.KEEP

@@ -1,7 +1,16 @@
-"""A trip of the truck through highway traffic, one decision a step: what all worlds share.
+"""The decision task: its trips, actions, reward and end, for every world that it is driven in.
 
-A world asks for a decision once a second while the truck keeps its lane, and not while a change
-runs: a step lasts 1 s, or as long as the change. Rewards are discounted by the second inside it.
+A world drives the truck through highway traffic: the fast world, or the MuJoCo truck among SUMO's
+vehicles. It asks for a decision once a second while the truck keeps its lane, and not while a
+change is under way: a step lasts 1 s, or as long as the change. The observation is that of
+`controllers.decision.observation`. Rewards are discounted by the second inside a step. Training,
+the Gymnasium environments and the suite's highway task drive these worlds.
+
+The reward is the paper's with its signs repaired, `r = r_ch + r_v + r_sa`: -10 for a decision to
+change lanes (also one that is refused), minus the distance of the speed from the reference for each
+second (the paper prints it with the wrong sign), -20 for a decision to change at a dangerous
+moment. A collision, which the paper does not charge, ends the trip, and without a charge an end
+would be worth more than any future of charges.
 """
 
 from __future__ import annotations
@@ -13,28 +22,24 @@ from typing import Protocol
 import numpy as np
 
 from controllers.decision.base import DecisionContext, Observation
+from iits_mj.core.checks import in_range, require_positive
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision
 
-# --- Where the seeds of training, validation and test trips begin; no two of the three meet ---
-# Training draws from the first, the choice of a policy from the second. Only figures that are to be
-# believed come from the third: no decision may rest on them.
-
+ACTIONS = (Decision.LEFT, Decision.KEEP, Decision.RIGHT)
+# First seeds of training, validation (choice of a policy) and test trips, each with so many seeds.
+# No decision may rest on test trips: published figures come from them.
 TRAINING_SEEDS, VALIDATION_SEEDS, TEST_SEEDS = 1_000_000, 2_000_000, 3_000_000
-# Each of the three has as many seeds as lie between two beginnings.
 SEEDS_EACH = 1_000_000
-
-
-# --- The paper's reward with its signs repaired, term by term ---
-# `r = r_ch + r_v + r_sa`: -10 for a decision to change lanes (also one that is refused), minus the
-# distance of the speed from the reference for each second (the paper prints it with the wrong
-# sign), -20 for a decision to change at a dangerous moment. A collision, which the paper does not
-# charge, ends the trip, and an end would otherwise be worth more than any future of charges.
+# The paper's spawn probabilities, of a vehicle per second and lane, and its two traffic limits.
+SPAWN_PROBABILITY = {"dense": 0.05, "medium": 0.02, "sparse": 0.005}
+TRAFFIC_SPEEDS = (12.5, 15.0)
+CELLS = tuple((density, speed) for density in SPAWN_PROBABILITY for speed in TRAFFIC_SPEEDS)
 
 
 @dataclass(frozen=True)
 class RewardConfig:
-    """Weights of the terms.
+    """Weights of the reward's terms.
 
     Attributes:
       change: charge of a decision to change lanes; danger: further charge when it is dangerous.
@@ -70,33 +75,12 @@ class RewardTerms:
         return RewardTerms(**{n: getattr(self, n) + getattr(other, n) for n in names})
 
 
-def decision_charge(changes: bool, dangerous: bool, config: RewardConfig) -> RewardTerms:
-    """Charge of the decision itself, at its instant."""
-    return RewardTerms(
-        change=-config.change if changes else 0.0,
-        danger=-config.danger if changes and dangerous else 0.0,
-    )
-
-
-def speed_charge(speed: float, reference: float, elapsed: float, config: RewardConfig) -> float:
-    """Charge of one second at a speed [m/s], `elapsed` seconds after the decision."""
-    return -config.speed * abs(speed - reference) * config.discount**elapsed
-
-
-# --- A trip of the truck through highway traffic, one decision a step: what all worlds share ---
-
-# The paper's spawn probabilities, of a vehicle per second and lane, and its two traffic limits.
-SPAWN_PROBABILITY = {"dense": 0.05, "medium": 0.02, "sparse": 0.005}
-TRAFFIC_SPEEDS = (12.5, 15.0)
-CELLS = tuple((density, speed) for density in SPAWN_PROBABILITY for speed in TRAFFIC_SPEEDS)
-
-
 @dataclass(frozen=True)
 class TripConfig:
     """One trip of the truck.
 
     Attributes:
-      spawn_probability: of a vehicle appearing, per second and lane.
+      spawn_probability: of a vehicle appearing, per second and lane, 0 to 0.5.
       traffic_speed: speed limit of the traffic [m/s].
       keeps_right: whether the traffic keeps to the right lane; the paper's table can only come from
         traffic that fills both.
@@ -108,7 +92,7 @@ class TripConfig:
       reward: weights.
 
     Raises:
-      InputError: a value is not finite or makes no trip; the message names it.
+      InputError: a value is out of its range; the message names it.
     """
 
     spawn_probability: float = 0.05
@@ -122,28 +106,34 @@ class TripConfig:
     reward: RewardConfig = field(default_factory=RewardConfig)
 
     def __post_init__(self) -> None:
-        """Refuses values that are not finite or make no trip."""
-        for name in ("traffic_speed", "length", "duration", "reference_speed"):
-            value = getattr(self, name)
-            if not math.isfinite(value) or value <= 0.0:
-                raise InputError(f"{name} = {value!r} is not allowed: use a number above 0")
-        for name in ("start_station", "payload"):
-            value = getattr(self, name)
-            if not math.isfinite(value) or value < 0.0:
-                raise InputError(f"{name} = {value!r} is not allowed: use 0 or more")
-        if not 0.0 <= self.spawn_probability <= 0.5:
-            raise InputError(f"spawn_probability = {self.spawn_probability!r}: use 0 to 0.5")
+        require_positive(self, "traffic_speed", "length", "duration", "reference_speed")
+        require_positive(self, "start_station", "payload", zero=True)
+        in_range("spawn_probability", self.spawn_probability, 0.0, 0.5)
+
+
+def cell_trip(density: str, traffic_speed: float, base: TripConfig | None = None) -> TripConfig:
+    """The trip of one of the paper's six cells.
+
+    Raises:
+      InputError: a density that the paper does not have.
+    """
+    if density not in SPAWN_PROBABILITY:
+        allowed = ", ".join(SPAWN_PROBABILITY)
+        raise InputError(f"density {density!r} is unknown; allowed are: {allowed}")
+    probability = SPAWN_PROBABILITY[density]
+    base = base or TripConfig()
+    return replace(base, spawn_probability=probability, traffic_speed=traffic_speed)
 
 
 @dataclass
 class TripSummary:
-    """What a trip came to.
+    """Totals of a trip.
 
     Attributes:
       distance: [m]; time: [s].
       decisions: taken; changes: carried out; refused: decisions to change that were refused.
       dangerous: of those, refused because of a vehicle: the unsafe decisions.
-      collisions: with a vehicle, or a roll-over.
+      collisions: with a vehicle, or a rollover.
       time_gap_min: least time gap to the leader in the truck's lane [s], inf without one.
       loss_integral: of (v_ref - v) / v_ref over time [s].
       reward: its terms, each the plain sum over the steps.
@@ -182,8 +172,82 @@ class TripStep:
     truncated: bool
 
 
+class TripLog:
+    """Reward and totals of one trip, the same for every world.
+
+    A step is `begin`, then `drive` and `charge_speed` while the truck drives, then `end`.
+
+    Args:
+      trip: which one.
+
+    Attributes:
+      summary: of the trip so far; elapsed: since the last decision [s].
+    """
+
+    def __init__(self, trip: TripConfig) -> None:
+        self.trip = trip
+        self.summary = TripSummary()
+        self.begin()
+
+    def begin(self) -> None:
+        """Starts a step."""
+        self._terms = RewardTerms()
+        self.elapsed = 0.0
+
+    def drive(self, speed: float, seconds: float) -> None:
+        """Adds a stretch at a speed [m/s] to the totals of time and speed loss."""
+        reference = self.trip.reference_speed
+        self.summary.time += seconds
+        self.summary.loss_integral += (reference - speed) / reference * seconds
+
+    def charge_speed(self, speed: float, seconds: float) -> None:
+        """Charges the distance of a speed [m/s] from the reference, for some seconds."""
+        reward = self.trip.reward
+        charge = -reward.speed * abs(speed - self.trip.reference_speed)
+        self._terms += RewardTerms(speed=charge * reward.discount**self.elapsed * seconds)
+        self.elapsed += seconds
+
+    def end(
+        self,
+        decision: Decision,
+        observation: Observation,
+        *,
+        changes: int,
+        refused: int,
+        dangerous: int,
+        collision_at: float | None,
+        over: bool,
+    ) -> TripStep:
+        """Ends a step; returns its outcome.
+
+        Args:
+          decision: of the step.
+          observation: after the step.
+          changes: carried out in the step.
+          refused: decisions refused in the step.
+          dangerous: of those, because of a vehicle.
+          collision_at: time of a collision or rollover since the decision [s], None without one.
+          over: whether the trip's road or time is at its end.
+        """
+        reward, terms = self.trip.reward, self._terms
+        if decision is not Decision.KEEP:
+            danger = -reward.danger if dangerous else 0.0
+            terms += RewardTerms(change=-reward.change, danger=danger)
+        failed = collision_at is not None
+        if collision_at is not None:
+            terms += RewardTerms(collision=-reward.collision * reward.discount**collision_at)
+        summary = self.summary
+        summary.decisions += 1
+        summary.changes += changes
+        summary.refused += refused
+        summary.dangerous += dangerous
+        summary.collisions += int(failed)
+        summary.reward += terms
+        return TripStep(observation, terms, self.elapsed, failed, over and not failed)
+
+
 class World(Protocol):
-    """Where trips are driven: traffic, road and truck, however they are made.
+    """Drives trips: traffic, road and truck, of whatever model.
 
     Attributes:
       summary: of the trip so far.
@@ -192,29 +256,13 @@ class World(Protocol):
     summary: TripSummary
 
     def reset(self, generator: np.random.Generator, trip: TripConfig) -> Observation:
-        """Starts a trip; everything random comes from the generator. (216,) float32."""
+        """Starts a trip; all randomness comes from the generator. Returns (216,) float32."""
 
     def context(self) -> DecisionContext:
-        """What a decision maker is given now, for rules to drive in the world."""
+        """Context of a decision now, for decision makers that drive in the world."""
 
     def step(self, decision: Decision) -> TripStep:
         """Carries out a decision, or refuses it, until the next one is due."""
 
     def close(self) -> None:
-        """Frees what the world holds; it may be reset again."""
-
-
-def cell_trip(density: str, traffic_speed: float, base: TripConfig | None = None) -> TripConfig:
-    """The trip of one of the paper's six cells.
-
-    Raises:
-      InputError: a density that the paper does not have.
-    """
-    if density not in SPAWN_PROBABILITY:
-        allowed = ", ".join(SPAWN_PROBABILITY)
-        raise InputError(f"density {density!r} is unknown; allowed are: {allowed}")
-    return replace(
-        base or TripConfig(),
-        spawn_probability=SPAWN_PROBABILITY[density],
-        traffic_speed=traffic_speed,
-    )
+        """Frees resources; the world may be reset again."""

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import PlanningError
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.powertrain import Engine
 
 _SPEEDS = 4000  # samples for the least power of all gears
 _ENGINE_SPEED_MIN = 85.0  # [rad/s], 810 rpm: below it the driver would have shifted down
@@ -62,7 +61,13 @@ class FuelMap:
         radius = parameters.tires["drive"].rolling_radius
         # [rad/s of the engine per m/s], one a gear.
         self.gear_speed = gearbox.ratios * gearbox.final_drive / radius
-        self._torque, self._speed, self._rate = _rate_table(engine)
+        # Torque axis from zero, speed axis, fuel rate [kg/s] of shape (torque, speed).
+        table = engine.fuel_map
+        rate = table.values * table.rows[:, None] * table.columns[None, :]
+        slope = (rate[1] - rate[0]) / (table.rows[1] - table.rows[0])
+        zero = np.maximum(rate[0] - slope * table.rows[0], 0.0)
+        self._torque, self._speed = np.concatenate([[0.0], table.rows]), table.columns
+        self._rate = np.vstack([zero, rate])
 
     def engine_rate(self, torque: FloatArray, speed: FloatArray) -> FloatArray:
         """Fuel rate [kg/s] over engine torque [N m] and speed [rad/s], arrays of one shape."""
@@ -113,17 +118,6 @@ class FuelMap:
         gear = np.where(fits.any(axis=0), best, strongest)
         return rate[gear, np.arange(force.size)], gear + 1
 
-    def below_fit(self, fit: Willans, v_min: float, v_max: float) -> float:
-        """Greatest excess of a fit over the map [kg/s], over a band of speeds [m/s].
-
-        A drive of time T burns by the map at least what it burns by the fit, less T times this.
-        Sampled on a grid of speeds and powers, from overrun to full power.
-        """
-        speed = np.repeat(np.linspace(v_min, v_max, 60), 200)
-        power = np.tile(np.linspace(-fit.overrun_power, self.full_power(), 200), 60)
-        rate, _ = self.rate(power * self.efficiency / speed, speed)
-        return max(float((fit.rate(power) - rate).max()), 0.0)
-
     def fit(self, v_min: float, v_max: float) -> Willans:
         """Least-squares Willans parabola over the engine's power at a band of speeds [m/s]."""
         speed = np.repeat(np.linspace(v_min, v_max, 12), 41)
@@ -154,15 +148,6 @@ def nonnegative_fit(basis: FloatArray, value: FloatArray) -> FloatArray:
                 best, least = np.zeros(count), gain
                 best[list(chosen)] = part
     return best
-
-
-def _rate_table(engine: Engine) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Torque axis from zero, speed axis, and fuel rate [kg/s] of shape (torque, speed)."""
-    table = engine.fuel_map
-    rate = table.values * table.rows[:, None] * table.columns[None, :]
-    slope = (rate[1] - rate[0]) / (table.rows[1] - table.rows[0])
-    zero = np.maximum(rate[0] - slope * table.rows[0], 0.0)
-    return np.concatenate([[0.0], table.rows]), table.columns, np.vstack([zero, rate])
 
 
 def _bilinear(

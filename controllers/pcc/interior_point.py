@@ -37,16 +37,13 @@ class Settings:
     """Settings of the method.
 
     Attributes:
-      tolerance: of the mean s z and of the inequalities' residuals.
-      dual_tolerance: of the Lagrangian's gradient.
-      polish: further steps at most once the tolerances are met.
+      tolerance: of the mean s z and of the inequalities' residuals; that of the Lagrangian's
+        gradient is 100 times as large.
       iterations: of one run, at most; time_limit: for both [s].
       guarded: True skips the quick run; fallback: False skips the guarded one.
     """
 
     tolerance: float = 1e-8
-    dual_tolerance: float = 1e-6
-    polish: int = 2
     iterations: int = 100
     time_limit: float = 20.0
     guarded: bool = False
@@ -61,8 +58,7 @@ class Optimum:
       b, y: variables, (n + 1,) and (n,).
       time_price: multiplier of the trip time; prices: of the intervals' durations, (n,).
       costate: worth of b at a node for what comes after it, (n + 1,); of the last, its own cost.
-      iterations: of all runs; converged: whether the optimality conditions hold.
-      note: the reason where they do not.
+      iterations: of all runs; note: why the optimality conditions do not hold, "" if they do.
     """
 
     b: FloatArray
@@ -71,15 +67,17 @@ class Optimum:
     prices: FloatArray
     costate: FloatArray
     iterations: int
-    converged: bool
     note: str
+
+    @property
+    def converged(self) -> bool:
+        """Whether the optimality conditions hold."""
+        return not self.note
 
 
 def minimize(problem: Problem, b: FloatArray, settings: Settings | None = None) -> Optimum:
     """Solves from a guess of b, shape (n + 1,); the result says whether it converged."""
-    settings = settings or Settings()
-    began = time.perf_counter()
-    done = 0
+    settings, began, done = settings or Settings(), time.perf_counter(), 0
     with np.errstate(all="ignore"):
         if not settings.guarded:
             quick = _Run(problem, b, settings, began)
@@ -102,8 +100,8 @@ class _Run:
         began: float,
         iterations: int = 0,
     ) -> None:
-        self.problem, self.settings, self.iterations = problem, settings, iterations
-        self._began = began
+        self.problem, self.settings, self._began = problem, settings, began
+        self.iterations = iterations
         self.limits = limits = Inequalities(problem)
         edge = np.minimum(_INSIDE, 0.1 * (problem.high - problem.low))
         b = np.clip(guess, problem.low + edge, problem.high - edge)
@@ -125,7 +123,10 @@ class _Run:
     def go(self, guarded: bool) -> str:
         """Iterates until the optimality conditions hold; returns "", else why they do not."""
         settings, limits = self.settings, self.limits
-        mu, penalty, polished = _MU, 1.0, 0
+        tolerance, dual_tolerance = settings.tolerance, 100.0 * settings.tolerance
+        # Newton's last steps make the multipliers exact; rounding may forbid it.
+        polish = 2 if tolerance <= 1e-8 else 0
+        mu, penalty = _MU, 1.0
         errors: list[float] = []
         for _ in range(settings.iterations):
             residual = (limits.values(self.at) - self.s) * limits.present
@@ -135,12 +136,11 @@ class _Run:
             primal, gap = np.abs(residual).max(), _dot(self.s, self.z) / limits.count
             if not np.isfinite(dual + primal + gap):
                 return "the iterates are not finite"
-            if primal > settings.tolerance and self.z.max() > _DIVERGED:
+            if primal > tolerance and self.z.max() > _DIVERGED:
                 return _NO_DRIVE
-            if max(primal, gap) < settings.tolerance and dual < settings.dual_tolerance:
-                # Newton's last steps make the multipliers exact; rounding may forbid it.
-                polished += 1
-                if polished > settings.polish or dual < _EXACT:
+            if max(primal, gap) < tolerance and dual < dual_tolerance:
+                polish -= 1
+                if polish < 0 or dual < _EXACT:
                     return ""
             if self.late:
                 return f"the time limit of {settings.time_limit:g} s was reached"
@@ -157,9 +157,7 @@ class _Run:
                 return _NO_STEP
             errors.append(float(max(primal, gap)))
             self.iterations += 1
-        if max(primal, gap) < _ACCEPTED * settings.tolerance and (
-            dual < _ACCEPTED * settings.dual_tolerance
-        ):
+        if max(primal, gap) < _ACCEPTED * tolerance and dual < _ACCEPTED * dual_tolerance:
             return ""
         return f"no convergence within {self.iterations} iterations"
 
@@ -174,7 +172,6 @@ class _Run:
             self.limits.prices(self.z),
             np.append(-start, end[-1]),
             self.iterations,
-            not note,
             note,
         )
 

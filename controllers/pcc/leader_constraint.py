@@ -32,7 +32,6 @@ class Leader:
     acceleration: float = 0.0
 
     def __post_init__(self) -> None:
-        """Raises InputError for numbers that are not finite."""
         for name in ("rear", "speed", "acceleration"):
             value = getattr(self, name)
             if not math.isfinite(value):
@@ -48,8 +47,8 @@ class Leader:
 class LeaderConfig:
     """Gaps and speeds of plans behind a vehicle.
 
-    The gaps are a little less than those of the trajectory planner's car following, which takes
-    over when the truck is near: a plan with larger gaps would never come near enough to pass.
+    The gaps are a little less than those of the trajectory planner's car following: with larger
+    ones the truck would never come near enough to pass.
 
     Attributes:
       time_gap: [s]; standstill_gap: further distance to it [m].
@@ -71,7 +70,6 @@ class LeaderConfig:
     jam: float = 4.0
 
     def __post_init__(self) -> None:
-        """Raises InputError for numbers that are not finite or not above 0."""
         require_positive(self, *vars(self))
 
     def clear(self, leader: Leader) -> float:
@@ -106,12 +104,7 @@ def constraint_behind(
     and no more is asked for than comfortable braking can do: the constraint never makes a problem
     infeasible, and the trajectory planner brakes harder where that is needed.
 
-    Args:
-      leader: the vehicle ahead.
-      vehicle: the truck.
-      road: ahead, from the truck's station on.
-      speed: of the truck [m/s].
-      config: gaps.
+    The road begins at the truck's station, with the truck's speed [m/s].
 
     Raises:
       PlanningError: a climb is beyond full power.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import numbers
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from controllers.pcc.fuel import FuelMap
 from controllers.pcc.profile import RoadProfile
-from controllers.pcc.solver import require_method, solve
+from controllers.pcc.solver import solve
 from controllers.pcc.task import Solution, SpeedTask
 from controllers.pcc.vehicle import (
     PointMass,
@@ -23,12 +22,9 @@ from controllers.pcc.vehicle import (
     passing_times,
 )
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.checks import in_range, require_positive
 from iits_mj.core.errors import InputError, PlanningError
-from iits_mj.core.messages import SpeedProfile
-from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
-
-_NEARLY = 0.999  # of the fastest possible speed, so that more than one drive is possible
 
 
 @dataclass(frozen=True)
@@ -53,11 +49,7 @@ class PccConfig:
     deceleration_max: float = 1.5
 
     def __post_init__(self) -> None:
-        """Refuses an empty band and numbers that are not finite."""
-        for name in ("v_ref", "v_min", "v_max", "k_a", "deceleration_max"):
-            value = getattr(self, name)
-            if not (isinstance(value, numbers.Real) and 0.0 <= float(value) < math.inf):
-                raise InputError(f"{name} = {value!r} is not allowed: use 0 or more")
+        require_positive(self, "v_ref", "v_min", "v_max", "k_a", "deceleration_max", zero=True)
         if not 1.0 <= self.v_min <= self.v_ref <= self.v_max <= 60.0:
             raise InputError(
                 f"band {self.v_min:g} to {self.v_max:g} m/s with v_ref {self.v_ref:g} m/s: "
@@ -93,15 +85,12 @@ class PccComparison:
     """Plan and cruise over the same road, in equal time, to the same end speed.
 
     Attributes:
-      task, optimum: the problem and its solution. With the optimum's `time_price` and `costate` and
-        the plan's clock a drive can follow the plan.
-      speed_profile: the plan for the trajectory planner.
+      task, optimum: the problem and its solution.
       plan, baseline: both drives; v_set: set speed of the cruise [m/s].
     """
 
     task: SpeedTask
     optimum: Solution
-    speed_profile: SpeedProfile
     plan: Drive
     baseline: Drive
     v_set: float
@@ -143,7 +132,6 @@ def plan(
     mass: float = 55_000.0,
     config: PccConfig | None = None,
     method: str = "interior_point",
-    fine: RoadProfile | None = None,
 ) -> PccComparison:
     """Plans the whole road and compares it with the constant-speed cruise.
 
@@ -151,18 +139,15 @@ def plan(
 
     Args:
       road: to be driven from end to end.
-      parameters: of the truck, default the packaged ones.
+      parameters: of the truck; default: the packaged ones.
       mass: of the combination [kg].
       config: set speed, band and weights.
       method: of `controllers.pcc.solver.solve`.
-      fine: the same road with closer nodes, at which the speed profile is wanted; see
-        `on_finer_road`.
 
     Raises:
       InputError: the mass is not that of a truck, or the method is not known.
       PlanningError: a climb is beyond full power, limits contradict, or there is no solution.
     """
-    require_method(method)
     config = config or PccConfig()
     parameters = parameters or TruckParameters.load()
     fuel_map = FuelMap(parameters)
@@ -176,31 +161,51 @@ def plan(
     total = float(durations(base, road).sum())
     task = SpeedTask(vehicle, road, b_low, b_high, total, k_a=1e-3 * config.k_a)
     optimum = solve(task, base, method)
-    profile = SpeedProfile(road.station, optimum.speed)
-    if fine is not None:
-        speed = on_finer_road(vehicle, road, optimum.speed, fine, config.v_max)
-        profile = SpeedProfile(fine.station, speed)
     drive, baseline = (evaluate(vehicle, fuel_map, road, v) for v in (optimum.speed, base))
-    return PccComparison(task, optimum, profile, drive, baseline, v_set)
+    return PccComparison(task, optimum, drive, baseline, v_set)
 
 
 def make_vehicle(
     parameters: TruckParameters, fuel_map: FuelMap, mass: float, config: PccConfig
 ) -> PointMass:
-    """The truck as point mass for the band of a plan; InputError for a mass that no truck has."""
-    if not (isinstance(mass, numbers.Real) and 5_000.0 <= mass <= 80_000.0):
-        raise InputError(f"mass {mass!r} kg is not allowed: use 5000 to 80000 kg")
-    return PointMass.of(
-        parameters, fuel_map, mass, config.v_min, config.v_max, config.deceleration_max
+    """The truck of a mass [kg] as point mass for the band of a plan.
+
+    Raises:
+      InputError: no truck has this mass.
+      PlanningError: at some speed of the band no gear runs.
+    """
+    in_range("mass [kg]", mass, 5_000.0, 80_000.0)
+    tires, air = parameters.tires, parameters.aerodynamics
+    turning = sum(
+        2.0 * axle.wheel_inertia_spin / tires[axle.tire].rolling_radius ** 2
+        for axle in parameters.axles
+    )
+    turning += parameters.engine.inertia * float(fuel_map.gear_speed[-1]) ** 2
+    band = np.linspace(config.v_min, config.v_max, 60)
+    powers = fuel_map.power_max(band)
+    if powers.min() <= 0.0:
+        v = float(band[int(powers.argmin())])
+        raise PlanningError(f"no gear runs at {v:.1f} m/s: change v_min or v_max of the band")
+    fuel = fuel_map.fit(config.v_min, config.v_max)
+    return PointMass(
+        mass=mass,
+        inertial_mass=mass + turning,
+        rolling=parameters.tire_common.rolling_resistance,
+        drag=0.5 * air.density * air.drag_area,
+        efficiency=fuel_map.efficiency,
+        power_max=fuel_map.full_power(),
+        power_drag=fuel.overrun_power,
+        brake_max=mass * config.deceleration_max,
+        fuel=fuel,
     )
 
 
 def lower_speeds(fastest: FloatArray, v_min: float) -> FloatArray:
     """Least speeds: v_min where it can be reached, else a thousandth below the fastest possible.
 
-    This makes them continuous along the road and nearly independent of the grid.
+    More than one drive remains possible, and they are continuous along the road.
     """
-    return np.asarray(np.minimum(v_min, _NEARLY * fastest))
+    return np.asarray(np.minimum(v_min, 0.999 * fastest))
 
 
 def _least_speeds(fastest: FloatArray, cruise: FloatArray, v_min: float) -> FloatArray:
@@ -227,56 +232,14 @@ def evaluate(vehicle: PointMass, fuel_map: FuelMap, road: RoadProfile, speed: Fl
     )
 
 
-def on_finer_road(
-    vehicle: PointMass,
-    road: RoadProfile,
-    speed: FloatArray,
-    fine: RoadProfile,
-    v_max: float = np.inf,
-) -> FloatArray:
-    """Speeds of a plan at the nodes of a finer profile of the same road [m/s].
-
-    A plan states one force for each interval. Straight lines of v^2 over a road that is rough
-    within the intervals would ask for forces that swing with every bump, up into the brakes: on the
-    paper's road a 50 m plan followed so burns 0.8 % more than planned. With the force held, kinetic
-    and potential energy change places there, and it burns what was planned: with force, rolling
-    resistance and drag as at the mean of the interval, `m_e v^2 / 2 + m g z` is linear in the
-    station between two nodes of the plan. The fine road's limits and the band are kept as well as
-    between the plan's nodes.
-
-    Args:
-      vehicle: the truck of the plan.
-      road: the plan's grid.
-      speed: of the plan at its nodes, shape (n + 1,) [m/s].
-      fine: the same road with closer nodes, within the stations of `road`.
-      v_max: of the band [m/s].
-
-    Raises:
-      InputError: the fine profile leaves the road, or the speeds do not match its nodes.
-    """
-    if speed.shape != road.station.shape or not np.isfinite(speed).all():
-        raise InputError(f"a plan over {road.name!r} needs {road.station.size} finite speeds")
-    first, last = road.station[[0, -1]]
-    if fine.station[0] < first - 1e-6 or fine.station[-1] > last + 1e-6:
-        raise InputError(
-            f"fine profile {fine.name!r} from {fine.station[0]:.0f} to {fine.station[-1]:.0f} m "
-            f"leaves the plan's {first:.0f} to {last:.0f} m"
-        )
-    line = np.interp(fine.station, road.station, speed**2)
-    above = fine.height - np.interp(fine.station, road.station, road.height)
-    b = line - 2.0 * GRAVITY * vehicle.mass / vehicle.inertial_mass * above
-    # No road dips by more than the kinetic energy; at least half the planned energy is kept.
-    b = np.maximum(b, 0.5 * line)
-    cap = np.maximum(np.minimum(fine.v_limit, v_max), np.sqrt(line))
-    return np.asarray(np.minimum(np.sqrt(b), cap))
-
-
 def _cruise(vehicle: PointMass, road: RoadProfile, config: PccConfig) -> tuple[float, FloatArray]:
     """Set speed and node speeds of the cruise, which starts at its set speed."""
+    # The greatest first speed from which the limits ahead can be met.
+    b = brakeable(vehicle, road, np.minimum(road.v_limit, 1e3) ** 2, vehicle.brake_max)
+    start = math.sqrt(float(b[0]))
 
     def drive(v_set: float) -> FloatArray:
-        start = min(v_set, float(_start_speed(vehicle, road)))
-        return cruise(vehicle, road, v_set, start)
+        return cruise(vehicle, road, v_set, min(v_set, start))
 
     speed = drive(config.v_ref)
     if not config.mean_speed:
@@ -315,9 +278,3 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
         if -1e-9 < value <= 0.0:
             break
     return high
-
-
-def _start_speed(vehicle: PointMass, road: RoadProfile) -> float:
-    """Greatest speed at the first node from which the limits ahead can be met."""
-    b = brakeable(vehicle, road, np.minimum(road.v_limit, 1e3) ** 2, vehicle.brake_max)
-    return math.sqrt(float(b[0]))

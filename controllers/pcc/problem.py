@@ -20,6 +20,7 @@ fuel by what full power burns in that time. All variables and multipliers are th
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -35,8 +36,6 @@ _ROOM_BRAKE = 1e-4  # of the force of full power at 20 m/s: a newton or two
 # What a soft end speed is worth: so many times what full power burns for it.
 _END_WORTH = 20.0
 _PINNED = 1e-9  # difference of the bounds of b, below which b is fixed
-
-IntervalSlopes = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -165,26 +164,23 @@ class Point:
         self.pull = self.force / self.duration  # power over full power
         self.time = np.cumsum(self.duration)  # at nodes 1..n
         self.change = np.diff(b)
-        self._cost_slope: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     def cost(self) -> float:
-        """Of the whole drive."""
+        """Cost of the whole drive."""
         p = self.problem
         c0, c1, c2 = p.fuel
         rate = c0 + c1 * self.pull + c2 * self.pull**2 + p.calm * self.change**2
         return float(np.sum(rate * self.duration)) - p.worth * float(self.b[-1])
 
+    @cached_property
     def cost_slope(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Derivatives of an interval's cost by force, duration and change of b, each (n,)."""
-        if self._cost_slope is None:
-            p = self.problem
-            c0, c1, c2 = p.fuel
-            self._cost_slope = (
-                c1 + 2.0 * c2 * self.pull,
-                c0 - c2 * self.pull**2 + p.calm * self.change**2,
-                2.0 * p.calm * self.change * self.duration,
-            )
-        return self._cost_slope
+        (c0, c1, c2), calm = self.problem.fuel, self.problem.calm
+        return (
+            c1 + 2.0 * c2 * self.pull,
+            c0 - c2 * self.pull**2 + calm * self.change**2,
+            2.0 * calm * self.change * self.duration,
+        )
 
     def to_nodes(
         self, by_force: FloatArray, by_duration: FloatArray, by_change: FloatArray
@@ -320,10 +316,10 @@ class Inequalities:
             price -= np.cumsum(z[6 * n + 2 : 7 * n + 2][::-1])[::-1]
         return price
 
-    def slopes(self, at: Point, z: FloatArray) -> IntervalSlopes:
+    def slopes(self, at: Point, z: FloatArray) -> tuple[FloatArray, ...]:
         """Derivatives of `cost - z g` by force, duration, change of b and y, each (n,)."""
         brake, room, overrun, full = z[: 4 * self._n].reshape(4, self._n)
-        by_force, by_duration, by_change = at.cost_slope()
+        by_force, by_duration, by_change = at.cost_slope
         by_force = by_force - overrun + full
         by_duration = by_duration + self.prices(z)
         by_duration -= self.problem.overrun * overrun + self.problem.full * full

@@ -1,8 +1,4 @@
-"""The road of the speed planner: a uniform grid of stations with height and speed limit.
-
-Profiles come from a route, from a CSV file with heights, or from a certification cycle with grade
-over time, such as those of EPA's GEM.
-"""
+"""The road of the speed planner: a uniform grid of stations with height and speed limit."""
 
 from __future__ import annotations
 
@@ -22,7 +18,6 @@ if TYPE_CHECKING:
 
 _GRADE_MAX = 0.25
 _HEIGHT_COLUMNS = (("s_m", "s", "station_m", "station"), ("z_m", "z", "height_m", "height"))
-_CYCLE_COLUMNS = (("cycsecs", "time_s"), ("cycmps", "speed_mps"), ("cycgrade", "grade"))
 
 
 @dataclass(frozen=True)
@@ -42,7 +37,6 @@ class RoadProfile:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Raises InputError for an uneven grid, a steep grade, or a limit that is not above 0."""
         n = self.station.size
         if n < 5 or self.height.shape != (n,) or self.v_limit.shape != (n,):
             raise InputError(f"road profile {self.name!r} has {n} nodes: at least 5 are needed")
@@ -81,14 +75,6 @@ class RoadProfile:
         """Mean grade dz/ds of the intervals, shape (n,)."""
         return np.diff(self.height) / np.diff(self.station)
 
-    def part(self, first: int, intervals: int) -> RoadProfile:
-        """The part of `intervals` intervals from node `first` on."""
-        stop = first + intervals + 1
-        if first < 0 or stop > self.station.size:
-            raise InputError(f"road profile {self.name!r} has no nodes {first} to {stop - 1}")
-        cut = slice(first, stop)
-        return RoadProfile(self.station[cut], self.height[cut], self.v_limit[cut], self.name)
-
     @classmethod
     def from_heights(
         cls,
@@ -99,16 +85,15 @@ class RoadProfile:
         name: str = "",
         start: float | None = None,
     ) -> RoadProfile:
-        """A profile from rising stations and heights [m], without speed limits.
+        """A profile from rising stations and heights, shape (n,) [m], without speed limits.
 
         Args:
-          station: horizontal distances, as along a map; those measured along a road of 5 % are
-            0.1 % longer. Shape (n,).
-          height: of shape (n,).
+          station: horizontal, as along a map; along a road of 5 % they would be 0.1 % longer.
+          height: at the stations.
           step: of the grid.
-          length: of the profile; default: to the end.
+          length: of the profile; default: to the last station.
           name: for reports.
-          start: first station of the grid; default: the first given one.
+          start: of the profile; default: the first station.
 
         Raises:
           InputError: stations do not rise, numbers are not finite, or the road is too short.
@@ -153,14 +138,14 @@ class RoadProfile:
         lane: int = 0,
         lateral_acceleration: float = 1.5,
     ) -> RoadProfile:
-        """A profile along a route, with its lane speed limits and curve speeds.
+        """A profile along a route, with the speed limits of a lane and curve speeds.
 
         Args:
           route: the road.
-          start: first station [m].
-          length: default to the end of the route [m].
+          start: of the profile [m].
+          length: of the profile [m]; default: to the end of the route.
           step: of the grid [m].
-          lane: the lane with the speed limit.
+          lane: the lane with the speed limits.
           lateral_acceleration: greatest in curves [m/s2].
         """
         name = route.road_map.path.name if route.road_map.path else "route"
@@ -197,50 +182,3 @@ def _grid(first: float, last: float, step: float, length: float | None, name: st
             f"{4.0 * step:g} m or more"
         )
     return np.asarray(first + step * np.arange(count + 1), dtype=float)
-
-
-@dataclass(frozen=True)
-class Cycle:
-    """A road made from a certification cycle.
-
-    A cycle gives speed and grade second by second. Integrated at its own speed the grades lie at
-    stations, and their rises add up to heights; the road can then be driven at any speed.
-
-    Attributes:
-      road: without speed limits, which a cycle does not give.
-      speed: mean over its time [m/s]; spread: greatest less smallest speed [m/s].
-    """
-
-    road: RoadProfile
-    speed: float
-    spread: float
-
-
-def read_cycle(path: str | Path, step: float = 50.0, length: float | None = None) -> Cycle:
-    """Reads a CSV with columns cycSecs [s], cycMps [m/s], cycGrade [1, rise over run].
-
-    Args:
-      path: of the file.
-      step: of the road's grid [m].
-      length: of the road [m]; default: to the end.
-
-    Raises:
-      InputError: the file cannot be read or lacks columns, time does not rise, a speed is below 0,
-        or the road is too short or too steep.
-    """
-    file = Path(path)
-    time, speed, grade = read_columns(file, "cycle", _CYCLE_COLUMNS)
-    if (np.diff(time) <= 0.0).any():
-        raise InputError(f"cycle {str(file)!r}: time must rise from row to row")
-    if speed.min() < 0.0:
-        raise InputError(f"cycle {str(file)!r}: speed {speed.min():g} m/s is below 0")
-    way = 0.5 * (speed[1:] + speed[:-1]) * np.diff(time)
-    rise = 0.5 * (grade[1:] + grade[:-1]) * way
-    # A standstill of the cycle adds nothing to the road.
-    moves = np.concatenate([[True], way > 0.0])
-    station = np.concatenate([[0.0], np.cumsum(way)])[moves]
-    height = np.concatenate([[0.0], np.cumsum(rise)])[moves]
-    if station.size < 2:
-        raise InputError(f"cycle {str(file)!r} never moves")
-    road = RoadProfile.from_heights(station, height, step, length, file.name)
-    return Cycle(road, float(way.sum() / (time[-1] - time[0])), float(np.ptp(speed)))

@@ -1,9 +1,7 @@
 """Receding-horizon plan: the speed over the next 5 km behind the traffic, planned repeatedly.
 
-A schedule of the whole trip (`controllers.pcc.schedule`) gives what the horizon cannot see: the
-price of a second and the worth of speed at the horizon's end. So the plan on a free road is a piece
-of the plan of the whole trip. A lag behind the schedule raises the price; a lasting one makes a new
-schedule.
+A schedule of the whole trip (`controllers.pcc.schedule`) gives the price of a second and the worth
+of speed at the horizon's end. A lag behind it raises the price; a lasting one makes a new schedule.
 
 Where the optimizer has no solution, `fallback_plan` takes the first of these that begins at the
 truck's speed, keeps the limits and stays behind the vehicle ahead: the last plan, the schedule, a
@@ -26,7 +24,7 @@ from controllers.pcc.leader_constraint import (
 )
 from controllers.pcc.planner import PccConfig, make_vehicle
 from controllers.pcc.profile import RoadProfile
-from controllers.pcc.schedule import Bounds, Schedule, bounds_of, cruise_from, level_worth
+from controllers.pcc.schedule import Bounds, Schedule, bounds_of, level_worth
 from controllers.pcc.solver import solve
 from controllers.pcc.task import Solution, SpeedTask
 from controllers.pcc.trip import (
@@ -37,7 +35,9 @@ from controllers.pcc.trip import (
     PlanStart,
     RecedingConfig,
 )
+from controllers.pcc.vehicle import cruise
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.checks import in_range
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.core.messages import SpeedProfile
 from iits_mj.parameters import TruckParameters
@@ -57,8 +57,7 @@ class HorizonPlan:
 
     Attributes:
       profile: speed over station.
-      status: "optimal", "kept" (the last plan), "schedule" or "cruise"; reason: why it is not
-        optimal.
+      status: "optimal", "kept" (the last plan), "schedule" or "cruise"; reason: why not optimal.
       solve_time: wall time of the solver [s].
       price: of a second [kg/s]; lag: behind the schedule [s], NaN without one.
     """
@@ -88,15 +87,9 @@ class RecedingPlanner:
         receding: RecedingConfig | None = None,
         appointment: Appointment | None = None,
     ) -> None:
-        """Prepares the planner.
+        """Plans for a truck of a gross mass [kg] on a whole road of any grid.
 
-        Args:
-          road: the whole road, of any grid.
-          parameters: of the truck.
-          mass: gross [kg].
-          config: set speed and band.
-          receding: settings.
-          appointment: the wanted end; default: the road's end in the time of a cruise at v_ref.
+        The default appointment is the road's end in the time of a cruise at v_ref.
 
         Raises:
           InputError: the truck cannot have this mass, empty or laden.
@@ -105,11 +98,7 @@ class RecedingPlanner:
         parameters = parameters or TruckParameters.load()
         least = _MASSES[0] * parameters.gross_mass(0.0)
         most = _MASSES[1] * parameters.gross_mass(parameters.payload.mass_max)
-        if not least <= mass <= most:
-            raise InputError(
-                f"speed planner: mass {mass!r} kg is not allowed for this truck; use {least:.0f} "
-                f"to {most:.0f}"
-            )
+        in_range("speed planner: mass [kg]", mass, least, most)
         vehicle = make_vehicle(parameters, FuelMap(parameters), mass, self.config)
         power = self.receding.power_share * vehicle.power_max
         self.vehicle = replace(vehicle, power_max=power)
@@ -148,7 +137,18 @@ class RecedingPlanner:
           InputError: a number is not finite, the station is not on the road, the speed is above
             60 m/s, or the leader is behind the truck.
         """
-        self._check(station, speed, time, leader, flow)
+        first, last = self.trip.road.station[[0, -1]]
+        in_range("speed planner: station [m]", station, first - _OFF_ROAD, last + _OFF_ROAD)
+        in_range("speed planner: speed [m/s]", speed, -_FASTEST, _FASTEST)
+        if not math.isfinite(time):
+            raise InputError(f"speed planner: time is {time!r}: must be finite")
+        if math.isnan(flow) or flow < 0.0:
+            raise InputError(f"speed planner: flow is {flow!r}: must be 0 or more, or inf")
+        if leader is not None and leader.rear < station:
+            raise InputError(
+                f"speed planner: gap {leader.rear - station:g} m to the vehicle ahead: must be 0 "
+                "or more"
+            )
         self.trip.flow = flow
         arriving = self._arriving(station)
         if arriving is not None:
@@ -176,31 +176,6 @@ class RecedingPlanner:
             nodes, asked = np.concatenate([[speed], nodes]), np.concatenate([[speed + more], asked])
         self.last = SpeedProfile(stations, nodes)
         return HorizonPlan(SpeedProfile(stations, asked), status, reason, solve_time, price, lag)
-
-    def _check(
-        self, station: float, speed: float, time: float, leader: Leader | None, flow: float
-    ) -> None:
-        """Raises InputError for a state that is not possible."""
-        for name, value in (("station", station), ("speed", speed), ("time", time)):
-            if not math.isfinite(value):
-                raise InputError(f"speed planner: {name} is {value!r}: must be finite")
-        first, last = float(self.trip.road.station[0]), float(self.trip.road.station[-1])
-        if not first - _OFF_ROAD <= station <= last + _OFF_ROAD:
-            raise InputError(
-                f"speed planner: station {station:g} m is off the road, which goes from {first:g} "
-                f"to {last:g} m"
-            )
-        if abs(speed) > _FASTEST:
-            raise InputError(
-                f"speed planner: speed {speed:g} m/s is not allowed; use at most {_FASTEST:g}"
-            )
-        if math.isnan(flow) or flow < 0.0:
-            raise InputError(f"speed planner: flow is {flow!r}: must be 0 or more, or inf")
-        if leader is not None and leader.rear < station:
-            raise InputError(
-                f"speed planner: gap {leader.rear - station:g} m to the vehicle ahead: must be 0 "
-                "or more"
-            )
 
     def _asked(self, road: RoadProfile, nodes: FloatArray) -> FloatArray:
         """Speeds asked of the truck (n + 1,): more than planned where the plan uses all its power.
@@ -293,12 +268,7 @@ def fallback_plan(
 ) -> tuple[FloatArray, str]:
     """Node speeds (n + 1,) of the first valid of last plan, schedule and cruise, and its name.
 
-    Args:
-      trip: of the truck.
-      road: ahead.
-      speed: at its first node [m/s].
-      leader: vehicle ahead, if any.
-      last: the last plan, if any.
+    The road begins at the truck's station, with a speed [m/s].
     """
     schedule, start = trip.ahead_of(float(road.station[0])), float(road.station[0])
     if last is not None and last.station[-1] - start > _KEEP:
@@ -311,7 +281,7 @@ def fallback_plan(
             return held, "schedule"
     slowest = braking_speeds(trip.vehicle, road, speed)
     try:
-        held = cruise_from(trip.vehicle, road, trip.config.v_ref, speed, slowest)
+        held = cruise(trip.vehicle, road, trip.config.v_ref, speed, slowest)
     except PlanningError:
         # Not even that can be driven: ask for the limits.
         held = np.minimum(road.v_limit, trip.config.v_ref)
@@ -324,13 +294,11 @@ def _holds(
     trip: PccTrip, road: RoadProfile, held: FloatArray, speed: float, leader: Leader | None
 ) -> bool:
     """Whether node speeds begin at the truck's, keep the limits and stay behind the leader."""
-    near = abs(held[0] - speed) < _KEEP_SPEED
-    lawful = bool((held[1:] <= road.v_limit[1:] + 1e-6).all())
-    settings = trip.receding.leader
-    if not (near and lawful) or leader is None:
-        return near and lawful
-    if leader.pace < settings.jam:
+    settings, lawful = trip.receding.leader, (held[1:] <= road.v_limit[1:] + 1e-6).all()
+    if not (abs(held[0] - speed) < _KEEP_SPEED and lawful):
         return False
+    if leader is None or leader.pace < settings.jam:
+        return leader is None
     try:
         constraint = constraint_behind(leader, trip.vehicle, road, speed, settings)
     except PlanningError:

@@ -42,15 +42,9 @@ _GAIN_AHEAD = 500.0  # [m] within which a lane change must pay
 class RoadLimits:
     """Greatest speeds over station that the trajectory planner will allow.
 
-    They are that planner's own bounds, so that plan, schedule and lag belong to a drive that can be
-    driven: the map's limits with the changing signs over them, bends limited by comfort and by the
-    truck's roll-over margin, each approached at its gentle deceleration.
-
-    Args:
-      route: the truck's road.
-      step: between the nodes of plans [m].
-      planner: settings of the trajectory planner.
-      parameters: of the truck, with its payload's height.
+    The map's limits with the changing signs over them, bends limited by comfort and by the truck's
+    roll-over margin, each approached at the planner's gentle deceleration. `step` is that between
+    the nodes of plans [m].
     """
 
     def __init__(
@@ -64,10 +58,7 @@ class RoadLimits:
         self._limit: FloatArray = np.empty(0)
 
     def update(self, scene: Scene) -> bool:
-        """Takes the signs and the mass of a scene; returns whether the limits have changed.
-
-        Args:
-          scene: the truck, its mass and lane, and the signs.
+        """Takes signs, lane and mass of a scene; returns whether the limits have changed.
 
         Raises:
           InputError: a zone's limit is not a positive number, or its ends are not finite.
@@ -115,15 +106,11 @@ class FlowConfig:
     presence: float = 0.5
 
     def __post_init__(self) -> None:
-        """Raises InputError for numbers that are not finite or not above 0."""
         require_positive(self, *vars(self))
 
 
 class Flow:
-    """Filtered mean speed of the vehicles ahead.
-
-    A plan that counts on being faster than the traffic, as downhill, would be late.
-    """
+    """Filtered mean speed of the vehicles ahead: a plan to be faster would be late."""
 
     def __init__(self, config: FlowConfig | None = None) -> None:
         self.config = config or FlowConfig()
@@ -137,10 +124,7 @@ class Flow:
     def update(self, time: float, station: float, vehicles: Iterable[TrackedVehicle]) -> float:
         """Greatest mean speed that the traffic allows [m/s]; inf without traffic.
 
-        Args:
-          time: now [s].
-          station: of the truck [m].
-          vehicles: those in sight.
+        `time` [s] and `station` [m] are the truck's, `vehicles` those in sight.
         """
         config = self.config
         ahead = [
@@ -161,13 +145,9 @@ class Flow:
 
 @dataclass(frozen=True)
 class PccReport:
-    """Plans of PCC in a drive.
+    """Plans by status, those not optimal by reason, times of solves [s], price now, lag now.
 
-    Attributes:
-      plans: number by status; solve_time: of every solve [s]; reasons: number by reason why a plan
-        is not optimal.
-      price: of a second now [kg/s]; lag: behind the schedule now [s], NaN without one.
-      schedules: number made so far.
+    Price of a second [kg/s]; lag behind the schedule [s], NaN without one.
     """
 
     plans: dict[str, int]
@@ -202,13 +182,10 @@ class PccReference:
           route: the truck's road, with the limits and curve speeds of the plans.
           config: set speed and band.
           parameters: of the truck.
-          receding: settings.
+          receding: settings of the plans.
           appointment: the wanted end of the trip; default: the road's end.
-          period: between two plans [s].
+          period: between two plans [s]; InputError unless above 0.
           planner: settings of the trajectory planner, with the speed in bends.
-
-        Raises:
-          InputError: the period is not above 0.
         """
         if not math.isfinite(period) or period <= 0.0:
             raise InputError(f"period = {period!r} s is not allowed: use a number above 0")
@@ -290,12 +267,7 @@ class PccReference:
         planner = self.planner
         if planner is None or abs(ego.mass / planner.vehicle.mass - 1.0) > _MASS_CHANGE:
             planner = RecedingPlanner(
-                self.road,
-                self._parameters,
-                ego.mass,
-                self.config,
-                self.receding,
-                self.appointment,
+                self.road, self._parameters, ego.mass, self.config, self.receding, self.appointment
             )
             self.planner = planner
         return planner

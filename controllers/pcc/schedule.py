@@ -1,9 +1,8 @@
 """The schedule of a trip: clock, price of a second and worth of speed over station.
 
-One optimization of the whole road gives all three. A short horizon needs them in place of the road
-beyond its end: with the price of time as running cost and the worth of kinetic energy at its end,
-the plan over 5 km is a piece of the plan over the whole road (Bellman's principle, to first order
-in the speed at the horizon's end). A lag behind the clock raises the price.
+One optimization of the whole road gives all three, which a short horizon needs in place of the road
+beyond its end: with them its plan is a piece of the plan over the whole road (Bellman's principle,
+to first order in the speed at the horizon's end). A lag behind the clock raises the price.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from controllers.pcc.planner import PccConfig, lower_speeds
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.solver import solve
 from controllers.pcc.task import Solution, SpeedTask
-from controllers.pcc.vehicle import PointMass, durations, full_power_speed, passing_times
+from controllers.pcc.vehicle import PointMass, cruise, durations, full_power_speed, passing_times
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import PlanningError
 
@@ -67,10 +66,8 @@ class Schedule:
     def due(self, station: float) -> float:
         """Planned time of passing a station [s]; v^2 is linear between nodes."""
         k = int(np.clip(np.searchsorted(self.station, station) - 1, 0, self.station.size - 2))
-        return float(
-            self.clock[k]
-            + 2.0 * (station - self.station[k]) / (self.speed[k] + self.speed_at(station))
-        )
+        way, sums = station - self.station[k], self.speed[k] + self.speed_at(station)
+        return float(self.clock[k] + 2.0 * way / sums)
 
     def speed_at(self, station: float | FloatArray) -> FloatArray:
         """Planned speed [m/s]."""
@@ -87,9 +84,8 @@ class Schedule:
     def price_at(self, vehicle: PointMass, station: float, time: float) -> float:
         """Price of a second for a truck at a station and time [kg/s].
 
-        The rest of the trip must be driven faster by the share of its time that was lost, or by
-        which the schedule itself is late; the price changes as on the level between these two mean
-        speeds.
+        The rest of the trip must be faster by the share of its time that was lost; the price
+        changes as on the level between these two mean speeds.
         """
         planned = max(float(self.clock[-1]) - self.due(station), 1e-3)
         left = max(float(self.clock[-1]) - self.late - time, 1e-3)
@@ -107,7 +103,7 @@ def least_price(vehicle: PointMass) -> float:
 def level_price(vehicle: PointMass, speed: float) -> float:
     """Price of a second for which a speed is optimal on the level [kg/s]; negative if very slow.
 
-    The cost of a metre is `f0/v + f1 R/eta + f2 R^2 v/eta^2 + price/v` with R = m g c + k v^2; its
+    The cost of a meter is `f0/v + f1 R/eta + f2 R^2 v/eta^2 + price/v` with R = m g c + k v^2; its
     derivative by v is zero at the best speed.
     """
     fuel, eta, k = vehicle.fuel, vehicle.efficiency, vehicle.drag
@@ -180,7 +176,7 @@ def make_schedule(
       PlanningError: full power does not carry the truck, or the optimization fails.
     """
     slowest = braking_speeds(vehicle, road, speed)
-    held = cruise_from(vehicle, road, config.v_ref, speed, slowest)
+    held = cruise(vehicle, road, config.v_ref, speed, slowest)
     wanted = float(durations(held, road).sum()) * (1.0 + slack)
     if arrival is not None:
         wanted = arrival - time
@@ -247,11 +243,3 @@ def _held_back(
         # A higher price and a higher top speed both are faster.
         low, high = (low, middle) if took < wanted else (middle, high)
     return found, price, top
-
-
-def cruise_from(
-    vehicle: PointMass, road: RoadProfile, v_set: float, speed: float, slowest: FloatArray
-) -> FloatArray:
-    """Node speeds (n + 1,) of a cruise that begins at any speed; faster ones brake first."""
-    cap = np.maximum(np.minimum(road.v_limit, v_set), slowest)
-    return full_power_speed(vehicle, road, speed, cap)

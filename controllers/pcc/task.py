@@ -1,10 +1,4 @@
-"""The speed-planning problem of one road, its solution, and the reason where there is none.
-
-`require_feasible` tests necessary conditions before a problem is solved, each in one pass over the
-nodes: bounds that leave no speed, limits that the brakes cannot meet, climbs beyond full power, an
-end speed out of reach, a trip time that is too short, a vehicle ahead that even full braking would
-reach too early.
-"""
+"""The speed-planning problem of one road, its solution, and the reason where there is none."""
 
 from __future__ import annotations
 
@@ -25,9 +19,8 @@ _SLACK = 1e-6  # [m2/s2] and relative: rounding of the passes themselves
 class SpeedTask:
     """Find the speed over a road that costs least, in the distance domain.
 
-    The cost is the paper's (section on the fuel-efficient speed planner): fuel and k_a a^2 over
-    time, here with prices of trip time and end speed. Its limit on the station over time,
-    `s <= s_leader(t)`, becomes an earliest time of passing each node.
+    The cost is the paper's (section on the fuel-efficient speed planner), with prices of trip time
+    and end speed. Its limit `s <= s_leader(t)` becomes an earliest time of passing each node.
 
     Attributes:
       vehicle: the truck.
@@ -93,16 +86,14 @@ class SpeedTask:
 class Solution:
     """The optimal speed of a task.
 
-    The multipliers (`time_price`, `costate`, `interval_price`) are NaN where the method does not
-    solve in the distance domain.
-
     Attributes:
       speed: at the nodes, shape (n + 1,) [m/s]; the last may miss its bound by 0.02 m/s after a
         long climb at full power.
       cost: of the task [kg]; fuel: the share of fuel in it [kg].
       method: that found it; status: "optimal".
       iterations: of the method; solve_time: wall time with set-up [s].
-      time_price: what a second of the trip time costs [kg/s].
+      time_price: what a second of the trip time costs [kg/s]; this and the arrays below are NaN if
+        the method is not in the distance domain.
       costate: how much less is burnt after a node for a little more v^2 there, shape (n + 1,)
         [kg/(m2/s2)]; at the last node, what v^2 there costs before it.
       interval_price: what a second in an interval costs by trip time and vehicle ahead, shape (n,)
@@ -123,6 +114,8 @@ class Solution:
 
 def require_feasible(task: SpeedTask) -> FloatArray:
     """Greatest node speeds (n + 1,) that any drive of the task can have.
+
+    Checks necessary conditions, each in one pass over the nodes.
 
     Raises:
       PlanningError: no drive keeps to the task's limits, with the reason.

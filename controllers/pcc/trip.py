@@ -1,8 +1,7 @@
 """The state of a trip for the receding horizon: destination, schedule, and the road ahead.
 
 All plans on a free road share the grid that ends at the destination, so that the short horizon's
-problem is a piece of the schedule's. A lag behind the schedule raises the price of a second; a
-lasting one makes a new schedule.
+problem is a piece of the schedule's.
 """
 
 from __future__ import annotations
@@ -65,7 +64,6 @@ class RecedingConfig:
     replan_length: float = 50_000.0
 
     def __post_init__(self) -> None:
-        """Raises InputError for numbers outside their bounds."""
         require_positive(self, "horizon", "step", "resync", "replan_lag", "replan_flow")
         require_positive(self, "replan_period", "replan_length")
         if math.isnan(self.time_limit) or self.time_limit <= 0.0:
@@ -91,7 +89,6 @@ class Appointment:
     speed: float | None = None
 
     def __post_init__(self) -> None:
-        """Raises InputError for numbers that are not finite."""
         for name in ("station", "time", "speed"):
             value = getattr(self, name)
             if value is not None and not math.isfinite(value):
@@ -237,12 +234,9 @@ class PccTrip:
         return replace(road, v_limit=np.minimum(road.v_limit, cap))
 
     def horizon(self, start: PlanStart, sight: float, *, free: bool) -> RoadProfile:
-        """The road of a plan, at most to the end of the trip.
+        """The road of a plan of length `sight` [m], at most to the end of the trip.
 
-        Args:
-          start: of the plan.
-          sight: length of the plan [m].
-          free: whether no vehicle is ahead in the truck's lane.
+        `free` says that no vehicle is ahead in the truck's lane.
         """
         schedule = self.ahead_of(start.station)
         if schedule is not None:

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.pcc.fuel import FuelMap, Willans
+from controllers.pcc.fuel import Willans
 from controllers.pcc.profile import RoadProfile
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import PlanningError
 from iits_mj.core.units import GRAVITY
-from iits_mj.parameters import TruckParameters
 
 _CRAWL = 2.0  # [m/s]
 
@@ -40,52 +39,12 @@ class PointMass:
     brake_max: float
     fuel: Willans
 
-    @classmethod
-    def of(
-        cls,
-        parameters: TruckParameters,
-        fuel_map: FuelMap,
-        mass: float,
-        v_min: float,
-        v_max: float,
-        deceleration_max: float = 1.5,
-    ) -> PointMass:
-        """The truck of given mass [kg] in a band of speeds [m/s].
-
-        Raises:
-          PlanningError: at some speed of the band no gear runs.
-        """
-        engine, tires = parameters.engine, parameters.tires
-        turning = sum(
-            2.0 * axle.wheel_inertia_spin / tires[axle.tire].rolling_radius ** 2
-            for axle in parameters.axles
-        )
-        turning += engine.inertia * float(fuel_map.gear_speed[-1]) ** 2
-        air = parameters.aerodynamics
-        band = np.linspace(v_min, v_max, 60)
-        powers = fuel_map.power_max(band)
-        if powers.min() <= 0.0:
-            v = float(band[int(powers.argmin())])
-            raise PlanningError(f"no gear runs at {v:.1f} m/s: change v_min or v_max of the band")
-        fuel = fuel_map.fit(v_min, v_max)
-        return cls(
-            mass=mass,
-            inertial_mass=mass + turning,
-            rolling=parameters.tire_common.rolling_resistance,
-            drag=0.5 * air.density * air.drag_area,
-            efficiency=fuel_map.efficiency,
-            power_max=fuel_map.full_power(),
-            power_drag=fuel.overrun_power,
-            brake_max=mass * deceleration_max,
-            fuel=fuel,
-        )
-
     def slope_force(self, grade: FloatArray) -> FloatArray:
-        """Work of grade and tires for each metre of station [N].
+        """Work of grade and tires for each meter of station [N].
 
-        Stations are horizontal, as OpenDRIVE has them, and `grade` is dz/ds: the weight does
-        exactly m g dz, and the tires, with m g cos on ds / cos of road, exactly m g c ds. The
-        cosine of inertia and air, which act along the road, is neglected: 0.1 % on a grade of 5 %.
+        Stations are horizontal and `grade` is dz/ds: the weight does exactly m g dz, the tires,
+        with m g cos on ds / cos of road, exactly m g c ds. The cosine of inertia and air is left
+        out: 0.1 % on a grade of 5 %.
         """
         return np.asarray(self.mass * GRAVITY * (grade + self.rolling))
 
@@ -217,9 +176,17 @@ def _end_speed(v: float, a: float, c: float, work: float) -> float:
     return w
 
 
-def cruise(vehicle: PointMass, road: RoadProfile, v_set: float, v_start: float) -> FloatArray:
+def cruise(
+    vehicle: PointMass,
+    road: RoadProfile,
+    v_set: float,
+    v_start: float,
+    slowest: FloatArray | float = 0.0,
+) -> FloatArray:
     """Node speeds of a constant-speed cruise: slower on climbs beyond full power, braked downhill.
 
-    The same engine, brakes and limits as the plan's; it slows down in time for lower limits.
+    It has the plan's engine, brakes and limits and slows down in time for lower limits. A start
+    above them needs `slowest`, the speeds of braking from there.
     """
-    return full_power_speed(vehicle, road, v_start, np.minimum(road.v_limit, v_set))
+    cap = np.maximum(np.minimum(road.v_limit, v_set), slowest)
+    return full_power_speed(vehicle, road, v_start, cap)

@@ -58,12 +58,7 @@ class Step:
 
 
 class LaneChoice:
-    """Paths of lanes, and which lane the truck may go to apart from traffic.
-
-    Args:
-      preview: of the road.
-      config: settings of the planner.
-    """
+    """Paths of lanes, and which lane the truck may go to apart from traffic."""
 
     def __init__(self, preview: RoadPreview, config: PlannerConfig) -> None:
         self._preview = preview

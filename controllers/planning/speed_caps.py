@@ -68,12 +68,7 @@ def _reference(station: FloatArray, profile: SpeedProfile, ego: EgoState) -> Spe
 
 
 class SpeedCaps:
-    """Limits, reference, comfort and rollover margin as one bound on the speed over station.
-
-    Args:
-      preview: of the road.
-      config: of the planner.
-    """
+    """Limits, reference, comfort and rollover margin as one bound on the speed over station."""
 
     def __init__(self, preview: RoadPreview, config: PlannerConfig) -> None:
         self.preview = preview

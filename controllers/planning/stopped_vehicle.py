@@ -109,12 +109,7 @@ def _is_alone(
 
 
 class StoppedLeader:
-    """Remembers how long the truck has been waiting behind which stopped vehicle.
-
-    Args:
-      preview: of the road.
-      config: settings of the planner.
-    """
+    """Remembers how long the truck has been waiting behind which stopped vehicle."""
 
     def __init__(self, preview: RoadPreview, config: PlannerConfig) -> None:
         self._preview = preview
@@ -127,10 +122,6 @@ class StoppedLeader:
 
     def passes(self, scene: Scene, path: LanePath) -> tuple[bool, str]:
         """Whether the truck passes the stopped vehicle ahead without a decision; else why not.
-
-        Args:
-          scene: the truck and the traffic.
-          path: of the truck's lane.
 
         Returns:
           The reason is "" where no vehicle is stopped ahead.

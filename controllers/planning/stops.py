@@ -203,11 +203,6 @@ def _check(light: TrafficLight) -> None:
 class Stops:
     """Finds the places to stand at, in every cycle.
 
-    Args:
-      preview: of the road.
-      config: settings of the planner.
-      parameters: of the truck.
-
     Attributes:
       light: what the next light demands; bend_reason: why the truck waits before a bend.
     """

@@ -82,12 +82,7 @@ class Sweep:
 
 
 class TightBends:
-    """The tight bends of a road, and how long the truck has waited before one.
-
-    Args:
-      preview: of the road.
-      parameters: of the truck.
-    """
+    """The tight bends of a road, and how long the truck has waited before one."""
 
     def __init__(self, preview: RoadPreview, parameters: TruckParameters) -> None:
         self.preview = preview

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from controllers.tracking.lateral import USED, LateralConfig, LateralController, check_finite
@@ -55,16 +55,8 @@ class Tracker:
           InputError: a value of the state that the controllers use is not finite.
         """
         check_finite(ego, _USED)
-        speed = self.longitudinal.command(ego, trajectory, self.grade(ego))
-        return VehicleCommand(
-            accelerator_pedal=speed.pedal,
-            xbr_demand=speed.xbr_demand,
-            xbr_mode=speed.xbr_mode,
-            steering_wheel_angle=self.lateral.steer(ego, trajectory),
-            engine_brake=speed.engine_brake,
-            retarder=speed.retarder,
-            xbr_ebi_mode=speed.xbr_ebi_mode,
-        )
+        command = self.longitudinal.command(ego, trajectory, self.grade(ego))
+        return replace(command, steering_wheel_angle=self.lateral.steer(ego, trajectory))
 
     def grade(self, ego: EgoState) -> float:
         """Grade under the combination, tractor and trailer weighted by mass."""

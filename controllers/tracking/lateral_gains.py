@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 from bisect import bisect
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
@@ -124,23 +125,24 @@ class Gains(NamedTuple):
 
 @dataclass(frozen=True)
 class LateralGains:
-    """Gains over the speed grid; one row of `rows` packs those of a speed."""
+    """Gains at the speeds of a grid [m/s]."""
 
     speed: tuple[float, ...]
-    rows: FloatArray
+    gains: tuple[Gains, ...]
 
     @classmethod
     def design(cls, model: LateralModel, config: LateralConfig) -> LateralGains:
         """Solves the Riccati equation at every speed of the grid."""
-        rows = [_pack(_design(model, speed, config)) for speed in config.speed_grid]
-        return cls(config.speed_grid, np.array(rows))
+        grid = config.speed_grid
+        return cls(grid, tuple(_design(model, speed, config) for speed in grid))
 
     def at(self, speed: float) -> Gains:
         """The gains interpolated at a speed [m/s], clamped to the grid."""
         grid = self.speed
         row = min(max(bisect(grid, speed) - 1, 0), len(grid) - 2)
         share = min(max((speed - grid[row]) / (grid[row + 1] - grid[row]), 0.0), 1.0)
-        return _unpack((1.0 - share) * self.rows[row] + share * self.rows[row + 1])
+        pairs: Iterable[tuple[Any, Any]] = zip(self.gains[row], self.gains[row + 1], strict=True)
+        return Gains(*((1.0 - share) * low + share * high for low, high in pairs))
 
 
 def _design(model: LateralModel, speed: float, config: LateralConfig) -> Gains:
@@ -185,20 +187,3 @@ def state_weight(speed: float, config: LateralConfig) -> FloatArray:
     weight += config.articulation_weight * np.outer(swing, swing)
     weight[8, 8] = config.integral_weight
     return weight
-
-
-def _pack(gains: Gains) -> FloatArray:
-    parts = (gains.feedback, gains.disturbance, gains.motion.ravel(), gains.blame.ravel())
-    return np.concatenate([*parts, gains.balance, [gains.response], gains.preview])
-
-
-def _unpack(row: FloatArray) -> Gains:
-    return Gains(
-        feedback=row[:9],
-        disturbance=row[9:12],
-        motion=row[12:27].reshape(3, 5),
-        blame=row[27:36].reshape(3, 3),
-        balance=row[36:39],
-        response=float(row[39]),
-        preview=row[40:],
-    )

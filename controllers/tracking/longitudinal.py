@@ -21,7 +21,7 @@ from controllers.tracking.driveline_inverse import (
     share_out,
     xbr_deceleration,
 )
-from iits_mj.core.messages import EgoState, Trajectory, XbrEbiMode, XbrMode
+from iits_mj.core.messages import EgoState, Trajectory, VehicleCommand, XbrEbiMode, XbrMode
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 
@@ -106,18 +106,6 @@ class LongitudinalConfig:
         return error - min(max(error, -band), band)
 
 
-@dataclass(frozen=True, slots=True)
-class SpeedCommand:
-    """Pedal 0..1, XBR demand [m/s2] (<= 0) and its modes, engine brake and retarder 0..1."""
-
-    pedal: float
-    xbr_demand: float
-    xbr_mode: XbrMode
-    xbr_ebi_mode: XbrEbiMode
-    engine_brake: float
-    retarder: float
-
-
 class SpeedView:
     """A trajectory prepared for lookups of speed and acceleration by time.
 
@@ -196,8 +184,8 @@ class LongitudinalController:
         self._gear = 1
         self._view: SpeedView | None = None
 
-    def command(self, ego: EgoState, trajectory: Trajectory, grade: float) -> SpeedCommand:
-        """Commands of pedal and brakes.
+    def command(self, ego: EgoState, trajectory: Trajectory, grade: float) -> VehicleCommand:
+        """The command of pedal and brakes, without steering.
 
         Args:
           ego: the truck.
@@ -255,7 +243,7 @@ class LongitudinalController:
             max(planned, soon) <= config.go_speed or abs(ego.speed) < 0.05
         )
 
-    def _hold(self, ego: EgoState, grade: float, soon: float) -> SpeedCommand:
+    def _hold(self, ego: EgoState, grade: float, soon: float) -> VehicleCommand:
         """Commands at standstill, and of a start without rolling back."""
         config, inverse = self.config, self.inverse
         self._integral = 0.0
@@ -382,12 +370,12 @@ class LongitudinalController:
         if phase is not self.phase:
             self.phase, self._since = phase, 0.0
 
-    def _output(self) -> SpeedCommand:
+    def _output(self) -> VehicleCommand:
         active = self._demand > 0.0
         pedal = min(max(self._pedal, 0.0), 1.0)
         self._kick_down.follow(pedal)
-        return SpeedCommand(
-            pedal=pedal,
+        return VehicleCommand(
+            accelerator_pedal=pedal,
             xbr_demand=-self._demand if active else 0.0,
             xbr_mode=XbrMode.MAXIMUM if active else XbrMode.OFF,
             xbr_ebi_mode=(

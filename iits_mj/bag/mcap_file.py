@@ -1,4 +1,4 @@
-"""Writes a drive into a bag while it is driven."""
+"""Writes a drive into a ROS 2 bag, and reads its messages back."""
 
 from __future__ import annotations
 
@@ -12,8 +12,17 @@ from pathlib import Path
 from typing import Any, Final
 
 import iits_mj
-from iits_mj.bag import message_types
-from iits_mj.bag.message_types import MESSAGES, Decided, Standard, decode, encode, type_name
+from iits_mj.bag.message_types import (
+    CAN_FRAME,
+    CAN_TYPE,
+    MESSAGES,
+    Decided,
+    StandardMessages,
+    decode,
+    definition,
+    encode,
+    type_name,
+)
 from iits_mj.core.context import Finishing
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Scene, Trajectory, VehicleCommand
@@ -25,25 +34,23 @@ from iits_mj.simulation.frame import Frame
 from iits_mj.simulation.lock_step import LockStep, Observer
 from iits_mj.simulation.loop import Simulation
 
-# --- The types of a bag: ROS 2's own, CAN frames, and ours ---
-
-REMEDY = "pip install 'iits-mj[ros]'"
-
-# Topic to type: the paper's module boundaries, then what others show or convert.
+# Version of the bag format.
+VERSION: Final = 9
+# Topic to type: the paper's module boundaries, then messages for viewers and converters.
 TOPICS = {
     "/drive": "std_msgs/msg/String",
-    "/traffic/scene": message_types.type_name(message_types.Scene),
-    "/decision": message_types.type_name(message_types.Decided),
-    "/planning/trajectory": message_types.type_name(message_types.Trajectory),
-    "/control/command": message_types.type_name(message_types.VehicleCommand),
-    "/vehicle/command": message_types.type_name(message_types.VehicleCommand),
-    "/vehicle/state": message_types.type_name(message_types.EgoState),
+    "/traffic/scene": type_name(Scene),
+    "/decision": type_name(Decided),
+    "/planning/trajectory": type_name(Trajectory),
+    "/control/command": type_name(VehicleCommand),
+    "/vehicle/command": type_name(VehicleCommand),
+    "/vehicle/state": type_name(EgoState),
     "/vehicle/odometry": "nav_msgs/msg/Odometry",
     "/vehicle/twist": "geometry_msgs/msg/TwistStamped",
     "/tf": "tf2_msgs/msg/TFMessage",
     "/traffic/markers": "visualization_msgs/msg/MarkerArray",
     "/planning/path": "nav_msgs/msg/Path",
-    "/can": message_types.CAN_TYPE,
+    "/can": CAN_TYPE,
 }
 
 
@@ -57,27 +64,23 @@ def typestore() -> Any:
     try:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ImportError as error:
-        raise InputError(f"bags need rosbags: {REMEDY}") from error
+        raise InputError("bags need rosbags: pip install 'iits-mj[ros]'") from error
     store = get_typestore(Stores.ROS2_JAZZY)
-    store.register(get_types_from_msg(message_types.CAN_FRAME, message_types.CAN_TYPE))
-    for kind in message_types.MESSAGES:
-        text = message_types.definition(kind)
-        store.register(get_types_from_msg(text, message_types.type_name(kind)))
+    store.register(get_types_from_msg(CAN_FRAME, CAN_TYPE))
+    for kind in MESSAGES:
+        store.register(get_types_from_msg(definition(kind), type_name(kind)))
     return store
-
-
-# --- Reads back what a drive's bag holds of our own messages ---
 
 
 @dataclass(frozen=True)
 class Bag:
-    """What the modules said to each other in a drive, each list in the order of time.
+    """The messages between the modules in a drive, each list in the order of time.
 
     Attributes:
       options: of the drive, as `DriveConfig` has them, files by their names; timestep: [s].
       scenes, trajectories: of every plan; decided: answers of the decision maker.
-      states, wanted, obeyed: of every command: the state it answers, as given, as it reached the
-        truck.
+      states, wanted, obeyed: of every command: the state that it answers, the given command, and
+        the command that reached the truck.
     """
 
     options: dict[str, Any]
@@ -94,10 +97,10 @@ class Bag:
 
         Args:
           map_path: of a drive on another map than the built-in one.
-          **changes: options that are to be others.
+          **changes: options with other values.
 
         Raises:
-          InputError: it was made with other options than there are now, or needs a map.
+          InputError: the bag was made with other options than today's, or needs a map.
         """
         known = {field.name for field in dataclasses.fields(DriveConfig)}
         if set(self.options) != known:
@@ -123,7 +126,7 @@ def read_bag(path: Path) -> Bag:
     """Reads a bag's folder, or the MCAP file in it.
 
     Raises:
-      InputError: rosbags is missing, or this is no bag of a drive of ours.
+      InputError: rosbags is missing, or the bag is not from `BagWriter`.
     """
     found: dict[str, list[Any]] = {}
     for topic, message in _messages(path):
@@ -132,10 +135,10 @@ def read_bag(path: Path) -> Bag:
     missing = [topic for topic in ("/drive", *wanted) if topic not in found]
     if missing:
         raise InputError(f"bag {str(path)!r} is of no drive of ours: it lacks {', '.join(missing)}")
-    told = _told(found["/drive"][0], path)
+    options, timestep = _drive_settings(found["/drive"][0], path)
     return Bag(
-        options=told["options"],
-        timestep=float(told["timestep"]),
+        options=options,
+        timestep=timestep,
         scenes=found["/traffic/scene"],
         trajectories=found["/planning/trajectory"],
         decided=found.get("/decision", []),
@@ -146,7 +149,7 @@ def read_bag(path: Path) -> Bag:
 
 
 def _messages(path: Path) -> Iterator[tuple[str, Any]]:
-    """Topic and message of all that is ours, in the order of time."""
+    """Topics and messages of our own types and of /drive, in the order of time."""
     store = typestore()
     from rosbags.highlevel import AnyReader, AnyReaderError
 
@@ -163,40 +166,36 @@ def _messages(path: Path) -> Iterator[tuple[str, Any]]:
         raise InputError(f"bag {str(path)!r} cannot be read: {error}") from error
 
 
-def _told(text: str, path: Path) -> dict[str, Any]:
+def _drive_settings(text: str, path: Path) -> tuple[dict[str, Any], float]:
+    """Options and timestep from the message on /drive."""
     try:
-        told = json.loads(text)
-        return {"options": dict(told["options"]), "timestep": told["timestep"]}
+        content = json.loads(text)
+        return dict(content["options"]), float(content["timestep"])
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"bag {str(path)!r}: /drive does not hold a drive's options") from error
 
 
-# --- Writes a drive into a bag while it is driven ---
-
-# Of the bag's own format.
-VERSION: Final = 9
-_CAN_PERIOD = 0.01
-
-
 class BagWriter(Finishing, Observer):
-    """Observer that writes a ROS 2 bag; used as a context manager.
+    """Observer that writes the messages of a simulation to a ROS 2 bag; a context manager.
 
-    `/traffic/scene`, `/planning/trajectory`, `/decision` every 100 ms (the last when it is asked),
-    `/control/command`, `/vehicle/command` and `/vehicle/state` every 20 ms: exactly what the
-    modules heard and said. Times are those of the simulation, from 0. `/drive` holds the options.
+    `/traffic/scene` and `/planning/trajectory` every 100 ms, `/decision` when the decision maker is
+    asked, `/control/command`, `/vehicle/command` and `/vehicle/state` every 20 ms: exactly the
+    messages between the modules. Times are those of the simulation, from 0. `/drive` holds the
+    options.
 
     Args:
-      folder: of the bag, made here: `metadata.yaml` and the MCAP file, as `ros2 bag` makes them.
+      folder: of the new bag, with `metadata.yaml` and the MCAP file, as `ros2 bag` makes them.
       simulation: at its start.
 
     Attributes:
       count: messages written.
 
     Raises:
-      InputError: rosbags is missing, the folder exists or cannot be made, or nobody's stack drives.
+      InputError: rosbags is missing, the folder exists or cannot be made, or no stack drives.
     """
 
-    period = _CAN_PERIOD
+    # [s], for the reports on the bus.
+    period = 0.01
     reads_bus = True
 
     def __init__(self, folder: Path, simulation: Simulation) -> None:
@@ -205,9 +204,8 @@ class BagWriter(Finishing, Observer):
         self._store = typestore()
         self._stack = simulation.stack
         self._asked = 0
-        make = self._store.types.__getitem__
-        self._make = make
-        self._standard = Standard(make, simulation.truck.parameters)
+        self._make = self._store.types.__getitem__
+        self._standard = StandardMessages(self._make, simulation.truck.parameters)
         self._sender = TruckSender(simulation.truck.parameters)
         self._writer = _open(folder)
         self._connections = {
@@ -215,14 +213,16 @@ class BagWriter(Finishing, Observer):
             for topic, kind in TOPICS.items()
         }
         options = stored_options(simulation.config)
-        told = {"version": iits_mj.__version__, "timestep": simulation.timestep, "options": options}
-        self._write("/drive", 0.0, self._standard.text(json.dumps(told)))
+        about = {"version": iits_mj.__version__, "timestep": simulation.timestep}
+        text = json.dumps(about | {"options": options})
+        self._write("/drive", 0.0, self._standard.text(text))
         self._truck = simulation.truck
 
     def planned(self, scene: Scene, trajectory: Trajectory) -> None:
-        """Writes a scene, what was decided and planned in it, and how they look."""
+        """Writes a scene with its decision and plan, and their standard messages."""
         time, standard = scene.time, self._standard
-        self._write("/traffic/scene", time, encode(_plain(scene), self._make))
+        plain = dataclasses.replace(scene, vehicles=tuple(scene.vehicles))
+        self._write("/traffic/scene", time, encode(plain, self._make))
         self._write("/traffic/markers", time, standard.markers(time, scene.vehicles))
         if self._stack.decisions != self._asked:
             self._asked = self._stack.decisions
@@ -232,7 +232,7 @@ class BagWriter(Finishing, Observer):
         self._write("/planning/path", time, standard.path(time, trajectory))
 
     def commanded(self, ego: EgoState, wanted: VehicleCommand, obeyed: VehicleCommand) -> None:
-        """Writes the state and the commands that answer it."""
+        """Writes a state and the commands that answer it."""
         time, standard = ego.time, self._standard
         self._write("/vehicle/state", time, encode(ego, self._make))
         self._write("/vehicle/odometry", time, standard.odometry(ego))
@@ -242,7 +242,7 @@ class BagWriter(Finishing, Observer):
         self._write("/vehicle/command", time, encode(obeyed, self._make))
 
     def observe(self, simulation: LockStep, frame: Frame) -> None:
-        """Writes the truck's reports on the bus that are due."""
+        """Writes the truck's reports that are due on the bus."""
         del simulation
         state = dataclasses.replace(frame.ego, time=round(frame.time, 6))
         for report in self._sender.frames(state, self._truck.report()):
@@ -255,7 +255,7 @@ class BagWriter(Finishing, Observer):
             self._writer = None
 
     def abandon(self) -> None:
-        """Leaves no bag behind."""
+        """Deletes the unfinished bag."""
         if self._writer is not None:
             self._writer.abort()
             self._writer = None
@@ -270,11 +270,6 @@ class BagWriter(Finishing, Observer):
         data = self._store.serialize_cdr(message, connection.msgtype)
         self._writer.write(connection, round(time * 1e9), data)
         self.count += 1
-
-
-def _plain(scene: Scene) -> Scene:
-    """The scene with its vehicles as a tuple."""
-    return dataclasses.replace(scene, vehicles=tuple(scene.vehicles))
 
 
 def _open(folder: Path) -> Any:

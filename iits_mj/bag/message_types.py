@@ -1,8 +1,22 @@
-"""Standard ROS 2 messages of what a drive holds: frames, odometry, twist, markers, path, CAN.
+"""Messages of a bag as ROS 2 types: our own dataclasses, and the standard messages of a drive.
 
-REP 103 and 105: metres and radians, x forward, y left, z up; frames `map`, `tractor` (steer axle's
-centre on the ground) and `trailer` (kingpin, at the tractor's height). Our roll is positive to the
-right and our pitch nose down, as theirs.
+Definitions and conversion of our own types are derived from the dataclasses:
+
+| Python                         | ROS 2                                                  |
+|--------------------------------|--------------------------------------------------------|
+| float, int, bool, str          | float64, int64, bool, string                           |
+| IntEnum                        | int64; other enumerations: string, their value         |
+| arrays and tuples of floats    | float64[]                                              |
+| float or None                  | float64, nan for None                                  |
+| enumeration or None            | string, empty for None                                 |
+| int or None                    | int64[], empty for None                                |
+| dataclass; dataclass or None   | message; message[], empty for None                     |
+| sequence of dataclasses        | message[]                                              |
+| dictionary of floats           | string[] `<field>_names` and float64[] `<field>`       |
+
+Standard messages follow REP 103 and 105: meters and radians, x forward, y left, z up; frames `map`,
+`tractor` (steer axle's center on the ground) and `trailer` (kingpin, at the tractor's height). Our
+roll is positive to the right and our pitch nose down, as theirs.
 """
 
 from __future__ import annotations
@@ -34,176 +48,8 @@ from iits_mj.core.messages import (
 from iits_mj.j1939 import Frame as BusFrame
 from iits_mj.parameters import TruckParameters
 
-# --- Our messages as ROS 2 types: definitions and conversion are made from the dataclasses ---
-# | Python                         | ROS 2                                                  |
-# |--------------------------------|--------------------------------------------------------|
-# | float, int, bool, str          | float64, int64, bool, string                           |
-# | IntEnum                        | int64; other enumerations: string, their value         |
-# | arrays and tuples of floats    | float64[]                                              |
-# | float or None                  | float64, nan for None                                  |
-# | enumeration or None            | string, empty for None                                 |
-# | int or None                    | int64[], empty for None                                |
-# | dataclass; dataclass or None   | message; message[], empty for None                     |
-# | sequence of dataclasses        | message[]                                              |
-# | dictionary of floats           | string[] `<field>_names` and float64[] `<field>`       |
-
 PACKAGE = "iits_msgs/msg"
-
-
-@dataclass(frozen=True, slots=True)
-class Decided:
-    """An answer of the decision maker: when it was asked [s], and what it said."""
-
-    time: float
-    decision: Decision
-
-
-# In the order in which they build on each other.
-MESSAGES = (
-    *(EgoState, EgoFootprint, TrackedVehicle, TrafficLight, SpeedZone, RoadSignals),
-    *(Scene, Trajectory, VehicleCommand, Decided),
-)
-
-
-def type_name(kind: type) -> str:
-    """Name of a dataclass's ROS 2 type."""
-    return f"{PACKAGE}/{kind.__name__}"
-
-
-def definition(kind: type) -> str:
-    """Text of the `.msg` file of a dataclass."""
-    lines = []
-    for field in _fields(kind):
-        if field.form == "dictionary":
-            lines.append(f"string[] {field.name}_names")
-        lines.append(f"{field.ros} {field.name}")
-    return "\n".join(lines) + "\n"
-
-
-def encode(message: Any, make: Callable[[str], type]) -> Any:
-    """A dataclass as an instance of its ROS 2 type.
-
-    Args:
-      message: one of `MESSAGES`.
-      make: class of a ROS 2 type by its name.
-    """
-    kind = typing.cast(Any, type(message))
-    values: dict[str, Any] = {}
-    for field in _fields(kind):
-        value = getattr(message, field.name)
-        if field.form == "dictionary":
-            values[f"{field.name}_names"] = list(value)
-            values[field.name] = np.array(list(value.values()), dtype=np.float64)
-        else:
-            values[field.name] = _encoded(value, field, make)
-    return make(type_name(kind))(**values)
-
-
-def decode(message: Any, kind: type) -> Any:
-    """An instance of a ROS 2 type as the dataclass."""
-    values: dict[str, Any] = {}
-    for field in _fields(kind):
-        value = getattr(message, field.name)
-        if field.form == "dictionary":
-            names = getattr(message, f"{field.name}_names")
-            values[field.name] = dict(zip(names, np.asarray(value).tolist(), strict=True))
-        else:
-            values[field.name] = _decoded(value, field)
-    return kind(**values)
-
-
-@dataclass(frozen=True)
-class _Field:
-    name: str
-    ros: str
-    form: str
-    kind: Any = None
-
-
-@functools.cache
-def _fields(kind: type) -> tuple[_Field, ...]:
-    hints = typing.get_type_hints(kind)
-    return tuple(_field(field.name, hints[field.name]) for field in dataclasses.fields(kind))
-
-
-_PLAIN = {float: "float64", int: "int64", bool: "bool", str: "string"}
-
-
-def _field(name: str, hint: Any) -> _Field:
-    origin, inside = typing.get_origin(hint), typing.get_args(hint)
-    if origin in (typing.Union, types.UnionType):
-        (wanted,) = (part for part in inside if part is not type(None))
-        if wanted is float:
-            return _Field(name, "float64", "float or none")
-        if wanted is int:
-            return _Field(name, "int64[]", "int or none")
-        if dataclasses.is_dataclass(wanted):
-            return _Field(
-                name, f"{type_name(typing.cast(type, wanted))}[]", "message or none", wanted
-            )
-        return _Field(name, "string", "enum or none", wanted)
-    if hint in _PLAIN:
-        return _Field(name, _PLAIN[hint], "plain", hint)
-    if origin is dict:
-        return _Field(name, "float64[]", "dictionary")
-    if dataclasses.is_dataclass(hint):
-        return _Field(name, type_name(typing.cast(type, hint)), "message", hint)
-    if isinstance(hint, type) and issubclass(hint, enum.IntEnum):
-        return _Field(name, "int64", "number enum", hint)
-    if isinstance(hint, type) and issubclass(hint, enum.Enum):
-        return _Field(name, "string", "enum", hint)
-    if inside and dataclasses.is_dataclass(inside[0]):
-        return _Field(name, f"{type_name(typing.cast(type, inside[0]))}[]", "messages", inside[0])
-    if origin is tuple:
-        return _Field(name, "float64[]", "tuple")
-    return _Field(name, "float64[]", "array")
-
-
-def _encoded(value: Any, field: _Field, make: Callable[[str], type]) -> Any:
-    form = field.form
-    if form == "float or none":
-        return math.nan if value is None else float(value)
-    if form == "int or none":
-        return np.array([] if value is None else [value], dtype=np.int64)
-    if form == "message or none":
-        return [] if value is None else [encode(value, make)]
-    if form == "messages":
-        return [encode(part, make) for part in value]
-    if form == "message":
-        return encode(value, make)
-    if form in ("enum", "enum or none"):
-        return "" if value is None else str(value.value)
-    if form in ("tuple", "array"):
-        return np.ascontiguousarray(value, dtype=np.float64)
-    return int(value) if form == "number enum" else field.kind(value)
-
-
-def _decoded(value: Any, field: _Field) -> Any:
-    form, kind = field.form, field.kind
-    if form == "float or none":
-        return None if math.isnan(value) else float(value)
-    if form == "int or none":
-        return int(value[0]) if len(value) else None
-    if form == "message or none":
-        return decode(value[0], kind) if len(value) else None
-    if form == "messages":
-        return tuple(decode(part, kind) for part in typing.cast(Sequence[Any], value))
-    if form == "message":
-        return decode(value, kind)
-    if form == "enum or none" and value == "":
-        return None
-    if form == "tuple":
-        return tuple(np.asarray(value).tolist())
-    if form == "array":
-        return np.array(value, dtype=np.float64)
-    return kind(value)
-
-
-# --- Standard ROS 2 messages of what a drive holds: frames, odometry, twist, markers, path, CAN ---
-
-Make = Callable[[str], type]
-
-# The ROS package can_msgs is not among those that all distributions have.
+# The ROS package can_msgs is not part of every distribution.
 CAN_FRAME = (
     "std_msgs/Header header\nuint32 id\nbool is_rtr\nbool is_extended\nbool is_error\n"
     "uint8 dlc\nuint8[8] data\n"
@@ -216,10 +62,146 @@ _COLORS = {
     "articulated": (0.6, 0.35, 0.8),
 }
 _CUBE, _DELETE_ALL = 1, 3
+_PLAIN = {float: "float64", int: "int64", bool: "bool", str: "string"}
+
+# The class of a ROS 2 type by its name.
+Make = Callable[[str], type]
 
 
-class Standard:
-    """Makes the messages.
+@dataclass(frozen=True, slots=True)
+class Decided:
+    """An answer of the decision maker: when it was asked [s], and its decision."""
+
+    time: float
+    decision: Decision
+
+
+# Each after the messages that it contains.
+MESSAGES = (
+    *(EgoState, EgoFootprint, TrackedVehicle, TrafficLight, SpeedZone, RoadSignals),
+    *(Scene, Trajectory, VehicleCommand, Decided),
+)
+
+
+def type_name(kind: type) -> str:
+    """Name of the ROS 2 type of a dataclass."""
+    return f"{PACKAGE}/{kind.__name__}"
+
+
+def definition(kind: type) -> str:
+    """Text of the `.msg` file of a dataclass."""
+    parts = [part for field in _fields(kind) for part in field.types.items()]
+    return "".join(f"{ros} {name}\n" for name, ros in parts)
+
+
+def encode(message: Any, make: Make) -> Any:
+    """A dataclass, one of `MESSAGES`, as an instance of its ROS 2 type."""
+    values: dict[str, Any] = {}
+    kind: Any = type(message)
+    for field in _fields(kind):
+        parts = field.write(getattr(message, field.name), make)
+        values.update(zip(field.types, parts, strict=True))
+    return make(type_name(kind))(**values)
+
+
+def decode(message: Any, kind: type) -> Any:
+    """An instance of a ROS 2 type as the dataclass."""
+    return kind(
+        **{
+            field.name: field.read(*(getattr(message, part) for part in field.types))
+            for field in _fields(kind)
+        }
+    )
+
+
+@dataclass(frozen=True)
+class _Field:
+    """A field of a dataclass in its ROS 2 message.
+
+    Attributes:
+      name: of the field; types: name in the message to ROS 2 type, several for a dictionary.
+      write: from value and `Make` to the values of `types`; read: back.
+    """
+
+    name: str
+    types: dict[str, str]
+    write: Callable[[Any, Make], tuple[Any, ...]]
+    read: Callable[..., Any]
+
+
+@functools.cache
+def _fields(kind: Any) -> tuple[_Field, ...]:
+    hints = typing.get_type_hints(kind)
+    return tuple(_field(field.name, hints[field.name]) for field in dataclasses.fields(kind))
+
+
+def _is_message(kind: Any) -> bool:
+    return dataclasses.is_dataclass(kind)
+
+
+def _field(name: str, hint: Any) -> _Field:
+    def field(ros: str, write: Callable[[Any, Make], Any], read: Callable[[Any], Any]) -> _Field:
+        return _Field(name, {name: ros}, lambda value, make: (write(value, make),), read)
+
+    origin, inside = typing.get_origin(hint), typing.get_args(hint)
+    kind: Any = hint
+    if origin in (typing.Union, types.UnionType):
+        (kind,) = (part for part in inside if part is not type(None))
+        if kind is float:
+            return field(
+                "float64",
+                lambda v, _: math.nan if v is None else float(v),
+                lambda v: None if math.isnan(v) else float(v),
+            )
+        if kind is int:
+            return field(
+                "int64[]",
+                lambda v, _: np.array([] if v is None else [v], dtype=np.int64),
+                lambda v: int(v[0]) if len(v) else None,
+            )
+        if _is_message(kind):
+            return field(
+                f"{type_name(kind)}[]",
+                lambda v, make: [] if v is None else [encode(v, make)],
+                lambda v: decode(v[0], kind) if len(v) else None,
+            )
+        return field(
+            "string",
+            lambda v, _: "" if v is None else str(v.value),
+            lambda v: None if v == "" else kind(v),
+        )
+    if kind in _PLAIN:
+        return field(_PLAIN[kind], lambda v, _: kind(v), kind)
+    if origin is dict:
+        return _Field(
+            name,
+            {f"{name}_names": "string[]", name: "float64[]"},
+            lambda v, _: (list(v), np.array(list(v.values()), dtype=np.float64)),
+            lambda names, v: dict(zip(names, np.asarray(v).tolist(), strict=True)),
+        )
+    if _is_message(kind):
+        return field(type_name(kind), encode, lambda v: decode(v, kind))
+    if isinstance(kind, type) and issubclass(kind, enum.IntEnum):
+        return field("int64", lambda v, _: int(v), kind)
+    if isinstance(kind, type) and issubclass(kind, enum.Enum):
+        return field("string", lambda v, _: str(v.value), kind)
+    if inside and _is_message(inside[0]):
+        (part, *_) = inside
+        return field(
+            f"{type_name(part)}[]",
+            lambda v, make: [encode(item, make) for item in v],
+            lambda v: tuple(decode(item, part) for item in v),
+        )
+    is_tuple = origin is tuple
+    return field(
+        "float64[]",
+        lambda v, _: np.ascontiguousarray(v, dtype=np.float64),
+        lambda v: tuple(np.asarray(v).tolist()) if is_tuple else np.array(v, dtype=np.float64),
+    )
+
+
+class StandardMessages:
+    """Makes the standard ROS 2 messages: odometry, twist, frames, markers, path, CAN.
 
     Args:
       make: class of a ROS 2 type by its name.
@@ -231,73 +213,61 @@ class Standard:
         self._hitch = parameters.fifth_wheel.position
         self._no_covariance = np.zeros(36)
 
-    def stamp(self, time: float) -> Any:
-        """A time of the simulation [s]."""
-        nanoseconds = round(time * 1e9)
-        return self._make("builtin_interfaces/msg/Time")(
-            sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000
-        )
-
     def odometry(self, ego: EgoState) -> Any:
         """`nav_msgs/Odometry` of the tractor in the map; twist in the tractor's frame."""
-        pose = self._make("geometry_msgs/msg/PoseWithCovariance")(
+        pose = self._new(
+            "geometry_msgs/PoseWithCovariance",
             pose=self._pose(ego.x, ego.y, ego.z, ego.yaw, ego.pitch, ego.roll),
             covariance=self._no_covariance,
         )
-        twist = self._make("geometry_msgs/msg/TwistWithCovariance")(
-            twist=self._twist(ego), covariance=self._no_covariance
+        twist = self._new(
+            "geometry_msgs/TwistWithCovariance",
+            twist=self._twist(ego),
+            covariance=self._no_covariance,
         )
-        return self._make("nav_msgs/msg/Odometry")(
-            header=self._header(ego.time, "map"), child_frame_id="tractor", pose=pose, twist=twist
+        header = self._header(ego.time, "map")
+        return self._new(
+            "nav_msgs/Odometry", header=header, child_frame_id="tractor", pose=pose, twist=twist
         )
 
     def transforms(self, ego: EgoState) -> Any:
         """`tf2_msgs/TFMessage`: map to tractor, tractor to trailer."""
-        place = (ego.x, ego.y, ego.z)
-        trailer = (-self._hitch, 0.0, 0.0)
-        return self._make("tf2_msgs/msg/TFMessage")(
+        place, turn = (ego.x, ego.y, ego.z), (ego.yaw, ego.pitch, ego.roll)
+        hitch, fold = (-self._hitch, 0.0, 0.0), (-ego.articulation, 0.0, 0.0)
+        return self._new(
+            "tf2_msgs/TFMessage",
             transforms=[
-                self._transform(ego.time, "map", "tractor", place, (ego.yaw, ego.pitch, ego.roll)),
-                self._transform(
-                    ego.time, "tractor", "trailer", trailer, (-ego.articulation, 0.0, 0.0)
-                ),
-            ]
+                self._transform(ego.time, "map", "tractor", place, turn),
+                self._transform(ego.time, "tractor", "trailer", hitch, fold),
+            ],
         )
 
     def twist(self, ego: EgoState) -> Any:
         """`geometry_msgs/TwistStamped` of the tractor in its own frame."""
-        return self._make("geometry_msgs/msg/TwistStamped")(
-            header=self._header(ego.time, "tractor"), twist=self._twist(ego)
-        )
+        header = self._header(ego.time, "tractor")
+        return self._new("geometry_msgs/TwistStamped", header=header, twist=self._twist(ego))
 
     def markers(self, time: float, vehicles: Iterable[TrackedVehicle]) -> Any:
-        """`visualization_msgs/MarkerArray`: a box for each vehicle, those before are gone."""
+        """`visualization_msgs/MarkerArray`: removes all boxes, then one for each vehicle."""
         found = [self._marker(time, 0, "", _DELETE_ALL, (0.0,) * 6, (0.0,) * 3, "car")]
-        for number, vehicle in enumerate(vehicles):
-            lift = 0.5 * vehicle.height
-            pose = (
-                vehicle.x,
-                vehicle.y,
-                vehicle.z + lift,
-                vehicle.yaw,
-                vehicle.pitch,
-                vehicle.roll,
-            )
-            size = (vehicle.length, vehicle.width, vehicle.height)
-            found.append(self._marker(time, number, vehicle.id, 0, pose, size, vehicle.kind))
-        return self._make("visualization_msgs/msg/MarkerArray")(markers=found)
+        for number, v in enumerate(vehicles):
+            pose = (v.x, v.y, v.z + 0.5 * v.height, v.yaw, v.pitch, v.roll)
+            size = (v.length, v.width, v.height)
+            found.append(self._marker(time, number, v.id, 0, pose, size, v.kind))
+        return self._new("visualization_msgs/MarkerArray", markers=found)
 
     def path(self, time: float, plan: Trajectory) -> Any:
-        """`nav_msgs/Path` of a plan, each pose with the time it is planned for."""
+        """`nav_msgs/Path` of a plan, each pose with its planned time."""
+        columns = (v.tolist() for v in (plan.time, plan.x, plan.y, plan.z, plan.yaw))
         poses = [
-            self._make("geometry_msgs/msg/PoseStamped")(
-                header=self._header(max(at, 0.0), "map"), pose=self._pose(x, y, z, yaw, 0.0, 0.0)
+            self._new(
+                "geometry_msgs/PoseStamped",
+                header=self._header(max(at, 0.0), "map"),
+                pose=self._pose(x, y, z, yaw, 0.0, 0.0),
             )
-            for at, x, y, z, yaw in zip(
-                *(v.tolist() for v in (plan.time, plan.x, plan.y, plan.z, plan.yaw)), strict=True
-            )
+            for at, x, y, z, yaw in zip(*columns, strict=True)
         ]
-        return self._make("nav_msgs/msg/Path")(header=self._header(time, "map"), poses=poses)
+        return self._new("nav_msgs/Path", header=self._header(time, "map"), poses=poses)
 
     def can(self, frame: BusFrame) -> Any:
         """`can_msgs/Frame`, extended."""
@@ -315,51 +285,57 @@ class Standard:
 
     def text(self, content: str) -> Any:
         """`std_msgs/String`."""
-        return self._make("std_msgs/msg/String")(data=content)
+        return self._new("std_msgs/String", data=content)
 
-    def _header(self, time: float, frame: str) -> Any:
-        return self._make("std_msgs/msg/Header")(stamp=self.stamp(time), frame_id=frame)
-
-    def _vector(self, x: float, y: float, z: float) -> Any:
-        return self._make("geometry_msgs/msg/Vector3")(x=x, y=y, z=z)
-
-    def _twist(self, ego: EgoState) -> Any:
-        return self._make("geometry_msgs/msg/Twist")(
-            linear=self._vector(ego.speed, ego.lateral_speed, 0.0),
-            angular=self._vector(0.0, 0.0, ego.yaw_rate),
-        )
-
-    def _pose(self, x: float, y: float, z: float, yaw: float, pitch: float, roll: float) -> Any:
-        return self._make("geometry_msgs/msg/Pose")(
-            position=self._make("geometry_msgs/msg/Point")(x=x, y=y, z=z),
-            orientation=self._quaternion(yaw, pitch, roll),
-        )
-
-    def _quaternion(self, yaw: float, pitch: float, roll: float) -> Any:
-        """Of a turn by yaw, then pitch, then roll, each about the axis as it is then."""
+    def quaternion(self, yaw: float, pitch: float, roll: float) -> Any:
+        """Rotation by yaw, then pitch, then roll, each about the axis as rotated before."""
         (cy, sy), (cp, sp), (cr, sr) = (
             (math.cos(0.5 * angle), math.sin(0.5 * angle)) for angle in (yaw, pitch, roll)
         )
-        return self._make("geometry_msgs/msg/Quaternion")(
+        return self._new(
+            "geometry_msgs/Quaternion",
             x=sr * cp * cy - cr * sp * sy,
             y=cr * sp * cy + sr * cp * sy,
             z=cr * cp * sy - sr * sp * cy,
             w=cr * cp * cy + sr * sp * sy,
         )
 
+    def _new(self, kind: str, **fields: Any) -> Any:
+        """A message of a type, given as "package/Name"."""
+        package, name = kind.split("/")
+        return self._make(f"{package}/msg/{name}")(**fields)
+
+    def _header(self, time: float, frame: str) -> Any:
+        second, nanosecond = divmod(round(time * 1e9), 1_000_000_000)
+        stamp = self._new("builtin_interfaces/Time", sec=second, nanosec=nanosecond)
+        return self._new("std_msgs/Header", stamp=stamp, frame_id=frame)
+
+    def _vector(self, x: float, y: float, z: float) -> Any:
+        return self._new("geometry_msgs/Vector3", x=x, y=y, z=z)
+
+    def _twist(self, ego: EgoState) -> Any:
+        return self._new(
+            "geometry_msgs/Twist",
+            linear=self._vector(ego.speed, ego.lateral_speed, 0.0),
+            angular=self._vector(0.0, 0.0, ego.yaw_rate),
+        )
+
+    def _pose(self, x: float, y: float, z: float, *angles: float) -> Any:
+        point = self._new("geometry_msgs/Point", x=x, y=y, z=z)
+        orientation = self.quaternion(*angles)
+        return self._new("geometry_msgs/Pose", position=point, orientation=orientation)
+
     def _transform(
-        self,
-        time: float,
-        parent: str,
-        child: str,
-        place: tuple[float, float, float],
-        turn: tuple[float, float, float],
+        self, time: float, parent: str, child: str, place: tuple[float, ...], turn: Sequence[float]
     ) -> Any:
-        return self._make("geometry_msgs/msg/TransformStamped")(
+        return self._new(
+            "geometry_msgs/TransformStamped",
             header=self._header(time, parent),
             child_frame_id=child,
-            transform=self._make("geometry_msgs/msg/Transform")(
-                translation=self._vector(*place), rotation=self._quaternion(*turn)
+            transform=self._new(
+                "geometry_msgs/Transform",
+                translation=self._vector(*place),
+                rotation=self.quaternion(*turn),
             ),
         )
 
@@ -374,7 +350,9 @@ class Standard:
         kind: str,
     ) -> Any:
         red, green, blue = _COLORS.get(kind, (0.6, 0.6, 0.6))
-        return self._make("visualization_msgs/msg/Marker")(
+        nothing = np.zeros(0, dtype=np.uint8)
+        return self._new(
+            "visualization_msgs/Marker",
             header=self._header(time, "map"),
             ns="traffic",
             id=number,
@@ -382,20 +360,21 @@ class Standard:
             action=action,
             pose=self._pose(*pose),
             scale=self._vector(*size),
-            color=self._make("std_msgs/msg/ColorRGBA")(r=red, g=green, b=blue, a=1.0),
-            lifetime=self._make("builtin_interfaces/msg/Duration")(sec=0, nanosec=0),
+            color=self._new("std_msgs/ColorRGBA", r=red, g=green, b=blue, a=1.0),
+            lifetime=self._new("builtin_interfaces/Duration", sec=0, nanosec=0),
             frame_locked=False,
             points=[],
             colors=[],
             texture_resource="",
-            texture=self._make("sensor_msgs/msg/CompressedImage")(
-                header=self._header(time, ""), format="", data=np.zeros(0, dtype=np.uint8)
+            texture=self._new(
+                "sensor_msgs/CompressedImage",
+                header=self._header(time, ""),
+                format="",
+                data=nothing,
             ),
             uv_coordinates=[],
             text=name,
             mesh_resource="",
-            mesh_file=self._make("visualization_msgs/msg/MeshFile")(
-                filename="", data=np.zeros(0, dtype=np.uint8)
-            ),
+            mesh_file=self._new("visualization_msgs/MeshFile", filename="", data=nothing),
             mesh_use_embedded_materials=False,
         )

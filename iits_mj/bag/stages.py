@@ -1,8 +1,7 @@
-"""Runs one module of a recorded drive again, on exactly what it was told, and compares.
+"""Repeats one module of a recorded drive on its recorded inputs and compares the outputs.
 
-The other modules stand still: they are the bag. With the code and the settings of then a stage says
-the same, bit for bit; with another decision maker, planner or truck the comparison shows what that
-one does in the same situations.
+With the same code and settings the outputs are identical, bit for bit. With another decision maker,
+planner or truck the comparison shows how that one differs in the same situations.
 """
 
 from __future__ import annotations
@@ -22,6 +21,7 @@ from controllers.stack import Stack
 from iits_mj.bag.mcap_file import Bag
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import Decision, EgoState, Scene, VehicleCommand
+from iits_mj.core.timing import CONTROL_PERIOD, CYCLE_PERIOD
 from iits_mj.parameters import TruckParameters
 from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.driver import CommandPlayer
@@ -29,19 +29,19 @@ from iits_mj.simulation.loop import Simulation
 from iits_mj.simulation.parts import load_map, make_stack, make_traffic
 from traffic_bridge import VehicleFrame
 
-# Values that are alike or not.
+# Values that are equal or not, without a distance.
 _WORDS = (str, type(None), dict)
 STAGES = ("traffic", "decision", "planning", "control", "vehicle")
 
 
 @dataclass
 class Comparison:
-    """How far a stage's outputs are from the recorded ones.
+    """Differences of a stage's outputs from the recorded ones.
 
     Attributes:
-      stage: which; count: outputs compared; differing: of those, not the same in every bit.
-      first: time of the first that differs [s], None without one.
-      largest: greatest distance of each quantity, by its name; inf where one is not comparable.
+      stage: its name; count: outputs compared; differing: those that are not bit-identical.
+      first: time of the first difference [s], None without one.
+      largest: greatest difference of each quantity by name; inf where it is not comparable.
     """
 
     stage: str
@@ -65,16 +65,16 @@ class Comparison:
 
 
 def run_stage(bag: Bag, stage: str, map_path: Path | None = None, **changes: Any) -> Comparison:
-    """Runs a stage on a bag's inputs.
+    """Repeats a stage on a bag's inputs.
 
     Args:
       bag: of a drive.
       stage: one of `STAGES`.
-      map_path: of a drive on another map than the built-in one.
-      **changes: of the drive's options, to replace a module's settings.
+      map_path: map of the drive; None: the built-in one.
+      **changes: options of the drive that replace the recorded ones.
 
     Raises:
-      InputError: unknown stage, or the drive's options cannot be had again.
+      InputError: unknown stage, or the drive's options cannot be used.
       TrafficError: SUMO failed.
     """
     stages: dict[str, Callable[[Bag, DriveConfig], Comparison]] = {
@@ -89,28 +89,28 @@ def run_stage(bag: Bag, stage: str, map_path: Path | None = None, **changes: Any
     return stages[stage](bag, bag.config(map_path, **changes))
 
 
-class _Recorded:
-    """A decision maker that gives the recorded answers, and may ask another one beside."""
+class _RecordedDecisions:
+    """A decision maker that returns the recorded decisions and may ask another one to compare."""
 
     name = "recorded"
 
-    def __init__(self, bag: Bag, beside: DecisionMaker | None, result: Comparison) -> None:
+    def __init__(self, bag: Bag, other: DecisionMaker | None, result: Comparison) -> None:
         self._decided = bag.decided
-        self._beside, self._result = beside, result
+        self._other, self._result = other, result
         self.reset()
 
     def reset(self) -> None:
         self._next = 0
-        if self._beside is not None:
-            self._beside.reset()
+        if self._other is not None:
+            self._other.reset()
 
     def decide(self, context: DecisionContext) -> Decision:
         if self._next >= len(self._decided):
             raise Error(f"the bag has no decision of t = {context.scene.time:.2f} s")
         then = self._decided[self._next]
         self._next += 1
-        if self._beside is not None:
-            now = dataclasses.replace(then, decision=self._beside.decide(context))
+        if self._other is not None:
+            now = dataclasses.replace(then, decision=self._other.decide(context))
             self._result.add(then.time, then, now)
         return then.decision
 
@@ -122,7 +122,7 @@ def _stack(config: DriveConfig) -> Stack:
 def _decision(bag: Bag, config: DriveConfig) -> Comparison:
     result = Comparison("decision")
     stack = _stack(config)
-    stack.decision_maker = _Recorded(bag, stack.decision_maker, result)
+    stack.decision_maker = _RecordedDecisions(bag, stack.decision_maker, result)
     stack.reset()
     for scene in bag.scenes:
         stack.plan(_framed(scene))
@@ -132,7 +132,7 @@ def _decision(bag: Bag, config: DriveConfig) -> Comparison:
 def _planning(bag: Bag, config: DriveConfig) -> Comparison:
     result = Comparison("planning")
     stack = _stack(config)
-    stack.decision_maker = _Recorded(bag, None, result)
+    stack.decision_maker = _RecordedDecisions(bag, None, result)
     stack.reset()
     for scene, then in zip(bag.scenes, bag.trajectories, strict=True):
         result.add(scene.time, then, stack.plan(_framed(scene)))
@@ -146,7 +146,7 @@ def _control(bag: Bag, config: DriveConfig) -> Comparison:
     plans = iter(zip(bag.scenes, bag.trajectories, strict=True))
     plan, due = None, next(plans, None)
     for ego, then in zip(bag.states, bag.wanted, strict=True):
-        # A plan holds from the instant of its scene on.
+        # A plan is followed from the instant of its scene on.
         while due is not None and due[0].time <= ego.time + 1e-9:
             plan, due = due[1], next(plans, None)
         if plan is None:
@@ -156,7 +156,7 @@ def _control(bag: Bag, config: DriveConfig) -> Comparison:
 
 
 def _vehicle(bag: Bag, config: DriveConfig) -> Comparison:
-    """The truck on an empty road: what it touched in the drive is not there."""
+    """Repeats the truck on an empty road, without the vehicles that it may have touched."""
     result = Comparison("vehicle")
 
     def recorded(number: int, ego: EgoState) -> VehicleCommand:
@@ -171,7 +171,8 @@ def _vehicle(bag: Bag, config: DriveConfig) -> Comparison:
     with Simulation(
         alone, driver=lambda *_: CommandPlayer(recorded), visuals=False, timestep=bag.timestep
     ) as simulation:
-        cycles = math.ceil((bag.states[-1].time - bag.states[0].time + 0.02) / 0.1 - 1e-6)
+        duration = bag.states[-1].time - bag.states[0].time
+        cycles = math.ceil((duration + CONTROL_PERIOD) / CYCLE_PERIOD - 1e-6)
         for _ in range(cycles):
             if not simulation.ended:
                 simulation.cycle()
@@ -193,12 +194,12 @@ def _traffic(bag: Bag, config: DriveConfig) -> Comparison:
 
 
 def _framed(scene: Scene) -> Scene:
-    """The scene with its vehicles as the simulation gives them."""
+    """Returns the scene with its vehicles as the simulation gives them."""
     return dataclasses.replace(scene, vehicles=VehicleFrame.of(scene.vehicles))
 
 
 def _parts(then: Any, now: Any, name: str) -> Iterable[tuple[str, Any, Any]]:
-    """Name and both values of everything in two messages."""
+    """Yields name and both values of every field of two messages."""
     if dataclasses.is_dataclass(then) and type(then) is type(now):
         for part in dataclasses.fields(then):
             inside = f"{name}.{part.name}" if name else part.name
@@ -215,7 +216,7 @@ def _messages(value: Any) -> bool:
 
 
 def _distance(one: Any, other: Any) -> float:
-    """0 where two values are the same in every bit; inf where they cannot be subtracted."""
+    """Returns the difference: 0 for identical bits, inf where values cannot be subtracted."""
     if isinstance(one, _WORDS) or isinstance(other, _WORDS):
         return 0.0 if one == other else math.inf
     try:

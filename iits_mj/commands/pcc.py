@@ -32,7 +32,7 @@ from iits_mj.validation.planning.pcc_accuracy import (
     panels,
     warm_up,
 )
-from iits_mj.validation.planning.pcc_case import PAPER_SAVING_PERCENT, Case, solve
+from iits_mj.validation.planning.pcc_case import PAPER_SAVING_PERCENT, SolvedPlan, solve
 
 METHODS = ("distance", "hermite", "both")
 
@@ -170,7 +170,7 @@ def _is_table(config: Options) -> bool:
     return config.road is not None and config.road.suffix.lower() == ".csv"
 
 
-def checks(case: Case, config: Options, elements: Elements) -> list[Check]:
+def checks(case: SolvedPlan, config: Options, elements: Elements) -> list[Check]:
     """Returns the figures; equal time and end speed are bounds, savings are information."""
     solution = case.solution
     plan, base = solution.plan, solution.baseline

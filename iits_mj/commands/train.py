@@ -18,9 +18,8 @@ from typing import NoReturn
 
 from tqdm import tqdm
 
-from controllers.decision.learning.collection import MakeDrivers, WorldFactory
+from controllers.decision.learning.collection import Interrupted, MakeDrivers, WorldFactory
 from controllers.decision.learning.config import TrainConfig
-from controllers.decision.learning.log import Interrupted
 from controllers.decision.learning.training import train
 from iits_mj.commands.output import prepare_folder
 from iits_mj.core.options import option

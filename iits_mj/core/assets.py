@@ -7,6 +7,8 @@ from pathlib import Path
 from iits_mj.core.errors import InputError
 
 _PACKAGE = Path(__file__).resolve().parents[1]
+# Kinds of vehicles of the traffic, read by the SUMO traffic and by the fast world.
+VEHICLE_TYPES = _PACKAGE / "parameters" / "vehicle_types.toml"
 
 
 def mjcf_dir() -> Path:

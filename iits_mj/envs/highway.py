@@ -1,11 +1,13 @@
 """The paper's decision task for Gymnasium: three actions, the whole truck in SUMO traffic.
 
-`HighwayFastEnv` is the same task without MuJoCo and SUMO, for the first million decisions.
+`HighwayFastEnv` is the same task without MuJoCo and SUMO, for the first million decisions. Both
+drive a world of `controllers.decision.trip`, which has actions, reward and end.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
@@ -14,9 +16,8 @@ from numpy.typing import NDArray
 
 from controllers.decision.fast_world.env import HighwayEnv as FastWorld
 from controllers.decision.observation import OBSERVATION_SIZE
-from controllers.decision.trip import SPAWN_PROBABILITY, RewardTerms, TripConfig, World
+from controllers.decision.trip import ACTIONS, SPAWN_PROBABILITY, RewardTerms, TripConfig, World
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import Decision
 from iits_mj.envs.picture import RENDER_MODES, Picture
 
 if TYPE_CHECKING:
@@ -25,22 +26,36 @@ if TYPE_CHECKING:
 
 Observation = NDArray[np.float32]
 
-ACTIONS = (Decision.LEFT, Decision.KEEP, Decision.RIGHT)
 DENSITIES = {**SPAWN_PROBABILITY, "empty": 0.0}
 
 
 class DecisionEnv(gymnasium.Env[Observation, np.int64]):
-    """What the worlds of the decision task share as environments.
-
-    Args:
-      trip: each episode.
+    """The decision task in a world; the arguments are those of the environments.
 
     Attributes:
       trip: each episode.
     """
 
-    def __init__(self, trip: TripConfig) -> None:
-        self.trip = trip
+    def __init__(
+        self,
+        *,
+        density: str = "medium",
+        traffic_speed: float = 15.0,
+        keeps_right: bool = False,
+        speed: float = 60.0 / 3.6,
+        duration: float = 120.0,
+        payload: float = 36_000.0,
+    ) -> None:
+        if density not in DENSITIES:
+            raise InputError(f"density {density!r} is unknown; allowed are: {', '.join(DENSITIES)}")
+        self.trip = TripConfig(
+            spawn_probability=DENSITIES[density],
+            traffic_speed=traffic_speed,
+            keeps_right=keeps_right,
+            duration=duration,
+            payload=payload,
+            reference_speed=speed,
+        )
         self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (OBSERVATION_SIZE,), np.float32)
         self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
 
@@ -69,20 +84,12 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
         raise NotImplementedError
 
     def _state(self) -> dict[str, Any]:
-        """What `info` tells of the truck."""
+        """Entries of `info` about the truck."""
         raise NotImplementedError
 
     def _info(self, terms: RewardTerms) -> dict[str, Any]:
-        return {
-            **self._state(),
-            **{f"reward_{k}": v for k, v in dataclasses.asdict(terms).items()},
-        }
-
-
-def _trip(density: str, **settings: Any) -> TripConfig:
-    if density not in DENSITIES:
-        raise InputError(f"density {density!r} is unknown; allowed are: {', '.join(DENSITIES)}")
-    return TripConfig(spawn_probability=DENSITIES[density], **settings)
+        rewards = {f"reward_{k}": v for k, v in dataclasses.asdict(terms).items()}
+        return {**self._state(), **rewards}
 
 
 class HighwayEnv(DecisionEnv):
@@ -141,14 +148,12 @@ class HighwayEnv(DecisionEnv):
         self.render_mode = render_mode
         self._picture = Picture(render_mode, camera)
         super().__init__(
-            _trip(
-                density,
-                traffic_speed=traffic_speed,
-                keeps_right=keeps_right,
-                duration=duration,
-                payload=payload,
-                reference_speed=speed,
-            )
+            density=density,
+            traffic_speed=traffic_speed,
+            keeps_right=keeps_right,
+            speed=speed,
+            duration=duration,
+            payload=payload,
         )
         self.payload_height = payload_height
         self.timestep = timestep
@@ -190,7 +195,7 @@ class HighwayEnv(DecisionEnv):
     def _open(self) -> TruckWorld:
         """The world, made at the first reset."""
         if self._world is None:
-            # SUMO is loaded only by those who drive in this environment.
+            # Imported here, so that SUMO is loaded only when this environment is used.
             from iits_mj.simulation.truck_world import TruckWorld
             from iits_mj.suite.physics import add_cameras
 
@@ -204,10 +209,7 @@ class HighwayEnv(DecisionEnv):
 
     @property
     def _simulation(self) -> Simulation:
-        simulation = self._open().simulation
-        if simulation is None:
-            raise InputError("the episode has not begun: call reset first")
-        return simulation
+        return self._open().running
 
     def _state(self) -> dict[str, Any]:
         simulation = self._simulation
@@ -249,27 +251,9 @@ class HighwayFastEnv(DecisionEnv):
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - Gymnasium's way
 
-    def __init__(
-        self,
-        *,
-        density: str = "medium",
-        traffic_speed: float = 15.0,
-        keeps_right: bool = False,
-        speed: float = 60.0 / 3.6,
-        duration: float = 120.0,
-        payload: float = 36_000.0,
-    ) -> None:
-        super().__init__(
-            _trip(
-                density,
-                traffic_speed=traffic_speed,
-                keeps_right=keeps_right,
-                duration=duration,
-                payload=payload,
-                reference_speed=speed,
-            )
-        )
-        self._world = FastWorld()
+    @functools.cached_property
+    def _world(self) -> FastWorld:
+        return FastWorld()
 
     def _open(self) -> FastWorld:
         return self._world

@@ -1,11 +1,9 @@
-"""Fits the truck's parameters to a recorded drive, and says what the drive cannot show."""
+"""Fits the truck's parameters to a recorded drive, with their uncertainty."""
 
 from iits_mj.identification.command import IdentifyConfig, run
 from iits_mj.identification.estimate import Estimate
-from iits_mj.identification.identify import GROUPS, Identification, identify
-from iits_mj.identification.log import SIGNALS, Log, Series
-from iits_mj.identification.overlay import overlay, write_toml
-from iits_mj.identification.sources import from_frames, read, read_table
+from iits_mj.identification.identify import GROUPS, Identification, identify, overlay, write_toml
+from iits_mj.identification.log import SIGNALS, Log, Series, from_frames, read, read_table
 
 __all__ = [
     "GROUPS",

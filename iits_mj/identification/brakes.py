@@ -1,11 +1,11 @@
-"""Dead time and build-up time of the brake circuits, from the pressures after a brake demand.
+"""Brake circuits: their forces from chamber pressures, and their dead time and build-up time.
 
-A step of the demand becomes a ramp of the supply at the truck's supply rate; the chamber follows it
-after a dead time, as a first-order lag. Of each application the level is free (load sensing and
-trim change it), and so is the size of what the deceleration control adds: it sees the response
-through its filter, integrates what is missing, and asks for that on the same way. How long the ramp
-lasts follows from the level that was fitted before: the fit is done twice. A release says nothing
-here: its shape is the controller's.
+A step of the brake demand becomes a ramp of the supply at the truck's supply rate; the chamber
+follows it after a dead time, as a first-order lag. The level of each application is free (load
+sensing and trim change it), and so is the part that the deceleration control adds: it measures the
+response through its filter, integrates the deficit, and requests it on the same path. The length of
+the ramp follows from the fitted level: the fit is done twice. A release is not used, because the
+controller determines its shape.
 """
 
 from __future__ import annotations
@@ -17,19 +17,28 @@ import numpy as np
 from scipy.signal import lfilter
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.identification.estimate import Estimate, Free, fit
+from iits_mj.identification.estimate import Estimate, Free, fit, unseen
 from iits_mj.identification.log import PRESSURES, Log, Series
 from iits_mj.model.air_brake import torque_slope
 from iits_mj.parameters import TruckParameters
 
-# --- Force of the friction brakes from the recorded chamber pressures, circuit by circuit ---
-
-# Circuit to the pressures recorded of it; the trailer reports one for both sides.
+# Pressures recorded of each circuit; the trailer reports one for both sides.
 CIRCUITS: dict[str, tuple[str, ...]] = {
     "front": PRESSURES[0:2],
     "drive": PRESSURES[2:4],
     "trailer": PRESSURES[4:5],
 }
+# An event is a demand that jumps by this much [m/s2] and then holds this long [s]; later changes
+# come from the deceleration control. Smaller demands are the bus's rounding.
+_NOTHING = 0.02
+_STEP = 0.3
+_HOLD = 1.0
+_LONGEST = 1.0
+_BEFORE = 0.5
+# Fewer groups give no reliable interval.
+_EVENTS_MIN = 4
+# Grid on which the supply and its lag are computed [s].
+_GRID = 0.002
 
 
 def circuit_of_axle(parameters: TruckParameters) -> list[str]:
@@ -43,54 +52,36 @@ def circuit_forces(
 ) -> FloatArray:
     """Brake force of the circuits at the road with the parameters' gains [N], shape (n, 3).
 
-    A brake pulls with the pressure above push-out; when it is let off, the friction of its
-    mechanism holds up to `hysteresis_pressure` more than the chamber has.
+    The pressure above push-out brakes; during a release, the friction of the mechanism holds up to
+    `hysteresis_pressure` more than the pressure in the chamber.
 
     Args:
       log: has the five brake pressures.
       parameters: of the truck.
-      time: at which the forces are wanted [s], shape (n,).
+      time: of the forces [s], shape (n,).
       radii: rolling radius of each axle's tires [m], shape (6,).
     """
     brake = parameters.air_brake
     forces = np.zeros((len(time), len(CIRCUITS)))
-    names = list(CIRCUITS)
     slopes = torque_slope(parameters)
-    for column, names_of_circuit in enumerate(CIRCUITS.values()):
-        sides = [
-            play(log.at(name, time), brake.hysteresis_pressure) - brake.push_out_pressure
-            for name in names_of_circuit
-        ]
+    for column, (name, signals) in enumerate(CIRCUITS.items()):
+        chambers = [_held_pressure(log.at(s, time), brake.hysteresis_pressure) for s in signals]
+        sides = [chamber - brake.push_out_pressure for chamber in chambers]
         both = (2.0 / len(sides)) * np.sum(np.maximum(sides, 0.0), axis=0)
         for axle, circuit in enumerate(circuit_of_axle(parameters)):
-            if circuit == names[column]:
+            if circuit == name:
                 forces[:, column] += slopes[axle] * both / radii[axle]
     return forces
 
 
-def play(pressure: FloatArray, width: float) -> FloatArray:
-    """The pressure that the mechanism lets through: never below, up to `width` above, (n,)."""
+def _held_pressure(pressure: FloatArray, width: float) -> FloatArray:
+    """Pressure held by the mechanism's friction: up to `width` above the chamber's, shape (n,)."""
     through = np.empty_like(pressure)
     held = 0.0
     for index, value in enumerate(pressure):
         held = min(max(held, value), value + width)
         through[index] = held if value > 0.0 else 0.0
     return through
-
-
-# --- Dead time and build-up time of the brake circuits, from the pressures after a brake demand ---
-
-# A demand that jumps by this much [m/s2] and then holds this long [s] is an event; what comes later
-# is the deceleration control's, not the response. Smaller demands are the bus's rounding.
-_NOTHING = 0.02
-_STEP = 0.3
-_HOLD = 1.0
-_LONGEST = 1.0
-_BEFORE = 0.5
-# Groups fewer than this leave no honest interval.
-_EVENTS_MIN = 4
-# Grid on which the supply and its lag are computed [s].
-_GRID = 0.002
 
 
 @dataclass(frozen=True)
@@ -103,33 +94,25 @@ class Event:
 
 def identify_brake_response(log: Log, parameters: TruckParameters) -> list[Estimate]:
     """Dead time and build-up time of each circuit, from demand and pressures."""
-    lacking = log.missing("command_xbr_demand")
-    events = [] if lacking else brake_events(log)
+    events = brake_events(log) if "command_xbr_demand" in log else []
     estimates: list[Estimate] = []
     brake = parameters.air_brake
     for circuit, names in CIRCUITS.items():
-        dead_time, build_up = prior_response(parameters, circuit)
+        axle = circuit_of_axle(parameters).index(circuit)
+        line = brake.trailer_line_delay if circuit == "trailer" else 0.0
+        build_up = brake.build_up_time_constant[axle]
         free = [
-            Free(f"{circuit}_dead_time", "s", dead_time, 1e-3, 1.0),
+            Free(f"{circuit}_dead_time", "s", brake.dead_time[axle] + line, 1e-3, 1.0),
             Free(f"{circuit}_build_up_time", "s", build_up, 0.02, 3.0),
         ]
-        absent = lacking + log.missing(names[0])
-        if absent:
-            reason = f"the log lacks {', '.join(absent)}"
-            estimates += [Estimate.unseen(f.name, f.unit, f.prior, reason) for f in free]
+        lacks = log.lacks("command_xbr_demand", names[0])
+        if lacks:
+            estimates += unseen(free, lacks)
             continue
         rate, filtering = brake.supply_rise_rate, brake.filter_time_constant
         responses = [_Response(e, log.series(names[0]), rate, filtering) for e in events]
         estimates += _fit_circuit(free, responses, _uncertainty(log))
     return estimates
-
-
-def prior_response(parameters: TruckParameters, circuit: str) -> tuple[float, float]:
-    """Dead time from the demand on and build-up time of a circuit [s], by the parameters."""
-    brake = parameters.air_brake
-    axle = circuit_of_axle(parameters).index(circuit)
-    line = brake.trailer_line_delay if circuit == "trailer" else 0.0
-    return brake.dead_time[axle] + line, brake.build_up_time_constant[axle]
 
 
 class _Response:
@@ -150,16 +133,16 @@ class _Response:
         return float(np.ptp(self._pressure)) if len(self._pressure) else 0.0
 
     def set_level(self, level: float) -> None:
-        """Sets how far the supply goes [Pa], and with it how long its ramp lasts."""
+        """Sets the final level of the supply [Pa], and with it the length of its ramp."""
         self._ramp = np.minimum(self._since * self._rate / max(level, 1.0), 1.0)
 
     def residual(self, dead_time: float, lag: float, scale: float) -> FloatArray:
-        """Model less record in units of `scale`, the free levels solved for."""
+        """Model less record in units of `scale`, with the best free levels."""
         basis, levels = self._solve(dead_time, lag)
         return np.asarray((basis @ levels - self._pressure) / scale)
 
     def level(self, dead_time: float, lag: float) -> float:
-        """How far the supply goes [Pa] with these values, without the drift."""
+        """The final level of the supply [Pa] with these values, without the drift."""
         return abs(float(self._solve(dead_time, lag)[1][1]))
 
     def _solve(self, dead_time: float, lag: float) -> tuple[FloatArray, FloatArray]:
@@ -177,7 +160,7 @@ class _Response:
 
 
 def _lagged(signal: FloatArray, lag: float) -> FloatArray:
-    """First-order response from rest, exact for a signal straight between the grid's points."""
+    """First-order response from rest, exact for a signal that is linear between grid points."""
     x = _GRID / lag
     decay = np.exp(-x)
     late = 1.0 - (1.0 - decay) / x
@@ -188,7 +171,7 @@ def _lagged(signal: FloatArray, lag: float) -> FloatArray:
 def _fit_circuit(
     free: list[Free], responses: list[_Response], uncertainty: float
 ) -> list[Estimate]:
-    """Fits one circuit; `uncertainty` of the demands' onset [s] adds to that of the dead time."""
+    """Fits one circuit; the `uncertainty` of the demands' onset [s] widens the dead time's."""
     scale = max((response.span for response in responses), default=0.0)
     reason = ""
     if len(responses) < _EVENTS_MIN:
@@ -199,7 +182,7 @@ def _fit_circuit(
     elif scale <= 0.0:
         reason = "the pressure never rose"
     if reason:
-        return [Estimate.unseen(f.name, f.unit, f.prior, reason) for f in free]
+        return unseen(free, reason)
 
     def residual(values: FloatArray) -> list[FloatArray]:
         return [r.residual(values[0], values[1], scale) for r in responses]
@@ -211,14 +194,14 @@ def _fit_circuit(
     wide = dead_time.half_width + uncertainty
     if dead_time.identifiable and uncertainty > 0.05 * dead_time.value:
         reason = f"the demand's onset is known within {2e3 * uncertainty:.0f} ms only"
-        dead_time = Estimate.unseen(dead_time.name, "s", dead_time.prior, reason)
+        dead_time = free[0].unseen(reason)
     return [dataclasses.replace(dead_time, half_width=wide), build_up]
 
 
 def _uncertainty(log: Log) -> float:
-    """Half of the time within which a demand may have begun before the row that shows it [s].
+    """Half of the time by which a demand may begin before the row that shows it [s].
 
-    On a bus the frame itself is the demand; a table shows it at its next row.
+    On a bus the frame itself is the demand; a table shows it in its next row.
     """
     if isinstance(log.signals["command_xbr_demand"], Series):
         return 0.0
@@ -226,7 +209,7 @@ def _uncertainty(log: Log) -> float:
 
 
 def brake_events(log: Log) -> list[Event]:
-    """Steps of the brake demand from nothing that hold long enough."""
+    """Steps of the brake demand from zero that hold long enough."""
     series = log.series("command_xbr_demand")
     time, demand = series.time, np.maximum(-series.value, 0.0)
     if "command_xbr_mode" in log:

@@ -1,4 +1,4 @@
-"""`iits-mj identify`: its options, and its figures in the one shape of all commands."""
+"""`iits-mj identify`: its options and its results."""
 
 from __future__ import annotations
 
@@ -11,21 +11,19 @@ from iits_mj.core import options
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
 from iits_mj.core.results import Check, Line, Panel, Results
-from iits_mj.identification.identify import Identification, identify
-from iits_mj.identification.log import Log
+from iits_mj.identification.identify import Identification, identify, overlay, write_toml
+from iits_mj.identification.log import Log, read, read_grade
 from iits_mj.identification.longitudinal import payload_of
-from iits_mj.identification.overlay import overlay, write_toml
 from iits_mj.identification.replay import replay
-from iits_mj.identification.sources import read, read_grade
 from iits_mj.parameters import TruckParameters
 
-# What the truck must reach with identified values: 100 (1 - mean |v - v_rec| / mean v_rec) [%].
+# Least accuracy of the truck with identified values: 100 (1 - mean |v - v_rec| / mean v_rec) [%].
 _ACCURACY = 97.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class IdentifyConfig:
-    """What to identify from which log."""
+    """Options of an identification."""
 
     log: Path = option(
         help="telemetry table (.csv) or CAN log (candump .log, .asc, .blf) of a drive",
@@ -62,23 +60,23 @@ class IdentifyConfig:
 
 
 def run(config: IdentifyConfig) -> Results:
-    """Identifies, writes the overlay when asked, and reports one check a parameter.
+    """Identifies the parameters, writes the overlay if wanted, and reports a check for each.
 
     Raises:
       InputError: the log or the overlay cannot be used, or the log shows nothing at all.
     """
     parameters = TruckParameters.load(overlay=config.parameters)
-    log = load_log(config, parameters)
+    log = _load_log(config, parameters)
     found = identify(log, parameters, mass=config.mass)
-    report = results(found)
+    report = _results(found)
     if config.output is not None:
         write_toml(found, config.output)
     if config.replay:
-        add_replay(report, log, found)
+        _add_replay(report, log, found)
     return report
 
 
-def load_log(config: IdentifyConfig, parameters: TruckParameters) -> Log:
+def _load_log(config: IdentifyConfig, parameters: TruckParameters) -> Log:
     """The log with the grade and the signals that the options name."""
     wanted = [part.strip() for part in config.signals.split(",") if part.strip()]
     names = dict(part.split("=", 1) for part in wanted if "=" in part)
@@ -89,7 +87,7 @@ def load_log(config: IdentifyConfig, parameters: TruckParameters) -> Log:
     return log.only(kept) if kept else log
 
 
-def results(found: Identification) -> Results:
+def _results(found: Identification) -> Results:
     """Checks, figure and notes of an identification."""
     report = Results("identify")
     for e in found.estimates:
@@ -113,10 +111,10 @@ def results(found: Identification) -> Results:
     return report
 
 
-def add_replay(report: Results, log: Log, found: Identification) -> None:
-    """Drives the truck with prior and identified values, adds its speed accuracy and a plot.
+def _add_replay(report: Results, log: Log, found: Identification) -> None:
+    """Drives the truck with prior and identified values; adds its speed accuracy and a plot.
 
-    Before, the truck has the mass that was given, or half its payload.
+    With prior values, the truck has the given mass, or half its payload.
     """
     given = None if any(e.name == "mass" for e in found.estimates) else found.mass
     p = found.parameters

@@ -1,9 +1,13 @@
-"""Engine: scale of its torque map, scale of its drag, lag and rise of its torque.
+"""Scales of the engine's torque map and drag, and lag and rise of its torque.
 
-The plugin's engine runs on a bench at the recorded speed and pedal (`engine_bench`); what it gives
-is fitted to the recorded torque. The bench begins without torque and charge. So does an engine that
-has coasted for a while, and what follows shows lag and rise; after a gear change some charge is
-left, and only what comes later counts.
+The engine of the powertrain plugin runs on a test bench, a rotor driven at the recorded engine
+speed, with the recorded pedal; its torque is fitted to the recorded torque. So the identified
+engine is that of the truck, not a copy of its equations. The bench's gearbox has a single ratio:
+the engine turns with the rotor, and the controller has no reason to change gear.
+
+The bench begins without torque and charge. So does an engine that has coasted for a while, and the
+torque that follows shows lag and rise. After a gear change some charge is left, and only the later
+torque counts.
 """
 
 from __future__ import annotations
@@ -17,20 +21,27 @@ import numpy as np
 from mujoco import rollout
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.identification.estimate import Estimate, Free, fit
+from iits_mj.identification.estimate import Estimate, Free, fit, unseen
 from iits_mj.identification.log import Log
 from iits_mj.model import powertrain
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.files import Table2D
 from iits_mj.plugin import register
 
-# --- The powertrain plugin on a test bench: a rotor that is driven at the recorded engine speed ---
-# The bench's gearbox has a single ratio, so that the engine turns with the rotor, and its
-# controller has no reason to change gear; pedal and engine speed go in, the crankshaft's torque
-# comes out. What is identified is therefore the engine that the truck will have, not a copy of its
-# equations.
-
-STEP = 0.005
+_NEEDED = ("engine_torque", "engine_speed", "command_accelerator_pedal", "shift_in_process")
+NAMES = ("torque_map_scale", "engine_drag_scale", "boost_lag", "torque_rise_rate")
+# Time step of the bench, and longest stretch of the log on it [s].
+_STEP = 0.005
+_WINDOW = 12.0
+# The rest of the charge is gone after so long without pedal, and without counting [s].
+_COASTED = 3.0
+_FORGOTTEN = 8.0
+_COUNTED_MIN = 1.0
+# Time for which a coasting engine runs on the bench before the pedal goes down [s].
+_BEFORE = 1.0
+_PEDAL_UP = 0.01
+# The clutch is closed above this share of idle speed.
+_SPEED_MIN = 1.3
 # A rotor that the engine cannot disturb, and the gain of the machine that drives it.
 _INERTIA = 1e4
 _GAIN = 1e6
@@ -41,30 +52,36 @@ _SIGNALS = ("engine_torque", "shift_in_process", "clutch_engagement")
 
 
 @dataclass(frozen=True)
-class Stretch:
-    """Engine speed [rad/s] and pedal over time, on a grid of `STEP`, each of shape (n,)."""
+class _Window:
+    """A stretch of the log.
 
+    Attributes:
+      grid: times of the bench's steps from its start [s], shape (n,).
+      engine_speed: [rad/s]; pedal: 0 to 1; both on the grid.
+      time, torque: the record that counts, from the start [s], [N m], shape (m,).
+    """
+
+    grid: FloatArray
     engine_speed: FloatArray
     pedal: FloatArray
+    time: FloatArray
+    torque: FloatArray
 
 
-def torques(parameters: TruckParameters, stretches: Sequence[Stretch]) -> list[FloatArray]:
-    """Crankshaft torque [N m] in each stretch, (n,); NaN while the bench's driveline is open.
-
-    Each begins without torque, as after a gear change.
-    """
+def _torques(parameters: TruckParameters, windows: Sequence[_Window]) -> list[FloatArray]:
+    """Crankshaft torque on the bench [N m] in each window, (n,); NaN with an open driveline."""
     model = _model(parameters)
     data = mujoco.MjData(model)
-    longest = max(len(s.pedal) for s in stretches)
-    states, controls = [], np.zeros((len(stretches), longest, model.nu))
+    longest = max(len(w.pedal) for w in windows)
+    states, controls = [], np.zeros((len(windows), longest, model.nu))
     pedal, machine = (
         int(model.actuator_ctrladr[model.actuator(n).id]) for n in ("accelerator_pedal", "machine")
     )
-    for index, stretch in enumerate(stretches):
+    for index, window in enumerate(windows):
         mujoco.mj_resetData(model, data)
-        data.qvel[0] = stretch.engine_speed[0]
+        data.qvel[0] = window.engine_speed[0]
         states.append(_state(model, data))
-        for column, values in ((pedal, stretch.pedal), (machine, stretch.engine_speed)):
+        for column, values in ((pedal, window.pedal), (machine, window.engine_speed)):
             controls[index, : len(values), column] = values
             controls[index, len(values) :, column] = values[-1]
     _, sensors = rollout.rollout(model, data, np.array(states), controls)
@@ -73,7 +90,7 @@ def torques(parameters: TruckParameters, stretches: Sequence[Stretch]) -> list[F
     )
     closed = (shifting < 0.5) & (engagement > 0.99)
     torque = np.where(closed, torque, np.nan)
-    return [np.asarray(row[: len(s.pedal)]) for row, s in zip(torque, stretches, strict=True)]
+    return [np.asarray(row[: len(w.pedal)]) for row, w in zip(torque, windows, strict=True)]
 
 
 def _state(model: mujoco.MjModel, data: mujoco.MjData) -> FloatArray:
@@ -109,7 +126,7 @@ def _model(parameters: TruckParameters) -> mujoco.MjModel:
     )
     return mujoco.MjModel.from_xml_string(f"""
       <mujoco>
-        <option timestep="{STEP}" integrator="implicitfast" gravity="0 0 0"/>
+        <option timestep="{_STEP}" integrator="implicitfast" gravity="0 0 0"/>
         <extension><plugin plugin="iits.powertrain">
           <instance name="powertrain">{attributes}</instance>
         </plugin></extension>
@@ -126,34 +143,8 @@ def _model(parameters: TruckParameters) -> mujoco.MjModel:
       </mujoco>""")
 
 
-# --- Engine: scale of its torque map, scale of its drag, lag and rise of its torque ---
-
-NEEDED = ("engine_torque", "engine_speed", "command_accelerator_pedal", "shift_in_process")
-NAMES = ("torque_map_scale", "engine_drag_scale", "boost_lag", "torque_rise_rate")
-_WINDOW = 12.0
-# What is left of the charge has gone after so long without pedal, and without counting [s].
-_COASTED = 3.0
-_FORGOTTEN = 8.0
-_COUNTED_MIN = 1.0
-# A coasting engine is watched for so long before the pedal goes down [s].
-_BEFORE = 1.0
-_PEDAL_UP = 0.01
-# The clutch is closed above this share of idle speed.
-_SPEED_MIN = 1.3
-
-
-@dataclass(frozen=True)
-class _Window:
-    """What goes to the bench, its clock [s], and the record that counts: time [s], torque [N m]."""
-
-    stretch: Stretch
-    grid: FloatArray
-    time: FloatArray
-    torque: FloatArray
-
-
 def identify_engine(log: Log, parameters: TruckParameters) -> list[Estimate]:
-    """Scales of torque map and drag, boost lag, rate of rise."""
+    """Fits scales of torque map and drag, boost lag and rate of rise."""
     engine = parameters.engine
     free = [
         Free("torque_map_scale", "1", 1.0, 0.3, 2.0),
@@ -162,20 +153,17 @@ def identify_engine(log: Log, parameters: TruckParameters) -> list[Estimate]:
         Free("torque_rise_rate", "N m/s", engine.torque_rise_rate, 20.0, 5000.0),
     ]
 
-    def unseen(reason: str) -> list[Estimate]:
-        return [Estimate.unseen(f.name, f.unit, f.prior, reason) for f in free]
-
-    lacking = log.missing(*NEEDED)
-    if lacking:
-        return unseen(f"the log lacks {', '.join(lacking)}")
+    lacks = log.lacks(*_NEEDED)
+    if lacks:
+        return unseen(free, lacks)
     windows = _windows(log, parameters)
     if not windows:
-        return unseen("the log has no stretch in one gear after coasting or a change")
+        return unseen(free, "the log has no stretch in one gear after coasting or a change")
 
     def residual(values: FloatArray) -> list[FloatArray]:
         trial = with_engine(parameters, dict(zip(NAMES, map(float, values), strict=True)))
         groups = []
-        found = torques(trial, [w.stretch for w in windows])
+        found = _torques(trial, windows)
         for window, torque in zip(windows, found, strict=True):
             model = np.interp(window.time, window.grid, torque)
             error = (model - window.torque) / engine.reference_torque
@@ -187,7 +175,7 @@ def identify_engine(log: Log, parameters: TruckParameters) -> list[Estimate]:
 
 
 def with_engine(parameters: TruckParameters, values: dict[str, float]) -> TruckParameters:
-    """The truck with these values of `NAMES`; those left out stay."""
+    """The truck with these values of `NAMES`; the others stay."""
     engine = parameters.engine
     scale, drag = values.get("torque_map_scale", 1.0), values.get("engine_drag_scale", 1.0)
     pedal_map = dataclasses.replace(engine.pedal_map, values=scale * engine.pedal_map.values)
@@ -219,13 +207,11 @@ def _windows(log: Log, parameters: TruckParameters) -> list[_Window]:
             stop += 1
         if stop <= start or time[stop - 1] - counted < _COUNTED_MIN:
             continue
-        grid = np.arange(0.0, time[stop - 1] - begin + STEP, STEP)
-        stretch = Stretch(
-            log.at("engine_speed", begin + grid),
-            np.clip(log.held("command_accelerator_pedal", begin + grid), 0.0, 1.0),
-        )
+        grid = np.arange(0.0, time[stop - 1] - begin + _STEP, _STEP)
+        speed = log.at("engine_speed", begin + grid)
+        pedal = np.clip(log.held("command_accelerator_pedal", begin + grid), 0.0, 1.0)
         part = np.arange(start, stop)[time[start:stop] >= counted]
-        windows.append(_Window(stretch, grid, time[part] - begin, series.value[part]))
+        windows.append(_Window(grid, speed, pedal, time[part] - begin, series.value[part]))
     return windows
 
 

@@ -1,14 +1,14 @@
-"""Least squares with confidence intervals, and the verdict on what a log can show at all.
+"""Least squares with confidence intervals, and which parameters a log can identify at all.
 
-The optimiser is scipy's `least_squares` (trust region, bounds). MuJoCo's `mujoco.sysid` wraps the
-same one, but its intervals take the residuals for white, which those of a drive are not.
+The optimizer is scipy's `least_squares` (trust region, bounds). MuJoCo's `mujoco.sysid` wraps the
+same one, but its intervals assume white residuals, which those of a drive are not.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -22,7 +22,7 @@ Residual = Callable[[FloatArray], Sequence[FloatArray]]
 WIDEST = 0.15
 # A column of the scaled Jacobian weaker than this share of the strongest is not excited.
 WEAKEST = 1e-5
-# Columns of unit length hang together when a singular value is below this share of the greatest.
+# Columns of unit length are collinear when a singular value is below this share of the greatest.
 COLLINEAR = 1e-3
 # Two estimates whose errors correlate more than this are named together in a warning.
 CORRELATED = 0.9
@@ -35,7 +35,7 @@ class Estimate:
     Attributes:
       name, unit: of the parameter; value: fitted, or the prior when it is not identifiable.
       prior: value before the fit; half_width: of the 95 % interval, inf when nothing is known.
-      identifiable: whether the log shows it; reason: why not, in words.
+      identifiable: whether the log shows it; reason: why not.
     """
 
     name: str
@@ -53,10 +53,9 @@ class Estimate:
         unit = "" if self.unit == "1" else f" {self.unit}"
         return f"{self.name} = {self.value:.6g} +/- {self.half_width:.2g}{unit} (95 %)"
 
-    @classmethod
-    def unseen(cls, name: str, unit: str, prior: float, reason: str) -> Estimate:
-        """A parameter that the log does not show: it keeps its prior."""
-        return cls(name, prior, unit, prior, math.inf, False, reason)
+    def widened(self, share: float) -> Estimate:
+        """The estimate with an error of the model, a share of the value, added to its interval."""
+        return replace(self, half_width=float(np.hypot(self.half_width, share * self.value)))
 
 
 @dataclass(frozen=True)
@@ -66,8 +65,27 @@ class Free:
     name: str
     unit: str
     prior: float
-    low: float
-    high: float
+    low: float = -math.inf
+    high: float = math.inf
+
+    def unseen(self, reason: str) -> Estimate:
+        """The estimate of a parameter that the log does not show: it keeps its prior."""
+        return self.judged(self.prior, math.inf, reason)
+
+    def judged(self, value: float, half_width: float, reason: str = "") -> Estimate:
+        """The estimate with a value, or with the prior where there is a reason against it."""
+        kept = self.prior if reason else float(value)
+        return Estimate(self.name, kept, self.unit, self.prior, half_width, not reason, reason)
+
+
+def unseen(free: Sequence[Free], reason: str) -> list[Estimate]:
+    """The estimates of parameters that the log does not show, all for one reason."""
+    return [f.unseen(reason) for f in free]
+
+
+def too_weak(share: float) -> str:
+    """The reason against an interval of +/- this share of the value; "" if it is narrow."""
+    return "" if share <= WIDEST else f"the log is too weak: +/-{100.0 * share:.0f} % of the value"
 
 
 def fit(
@@ -80,15 +98,15 @@ def fit(
     """Fits parameters together and judges each.
 
     The covariance is the jackknife over the residual's groups (windows of the log), since the
-    errors inside a window hang together. A parameter that is seen too weakly stays free,
-    so that the others' intervals count with any value of it; of several that the log shows only
-    together none is taken as identified.
+    errors inside a window are correlated. A parameter with too wide an interval stays free, so that
+    the others' intervals allow any value of it. Of several parameters that the log shows only
+    together, none is identified.
 
     Args:
       free: the parameters, k of them.
       residual: parameter values (k,) to groups of residuals, all in one unit.
-      tolerance: relative change of costs or parameters at which the search ends.
       step: relative step of the difference quotients, for a residual that is not smooth to the bit.
+      tolerance: relative change of costs or parameters at which the search ends.
 
     Returns:
       The estimates, and the values of the best fit (k,), trusted or not.
@@ -135,16 +153,12 @@ def fit(
                 else "the log does not excite it"
             )
         del active[hidden[-1]]
+    for i, f in enumerate(free):
+        if not f.low * 1.001 < values[i] < f.high * 0.999:
+            reasons.setdefault(i, f"the fit runs into its bound {values[i]:g}")
     return [
-        _estimate(f, values[i], widths[i], reasons.get(i, "")) for i, f in enumerate(free)
+        f.judged(values[i], float(widths[i]), reasons.get(i, "")) for i, f in enumerate(free)
     ], values
-
-
-def _estimate(free: Free, value: float, half_width: float, reason: str) -> Estimate:
-    if not reason and not free.low * 1.001 < value < free.high * 0.999:
-        reason = f"the fit runs into its bound {value:g}"
-    kept = free.prior if reason else float(value)
-    return Estimate(free.name, kept, free.unit, free.prior, float(half_width), not reason, reason)
 
 
 def _weak(
@@ -154,17 +168,17 @@ def _weak(
     widths: FloatArray,
     covariance: FloatArray,
 ) -> dict[int, str]:
-    """Reasons of the parameters whose interval is too wide, by their place among all."""
+    """Reasons against the parameters with too wide an interval, by their place among all."""
     reasons = {}
     deviation = np.sqrt(np.diag(covariance))
     for k, place in enumerate(places):
         share = widths[place] / max(abs(values[place]), 1e-12)
-        if share <= WIDEST:
-            continue
         if not np.isfinite(share):
             reasons[place] = "the log has too few stretches that can be compared"
             continue
-        reason = f"the log is too weak: +/-{100.0 * share:.0f} % of the value"
+        reason = too_weak(share)
+        if not reason:
+            continue
         if np.isfinite(covariance).all():
             correlation = covariance[k] / (deviation[k] * deviation)
             partners = [
@@ -195,7 +209,7 @@ def _covariance(jacobian: FloatArray, residuals: FloatArray, groups: list[int]) 
 
     CR3, which is the jackknife over groups (Bell and McCaffrey, Survey Methodology 28, 2002): with
     M = J'J, and G, s of one group, the parameters without it differ by (M - G)^-1 s. A plain
-    sandwich is too sure of itself with the twenty windows of a drive.
+    sandwich is too narrow with the twenty windows of a drive.
     """
     number, k = len(groups), jacobian.shape[1]
     if number <= k + 1:

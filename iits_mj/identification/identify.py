@@ -1,30 +1,45 @@
-"""`identify`: a recorded drive in, identified parameters with their confidence out."""
+"""Parameters with their uncertainty from a recorded drive, and the overlay of a truck."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from iits_mj.core.errors import InputError
-from iits_mj.identification.brakes import identify_brake_response
+from iits_mj.identification.brakes import circuit_of_axle, identify_brake_response
 from iits_mj.identification.engine import identify_engine
 from iits_mj.identification.estimate import Estimate
 from iits_mj.identification.lateral import identify_cornering, identify_ratio
 from iits_mj.identification.log import Log
-from iits_mj.identification.motion import Motion, identify_motion
+from iits_mj.identification.longitudinal import Motion, identify_motion
 from iits_mj.identification.shifts import identify_shifts
 from iits_mj.parameters import TruckParameters
 
-# Groups of parameters, each with its own fit; the mass that motion shows serves all others.
+# Groups of parameters, each with its own fit; the mass from "motion" serves all others.
 GROUPS = ("motion", "engine", "shifts", "brakes", "steering")
+# Payload in the overlay of an empty truck [kg]: the truck's is above zero.
+_PAYLOAD_MIN = 1.0
+# Estimates that are parameters of the same name, by section of the truck's parameters.
+_PLAIN = {
+    "tire_common": ("rolling_resistance",),
+    "aerodynamics": ("drag_area",),
+    "engine": ("boost_lag", "torque_rise_rate"),
+    "gearbox": ("shift_cut_time", "synchronization_time"),
+}
+_INERTIAS = ("inertia_x", "inertia_y", "inertia_z")
+_RESPONSES = {"dead_time": "dead_time", "build_up_time_constant": "build_up_time"}
 
 
 @dataclass(frozen=True)
 class Identification:
-    """What a log showed.
+    """The result of an identification.
 
     Attributes:
-      estimates: one for each parameter of the groups asked for.
+      estimates: one for each parameter of the chosen groups.
       motion: speeds of the point mass before and after.
       mass: gross mass, identified or given [kg]; None when it is not known.
       parameters: the truck's parameters before the fit.
@@ -56,10 +71,10 @@ def identify(
     """Fits the truck's parameters to a recorded drive.
 
     Args:
-      log: the drive; what a group needs and the log lacks is said in the estimates' reasons.
-      parameters: prior values, and all that is not fitted; default the shipped truck.
+      log: the drive; the estimates' reasons name the signals that a group lacks.
+      parameters: prior values, and all parameters that are not fitted; default the shipped truck.
       mass: gross mass when it is known [kg]; the engine torque's scale can be fitted only then.
-      groups: of `GROUPS`, what to fit.
+      groups: to fit, of `GROUPS`.
 
     Raises:
       InputError: unknown group.
@@ -83,8 +98,112 @@ def identify(
 
 
 def _steering(log: Log, parameters: TruckParameters, mass: float | None) -> list[Estimate]:
-    """Ratio, by the two angles where the log has both, and cornering coefficients."""
+    """Ratio, if the log has both angles, and cornering coefficients."""
     ratio = identify_ratio(log, parameters)
     value = ratio.value if ratio is not None and ratio.identifiable else None
     cornering = identify_cornering(log, parameters, mass, value)
     return cornering if ratio is None else [ratio, *cornering]
+
+
+def overlay(found: Identification) -> dict[str, Any]:
+    """The identified values only, as a tree of the truck's parameters.
+
+    The mass, identified or given, becomes the greatest payload, which is the default of a truck.
+    """
+    values, p = found.found(), found.parameters
+    tree: dict[str, Any] = {"payload": {}}
+    if found.mass is not None:
+        load = max(found.mass - p.gross_mass(0.0), _PAYLOAD_MIN)
+        share = load / p.payload.mass_max
+        inertias = {name: share * getattr(p.payload, name) for name in _INERTIAS}
+        tree["payload"] = {"mass_max": load, **inertias}
+    for section, names in _PLAIN.items():
+        tree[section] = {name: values[name] for name in names if name in values}
+    tree["engine"] |= _engine_tables(p, values)
+    if "steering_ratio" in values:
+        tree["steering"] = {"ratio": values["steering_ratio"]}
+    tree["tires"] = {
+        kind: {"cornering_coefficient": values[name]}
+        for kind in p.tires
+        if (name := f"cornering_coefficient_{kind}") in values
+    }
+    tree["air_brake"] = _air_brake(p, values)
+    return {section: content for section, content in tree.items() if content}
+
+
+def _engine_tables(p: TruckParameters, values: dict[str, float]) -> dict[str, Any]:
+    """The engine's tables, scaled; the crankshaft's torque may differ from the reported one."""
+    engine = p.engine
+    tree: dict[str, Any] = {}
+    scale = values.get("torque_map_scale", 1.0) * values.get("engine_torque_scale", 1.0)
+    if scale != 1.0:
+        pedal_map = engine.pedal_map
+        tree["full_load_torque"] = list(scale * engine.full_load_torque)
+        tree["pedal_map"] = {
+            "rows": list(pedal_map.rows),
+            "columns": list(pedal_map.columns),
+            "values": [list(row) for row in scale * pedal_map.values],
+        }
+    drag = values.get("engine_drag_scale", 1.0)
+    if drag != 1.0:
+        tree["drag_torque"] = [drag * torque for torque in engine.drag_torque]
+    return tree
+
+
+def _air_brake(p: TruckParameters, values: dict[str, float]) -> dict[str, list[float]]:
+    circuit, brake = circuit_of_axle(p), p.air_brake
+    air: dict[str, list[float]] = {}
+    common = values.get("brake_gain", 1.0)
+    gains = [values.get(f"brake_gain_{name}", common) for name in circuit]
+    if any(gain != 1.0 for gain in gains):
+        slopes = zip(gains, brake.torque_per_pressure, strict=True)
+        air["torque_per_pressure"] = [gain * slope for gain, slope in slopes]
+    for key, suffix in _RESPONSES.items():
+        names = [f"{name}_{suffix}" for name in circuit]
+        if any(name in values for name in names):
+            line = [brake.trailer_line_delay if c == "trailer" else 0.0 for c in circuit]
+            own = line if key == "dead_time" else [0.0] * len(line)
+            air[key] = [
+                max(values.get(name, before + late) - late, 0.0)
+                for name, before, late in zip(names, getattr(brake, key), own, strict=True)
+            ]
+    return air
+
+
+def write_toml(found: Identification, path: str | Path) -> None:
+    """Writes the overlay; comments list every estimate with its interval or reason.
+
+    Raises:
+      InputError: nothing was identified, or the file cannot be written.
+    """
+    tree = overlay(found)
+    if not tree:
+        raise InputError("the log shows no parameter that the truck has: nothing written")
+    lines = ["# Identified from a recorded drive; read by Truck.load(parameters=...)."]
+    lines += [f"# {estimate}" for estimate in found.estimates]
+    lines += _tables(tree, "")
+    try:
+        Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{str(path)!r} cannot be written: {error.strerror}") from error
+
+
+def _tables(tree: Mapping[str, Any], prefix: str) -> list[str]:
+    """TOML lines of a tree: the values of each table, then the tables inside it."""
+    lines: list[str] = []
+    for name, content in tree.items():
+        plain = {k: v for k, v in content.items() if not isinstance(v, Mapping)}
+        if plain:
+            lines += ["", f"[{prefix}{name}]"]
+            lines += [f"{key} = {_number(value)}" for key, value in plain.items()]
+        inner = {k: v for k, v in content.items() if isinstance(v, Mapping)}
+        lines += _tables(inner, f"{prefix}{name}.")
+    return lines
+
+
+def _number(value: Any) -> str:
+    if isinstance(value, (list, np.ndarray)):
+        return "[" + ", ".join(_number(item) for item in value) + "]"
+    # A point or an exponent makes it TOML's float, which the truck's parameters are.
+    text = f"{value:.9g}"
+    return text if any(mark in text for mark in ".en") else f"{text}.0"

@@ -1,9 +1,11 @@
 """Cornering stiffness of the axle groups: the linear yaw-roll model fitted to a steered drive.
 
-Output error in windows of nearly constant speed: the model of `analytic.yaw_roll` is driven by the
-recorded steering, and its initial state and the steering's offset are solved for, as the response
-is linear in them. Forces over masses is all that motion shows, so the mass must be known. The model
-has neither load transfer nor saturation: windows with much lateral acceleration are left out.
+Output error in windows of nearly constant speed: the recorded steering drives the model of
+`analytic.yaw_roll`. Its response is linear in the initial state and the steering's offset, which
+are solved for. Motion shows only forces over masses, so the mass must be known. The model has
+neither load transfer nor saturation: windows with high lateral acceleration are left out.
+
+The ratio of steering wheel to road wheels comes from the two angles, if the log has both.
 """
 
 from __future__ import annotations
@@ -17,57 +19,72 @@ from scipy.linalg import expm
 
 from iits_mj.analytic import RollSystem, YawRoll
 from iits_mj.core.arrays import FloatArray
-from iits_mj.identification.estimate import Estimate, Free, fit
+from iits_mj.identification.estimate import Estimate, Free, fit, unseen
 from iits_mj.identification.log import Log
 from iits_mj.identification.longitudinal import payload_of
 from iits_mj.parameters import TruckParameters
 
-# --- Ratio of steering wheel to road wheels, where the log has both angles ---
-
-_GRID = 0.02
-_steering_WINDOW = 10.0
-# The linkage's compliance counts as ratio [1]: on top of the interval.
-_steering_MODEL_ERROR = 0.005
-# Least spread of the steering wheel beyond its play that shows a ratio [rad].
-_SPREAD_MIN = 0.02
+_GROUPS = ("steer", "drive", "trailer")
+# Outputs that are compared, if the log has them: place among the states.
+_STATES = {"yaw_rate": 1, "trailer_yaw_rate": 2, "articulation": 3}
+_PLANE_STATES = 4
+# Shortest sampling step, and lengths of the windows [s].
+_STEP_MIN = 0.02
+_WINDOW, _WINDOW_MIN = 6.0, 4.0
+_RATIO_WINDOW = 10.0
+_SPEED_MIN = 6.0
+# The model is linear and at one speed: greatest lateral acceleration [m/s2] and speed range [1].
+_ACCELERATION_MAX = 2.0
+_SPEED_RANGE = 0.08
+# Error of linear tires of the static load up to there, against the truck itself, and of a linkage
+# without compliance [1]: they are added to the intervals.
+_MODEL_ERROR = 0.03
+_RATIO_MODEL_ERROR = 0.005
+# Relative change at which the fit ends: far below the model's own error.
+_TOLERANCE = 1e-5
+# Least range of the yaw rate in a maneuver [rad/s], and of the steering wheel beyond its play that
+# shows a ratio [rad].
+_YAW_RATE_MIN = 2e-3
+_RANGE_MIN = 0.02
 
 
 def identify_ratio(log: Log, parameters: TruckParameters) -> Estimate | None:
-    """The steering's ratio; None where the log lacks the road wheels' angle.
+    """The steering's ratio; None if the log lacks one of the two angles.
 
-    The play of the gear is taken out of the steering wheel's angle; the wheel's offset and the
+    The play of the gear is removed from the steering wheel's angle. The wheel's offset and the
     linkage's lag, in proportion to the steering's rate, are solved for. Side forces bend the
-    linkage, which counts as ratio: half a per cent of it in ordinary driving.
+    linkage, which looks like a ratio: half a percent of it in ordinary driving.
     """
-    steering = parameters.steering
     if log.missing("steering_wheel_angle", "road_wheel_angle"):
         return None
-    free = Free("steering_ratio", "1", steering.ratio, 5.0, 60.0)
+    free = _ratio(parameters)
     clock = log.series("road_wheel_angle").time
-    time = np.arange(clock[0], clock[-1], max(_GRID, float(np.median(np.diff(clock)))))
-    pitman = pitman_angle(log.at("steering_wheel_angle", time), steering.dead_band)
+    time = np.arange(clock[0], clock[-1], max(_STEP_MIN, float(np.median(np.diff(clock)))))
+    pitman = pitman_angle(log.at("steering_wheel_angle", time), parameters.steering.dead_band)
     road = log.at("road_wheel_angle", time)
     nuisance = np.column_stack([np.ones_like(road), np.gradient(pitman, time)])
-    if np.ptp(pitman) < _SPREAD_MIN:
-        return Estimate.unseen(free.name, free.unit, free.prior, "the steering was not used")
-    length = max(round(_steering_WINDOW / (time[1] - time[0])), 2)
+    if np.ptp(pitman) < _RANGE_MIN:
+        return free.unseen("the steering was not used")
+    length = max(round(_RATIO_WINDOW / (time[1] - time[0])), 2)
     cuts = list(range(length, len(time), length))
 
     def residual(values: FloatArray) -> list[FloatArray]:
         rest = road - pitman / values[0]
         levels, *_ = np.linalg.lstsq(nuisance, rest, rcond=None)
-        # In radians at the steering wheel, so that the fit's tolerances bite.
+        # In radians at the steering wheel, so that the fit's tolerances apply.
         return list(np.split(free.prior * (nuisance @ levels - rest), cuts))
 
-    found = fit([free], residual)[0][0]
-    wider = float(np.hypot(found.half_width, _steering_MODEL_ERROR * found.value))
-    return dataclasses.replace(found, half_width=wider)
+    return fit([free], residual)[0][0].widened(_RATIO_MODEL_ERROR)
+
+
+def _ratio(parameters: TruckParameters) -> Free:
+    return Free("steering_ratio", "1", parameters.steering.ratio, 5.0, 60.0)
 
 
 def pitman_angle(wheel: FloatArray, dead_band: float) -> FloatArray:
     """Steering wheel's angle behind the play of the gear [rad], shape (n,).
 
-    The gear is taken to lie in the middle of its play at first.
+    The gear starts in the middle of its play.
     """
     found = np.empty_like(wheel)
     angle = float(wheel[0])
@@ -75,30 +92,6 @@ def pitman_angle(wheel: FloatArray, dead_band: float) -> FloatArray:
         angle = min(max(angle, value - 0.5 * dead_band), value + 0.5 * dead_band)
         found[index] = angle
     return found
-
-
-# --- Cornering stiffness of the axle groups: the linear yaw-roll model fitted to a steered drive
-
-NEEDED = ("speed", "yaw_rate")
-_GROUPS = ("steer", "drive", "trailer")
-NAMES = tuple(f"cornering_coefficient_{group}" for group in _GROUPS)
-# What the model is compared in, where the log has it: signal to the place among the states.
-_STATES = {"yaw_rate": 1, "trailer_yaw_rate": 2, "articulation": 3}
-_PLANE_STATES = 4
-_STEP_MIN = 0.02
-_SPEED_MIN = 6.0
-_WINDOW = 6.0
-_WINDOW_MIN = 4.0
-# The model is linear and at one speed: greatest lateral acceleration [m/s2] and speed range [1].
-_ACCELERATION_MAX = 2.0
-_SPEED_RANGE = 0.08
-# What linear tires of the static load leave out up to there, against the truck itself [1]: it comes
-# on top of the interval.
-_MODEL_ERROR = 0.03
-# Relative change at which the fit ends: far below the model's own error.
-_TOLERANCE = 1e-5
-# Least spread of the yaw rate that is a manoeuvre [rad/s].
-_YAW_RATE_MIN = 2e-3
 
 
 @dataclass(frozen=True)
@@ -116,35 +109,31 @@ def identify_cornering(
     """Cornering coefficient of steer, drive and trailer tires.
 
     Args:
-      log: with `NEEDED` and the angle of road wheels or steering wheel.
+      log: with speed, yaw rate and the angle of road wheels or steering wheel.
       parameters: of the truck.
       mass: gross mass [kg], or None when it is not known.
-      ratio: of the steering where the log has shown it, else None: it is then fitted as well,
-        unless the log has the road wheels' angle.
+      ratio: of the steering if the log showed it, else None: it is then fitted as well, unless the
+        log has the road wheels' angle.
     """
     tires = parameters.tires
     free = [
-        Free(name, "1/rad", tires[group].cornering_coefficient, 1.0, 20.0)
-        for name, group in zip(NAMES, _GROUPS, strict=True)
+        Free(f"cornering_coefficient_{name}", "1/rad", tires[name].cornering_coefficient, 1.0, 20.0)
+        for name in _GROUPS
     ]
-    lacking = log.missing(*NEEDED)
+    lacking = log.missing("speed", "yaw_rate")
     direct = "road_wheel_angle" in log
     if not direct and "steering_wheel_angle" not in log:
         lacking.append("road_wheel_angle or steering_wheel_angle")
     wants_ratio = not direct and ratio is None
     if wants_ratio:
-        free.append(Free("steering_ratio", "1", parameters.steering.ratio, 5.0, 60.0))
-
-    def unseen(reason: str) -> list[Estimate]:
-        return [Estimate.unseen(f.name, f.unit, f.prior, reason) for f in free]
-
+        free.append(_ratio(parameters))
     if lacking:
-        return unseen(f"the log lacks {', '.join(lacking)}")
+        return unseen(free, f"the log lacks {', '.join(lacking)}")
     if mass is None:
-        return unseen("motion shows it only as a ratio to the mass, which is not known")
+        return unseen(free, "motion shows it only as a ratio to the mass, which is not known")
     step, windows = _windows(log, parameters)
     if not windows:
-        return unseen("the log has no steered stretch of 4 s at a steady speed")
+        return unseen(free, "the log has no steered stretch of 4 s at a steady speed")
     scales = {
         name: float(np.sqrt(np.mean([np.var(w.signals[name]) for w in windows])))
         for name in windows[0].signals
@@ -153,7 +142,7 @@ def identify_cornering(
     longest = max(len(window.steering) for window in windows)
 
     def residual(values: FloatArray) -> list[FloatArray]:
-        trial = with_cornering(parameters, dict(zip(_GROUPS, map(float, values[:3]), strict=True)))
+        trial = _with_cornering(parameters, dict(zip(_GROUPS, map(float, values[:3]), strict=True)))
         divisor = 1.0 if direct else float(values[3]) if wants_ratio else float(ratio or 1.0)
         responses = {}
         for speed in {window.speed for window in windows}:
@@ -162,13 +151,10 @@ def identify_cornering(
         return [_errors(responses[w.speed], w, divisor, scales) for w in windows]
 
     estimates, _ = fit(free, residual, tolerance=_TOLERANCE)
-    return [
-        dataclasses.replace(e, half_width=float(np.hypot(e.half_width, _MODEL_ERROR * e.value)))
-        for e in estimates
-    ]
+    return [estimate.widened(_MODEL_ERROR) for estimate in estimates]
 
 
-def with_cornering(p: TruckParameters, coefficients: Mapping[str, float]) -> TruckParameters:
+def _with_cornering(p: TruckParameters, coefficients: Mapping[str, float]) -> TruckParameters:
     """The truck with these cornering coefficients of its kinds of tires [1/rad]."""
     tires = {
         kind: dataclasses.replace(tire, cornering_coefficient=coefficients.get(kind, old))
@@ -247,7 +233,7 @@ def _windows(log: Log, parameters: TruckParameters) -> tuple[float, list[_Window
         start = stop + 1 if len(wild) else stop
         if stop - part.start < least or speed[part].min() < _SPEED_MIN:
             continue
-        # Noise is no change of speed: compare the ends of a straight line.
+        # Compare the ends of a straight line, because noise is no change of speed.
         rise = np.polyfit(time[part], speed[part], 1)[0] * (time[stop - 1] - time[part.start])
         if abs(rise) > _SPEED_RANGE * speed[part].mean():
             continue

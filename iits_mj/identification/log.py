@@ -1,26 +1,33 @@
-"""A recorded drive: named signals in SI units, each with the times at which it was sampled.
+"""Recorded drives: named signals in SI units, read from a telemetry table (CSV) or a CAN log.
 
-A telemetry table samples all signals at once; on a bus every message has a rhythm of its own.
-Neither is resampled here: a fit asks for the samples themselves (`series`) or for values at times
-of its choice (`at` for what changes steadily, `held` for what stays until it is sent anew).
+A table samples all signals at once; on a bus every message has its own rate. Neither is resampled
+here: a fit uses the samples themselves (`series`) or values at times of its choice (`at` for
+signals that change steadily, `held` for those that hold until they are sent again).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import csv
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.errors import InputError
+from iits_mj.core.errors import BusError, InputError
+from iits_mj.core.units import KMH, RPM
+from iits_mj.j1939 import Frame, Status, decode, read_log
+from iits_mj.j1939.mapping import SignalRow, commands, reports
+from iits_mj.j1939.quantities import ReferenceTorques
+from iits_mj.parameters import TruckParameters
 
 PRESSURES = tuple(
     f"brake_pressure_{place}"
     for place in ("front_left", "front_right", "rear_left", "rear_right", "trailer")
 )
-# Every signal that a fit may ask for: unit and meaning.
+# Every signal that a fit may use: unit and meaning.
 SIGNALS: dict[str, str] = {
     "time": "[s]",
     "speed": "[m/s] forward",
@@ -47,6 +54,22 @@ SIGNALS: dict[str, str] = {
     "lateral_acceleration": "[m/s2] of the tractor's centre of gravity",
 }
 _ROWS_MIN = 50
+_TO_SI = {"rpm": RPM, "kPa": 1e3, "km/h": KMH, "deg": np.pi / 180.0, "deg/s": np.pi / 180.0}
+_TO_SI |= {"%": 0.01, "bar": 1e5, "MPa": 1e6}
+# Signals of the log with another name on the bus, and those that only help to find others.
+_BUS_NAMES = {"wheel_based_speed": "speed_of_wheels"}
+_PARTS = (
+    "speed_of_wheels",
+    "engine_torque_percent",
+    "torque_loss_percent",
+    "engine_brake_percent",
+    "retarder_percent",
+)
+# Half a bit of SPN 514, in percent of the reference torque.
+_HALF_BIT = 0.5
+# Length over which the slope of a height is taken, on both sides [m].
+_SLOPE_LENGTH = 40.0
+_GRADE_MAX = 0.3
 
 
 @dataclass(frozen=True)
@@ -55,6 +78,11 @@ class Series:
 
     time: FloatArray
     value: FloatArray
+
+    def integral(self) -> FloatArray:
+        """Integral of the value over time from the first sample on, by trapezoids; shape (n,)."""
+        steps = 0.5 * (self.value[1:] + self.value[:-1]) * np.diff(self.time)
+        return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 @dataclass(frozen=True)
@@ -99,22 +127,27 @@ class Log:
         return self.series(name).value
 
     def missing(self, *names: str) -> list[str]:
-        """Those of the names that the log lacks."""
+        """Names of the signals that the log lacks, of these."""
         return [name for name in names if name not in self.signals]
 
+    def lacks(self, *names: str) -> str:
+        """The sentence that the log lacks some of these signals; "" when it has all."""
+        missing = self.missing(*names)
+        return f"the log lacks {', '.join(missing)}" if missing else ""
+
     def at(self, name: str, time: ArrayLike) -> FloatArray:
-        """Values at other times, on straight lines between the samples."""
+        """Values at other times, interpolated linearly between the samples."""
         series = self.series(name)
         return np.asarray(np.interp(np.asarray(time, dtype=float), series.time, series.value))
 
     def held(self, name: str, time: ArrayLike) -> FloatArray:
-        """Values at other times, each sample holding until the next."""
+        """Values at other times, where each sample holds until the next."""
         series = self.series(name)
         index = np.searchsorted(series.time, np.asarray(time, dtype=float) + 1e-9, side="right")
         return np.asarray(series.value[np.maximum(index - 1, 0)])
 
     def only(self, names: list[str]) -> Log:
-        """The log with these signals alone; "time" always stays.
+        """The log with these signals only; "time" always stays.
 
         Raises:
           InputError: the log lacks one of them.
@@ -122,3 +155,226 @@ class Log:
         for name in names:
             self.series(name)
         return Log({k: v for k, v in self.signals.items() if k in names or k == "time"})
+
+
+def read(path: str | Path, parameters: TruckParameters, names: dict[str, str] | None = None) -> Log:
+    """Reads a log: `.csv` is a table, any other file a CAN log (candump .log, .asc, .blf).
+
+    Args:
+      path: of the file.
+      parameters: of the truck, for the reference torques of the bus's percent torques.
+      names: signal to the title of its column, if the table has another one.
+
+    Raises:
+      InputError: the file cannot be read or has no signal that can be used.
+    """
+    if Path(path).suffix.lower() == ".csv":
+        return read_table(path, names)
+    if names:
+        raise InputError(f"a CAN log has no columns to rename: {sorted(names)}")
+    try:
+        frames = list(read_log(path))
+    except BusError as error:
+        raise InputError(f"log {str(path)!r} cannot be read: {error}") from error
+    return from_frames(frames, parameters)
+
+
+def read_table(path: str | Path, names: dict[str, str] | None = None) -> Log:
+    """Reads a telemetry table: one column for each signal, with titles `name [unit]`.
+
+    Raises:
+      InputError: unreadable file, a missing column, or a cell that is no number.
+    """
+    titles = {title: name for name, title in (names or {}).items()}
+    headings, rows = _csv(path, "log")
+    columns: dict[str, FloatArray | Series] = {}
+    for index, (title, unit) in enumerate(headings):
+        name = titles.pop(title, title)
+        if name in SIGNALS and not (name in (names or {}) and title == name):
+            columns[name] = _column(rows, index, title) * _TO_SI.get(unit, 1.0)
+    if titles:
+        raise InputError(f"log {str(path)!r} has no column {next(iter(titles))!r}")
+    if "time" not in columns:
+        raise InputError(f"log {str(path)!r} lacks the column 'time'")
+    return Log(columns)
+
+
+def _csv(path: str | Path, what: str) -> tuple[list[tuple[str, str]], list[list[str]]]:
+    """Title and unit of each column, and the rows below."""
+    try:
+        with Path(path).open(newline="", encoding="utf-8") as file:
+            rows = list(csv.reader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{what} {str(path)!r} cannot be read: {error}") from error
+    if not rows:
+        raise InputError(f"{what} {str(path)!r} is empty")
+    parts = [heading.partition("[") for heading in rows[0]]
+    return [(title.strip(), unit.strip(" ]")) for title, _, unit in parts], rows[1:]
+
+
+def _column(rows: list[list[str]], index: int, title: str) -> FloatArray:
+    try:
+        return np.array([float(row[index]) for row in rows])
+    except (ValueError, IndexError) as error:
+        raise InputError(f"column {title!r} of the log has a cell that is no number") from error
+
+
+def from_frames(frames: Iterable[Frame], parameters: TruckParameters) -> Log:
+    """The log of CAN frames, by our DBC, without values that are "not available" or "error".
+
+    Times start at the first frame. No message carries the road's grade: it is the slope of height
+    over station if both are there; give a table otherwise (`with_grade`).
+
+    Raises:
+      InputError: no frame carries a signal that can be used.
+    """
+    wanted = _bus_signals()
+    found: dict[str, tuple[list[float], list[float]]] = {}
+    start: float | None = None
+    for frame in frames:
+        try:
+            decoded = decode(frame)
+        except BusError:
+            continue
+        if decoded is None:
+            continue
+        start = frame.time if start is None else start
+        for signal, value in decoded.group.items():
+            if isinstance(value, Status):
+                continue
+            for row, name in wanted.get((decoded.name, signal), ()):
+                address = decoded.destination if name.startswith("command_") else decoded.source
+                if row.address not in (None, address):
+                    continue
+                times, values = found.setdefault(name, ([], []))
+                if not times or frame.time - start > times[-1]:
+                    times.append(frame.time - start)
+                    values.append(value * row.scale)
+    signals = {n: Series(np.array(t), np.array(v)) for n, (t, v) in found.items()}
+    signals = _with_torques(signals, parameters)
+    if "speed" not in signals and "speed_of_wheels" in signals:
+        signals["speed"] = signals["speed_of_wheels"]
+    usable = {name: series for name, series in signals.items() if name in SIGNALS}
+    if not usable:
+        raise InputError("the CAN log carries no signal that can be used")
+    log = Log(usable)
+    return log if log.missing("z", "station") else with_slope(log)
+
+
+def _bus_signals() -> dict[tuple[str, str], list[tuple[SignalRow, str]]]:
+    """Rows of `signals.csv` and names in the log, by message and signal of the DBC."""
+    found: dict[tuple[str, str], list[tuple[SignalRow, str]]] = {}
+    rows = [(row, f"command_{row.quantity}") for row in commands()]
+    rows += [(row, _BUS_NAMES.get(row.quantity, row.quantity)) for row in reports()]
+    for row, name in rows:
+        if name in SIGNALS or name in _PARTS:
+            found.setdefault((row.message, row.signal), []).append((row, name))
+    return found
+
+
+def _with_torques(signals: dict[str, Series], parameters: TruckParameters) -> dict[str, Series]:
+    """Adds the torques of the percentages on the bus.
+
+    SPN 513 is the indicated torque: less friction (SPN 514) and engine brake it is that of the
+    crankshaft.
+    """
+    references = ReferenceTorques.of(parameters)
+    indicated = signals.get("engine_torque_percent")
+    found = dict(signals)
+    if indicated is not None:
+        torque = 0.01 * references.engine * indicated.value
+        torque = torque - _friction(signals, indicated.time, parameters)
+        if "engine_brake_percent" in signals:
+            part = signals["engine_brake_percent"]
+            share = np.interp(indicated.time, part.time, np.abs(part.value))
+            torque = torque - 0.01 * references.engine_brake * share
+        found["engine_torque"] = Series(indicated.time, torque)
+    if "retarder_percent" in signals:
+        part = signals["retarder_percent"]
+        found["retarder_torque"] = Series(
+            part.time, 0.01 * references.retarder * np.abs(part.value)
+        )
+    return found
+
+
+def _friction(
+    signals: dict[str, Series], time: FloatArray, parameters: TruckParameters
+) -> FloatArray:
+    """Friction torque of the engine [N m], shape (n,): the truck's curve, scaled to the bus.
+
+    A bit of SPN 514 is 1 % of the reference torque, a fifth of the friction itself, and would bias
+    the resistances of the coasting truck. Each sample bounds the curve's scale from both sides; the
+    middle of the interval that satisfies all of them is far finer than a bit.
+    """
+    engine = parameters.engine
+    if "torque_loss_percent" not in signals:
+        return np.zeros_like(time)
+    loss = signals["torque_loss_percent"]
+    unit = 0.01 * engine.reference_torque
+    if "engine_speed" not in signals:
+        return np.asarray(unit * np.interp(time, loss.time, loss.value))
+    speed = signals["engine_speed"]
+    curve = np.interp(
+        np.interp(loss.time, speed.time, speed.value), engine.drag_speed, engine.drag_torque
+    )
+    low = float(np.max(unit * (loss.value - _HALF_BIT) / curve))
+    high = float(np.min(unit * (loss.value + _HALF_BIT) / curve))
+    scale = 0.5 * (low + high) if low < high else unit * float(loss.value @ curve / (curve @ curve))
+    at = np.interp(time, speed.time, speed.value)
+    return np.asarray(scale * np.interp(at, engine.drag_speed, engine.drag_torque))
+
+
+def with_slope(log: Log) -> Log:
+    """Adds the grade: the slope of straight lines fitted to height over 80 m of station."""
+    height = log.series("z")
+    station = np.maximum.accumulate(log.at("station", height.time))
+    places = np.arange(station[0], station[-1], 10.0)
+    if len(places) < 2:
+        return log
+    slopes = []
+    for place in places:
+        low, high = np.searchsorted(station, [place - _SLOPE_LENGTH, place + _SLOPE_LENGTH])
+        near = slice(int(low), max(int(high), int(low) + 2))
+        x, y = station[near] - station[near].mean(), height.value[near]
+        slopes.append(float(x @ y / max(float(x @ x), 1e-9)))
+    return with_grade(log, places, np.array(slopes))
+
+
+def with_grade(log: Log, station: FloatArray, grade: FloatArray) -> Log:
+    """The log with the road's grade from a table over station [m], both of shape (n,).
+
+    Raises:
+      InputError: the log has neither station nor speed, or the table's stations do not increase.
+    """
+    if np.any(np.diff(station) <= 0.0):
+        raise InputError("the stations of a grade table must increase")
+    if "station" in log:
+        place = log.series("station")
+    else:
+        speed = log.series("speed")
+        place = Series(speed.time, speed.integral())
+    value = np.interp(place.value, station, grade)
+    return Log({**log.signals, "grade": Series(place.time, np.asarray(value))})
+
+
+def read_grade(text: str, log: Log) -> Log:
+    """The log with a constant grade from a number, or the grades of a CSV of station and grade.
+
+    Raises:
+      InputError: neither a number within +/-0.3 nor a readable table.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        headings, rows = _csv(text, "table")
+        titles = [title for title, _ in headings]
+        missing = [name for name in ("station", "grade") if name not in titles]
+        if missing:
+            raise InputError(f"table {text!r} lacks the column {missing[0]!r}") from None
+        station, grade = (_column(rows, titles.index(name), name) for name in ("station", "grade"))
+        return with_grade(log, station, grade)
+    if not abs(value) <= _GRADE_MAX:
+        raise InputError(
+            f"grade {text!r} is not allowed: use -{_GRADE_MAX} to {_GRADE_MAX}, or a table's name"
+        )
+    return with_grade(log, np.array([0.0, 1.0]), np.array([value, value]))

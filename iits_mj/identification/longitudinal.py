@@ -1,18 +1,22 @@
-"""The point-mass model behind the fit, and the stretches of a log on which it holds.
+"""Mass, resistances and brake gains: the point mass fitted to the recorded speed.
 
     (m + J / r^2) v' = s T i / r - m g (sin(theta) + f cos(theta)) - 0.5 rho A v^2 - sum b_c F_c
 
 with engine torque T, overall ratio i with its efficiency, rotating inertia J of wheels, gearbox and
-engine, brake force F_c of each circuit from its chambers' pressures. theta is the slope that the
-combination feels: by virtual work, that under each axle weighed with the axle's load. Tires roll on
-the radius of their load, as the tire plugin has it.
+engine, brake force F_c of each circuit from its chambers' pressures. theta is the effective slope
+of the combination: by virtual work, the slope under each axle weighted with the axle's load. Tires
+roll on the radius of their load, as in the tire plugin. Beside gravity, only ratios to the mass
+appear: **torque scale s and mass m cannot be found together** from motion.
 
-Only ratios to the mass appear beside gravity: **torque scale s and mass m cannot be found
-together** from motion.
+Output error with free initial speeds: in each window the model's acceleration is integrated from
+the recorded speed, and the window's mean difference is removed, which eliminates its initial speed.
+Noise on the speed is therefore never differentiated.
 """
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,94 +25,152 @@ from numpy.typing import NDArray
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.units import GRAVITY
 from iits_mj.identification.brakes import CIRCUITS, circuit_forces
-from iits_mj.identification.log import PRESSURES, Log
+from iits_mj.identification.estimate import Estimate, Free, fit, unseen
+from iits_mj.identification.log import PRESSURES, Log, Series
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import static_axle_loads
 
 IntArray = NDArray[np.int_]
 
-NEEDED = ("speed", "grade", "gear", "engine_torque")
-# Below this speed the clutch may slip and the wheels' own losses are not those of rolling [m/s].
+_NEEDED = ("speed", "grade", "gear", "engine_torque")
+_CIRCUIT_GAINS = tuple(f"brake_gain_{name}" for name in CIRCUITS)
+# Below this speed the clutch may slip, and the wheels' losses are not those of rolling [m/s].
 _SPEED_MIN = 3.0
-# The driveline swings on after a shift [s].
+# The driveline oscillates after a shift [s].
 _SETTLE = 0.5
-_WINDOW = 30.0
-_WINDOW_MIN = 4.0
+_WINDOW, _WINDOW_MIN = 30.0, 4.0
+# Noise below this is not the model's error [m/s].
+_NOISE_MIN = 0.02
+_NO_SCALE = "motion shows it only as a ratio to the mass: give the mass"
+_NO_PRESSURES = "the log lacks brake pressures"
 
 
 @dataclass(frozen=True)
-class Inputs:
-    """What the model needs of a log, each of shape (n,).
+class Motion:
+    """Estimates of longitudinal motion.
 
     Attributes:
-      time [s], speed [m/s], slope (sine and cosine of the road's angle).
-      drive_force: engine force at the wheels for s = 1, less the retarder's [N].
-      brake_force: of the brakes for b = 1 [N]; circuit_forces: the same by circuit, shape (n, 3).
-      rotating_mass: J / r^2 [kg]; density: of the air [kg/m3].
-      windows: index ranges on which the model holds.
-      brakes_seen: whether the log has the brakes' pressures.
+      estimates: mass, resistances, brake gains and torque scale.
+      time [s], recorded, before, after: speeds [m/s] with prior and fitted values, shape (m,), the
+        windows of the log one after the other; empty without windows.
+      mass: fitted, given or prior [kg].
     """
 
+    estimates: tuple[Estimate, ...]
     time: FloatArray
-    speed: FloatArray
-    slope_sine: FloatArray
-    slope_cosine: FloatArray
-    drive_force: FloatArray
-    brake_force: FloatArray
-    circuit_forces: FloatArray
-    rotating_mass: FloatArray
-    density: float
-    windows: tuple[slice, ...]
-    brakes_seen: bool = True
+    recorded: FloatArray
+    before: FloatArray
+    after: FloatArray
+    mass: float
 
 
-def prepare(log: Log, parameters: TruckParameters, mass: float | None = None) -> Inputs:
-    """Forces and windows of a log at the samples of its speed.
-
-    Args:
-      log: with the signals `NEEDED`.
-      parameters: of driveline, brakes and masses.
-      mass: gross mass that shares itself among the axles [kg]; default: with half the payload.
-    """
-    speed = log.series("speed")
-    time = speed.time
-    gearbox, engine = parameters.gearbox, parameters.engine
-    loads = static_axle_loads(parameters, payload_of(parameters, mass))
-    radii = rolling_radii(parameters, loads)
-    drive = next(i for i, axle in enumerate(parameters.axles) if axle.tire == "drive")
-    radius = float(radii[drive])
-    gear = np.round(log.held("gear", time)).astype(int)
-    forward = np.clip(gear, 1, len(gearbox.ratios)) - 1
-    ratio = np.where(gear >= 1, gearbox.ratios[forward] * gearbox.final_drive, 0.0)
-    torque = log.at("engine_torque", time)
-    efficiency = gearbox.efficiency * gearbox.driveline_efficiency
-    force = torque * ratio / radius * np.where(torque >= 0.0, efficiency, 1.0 / efficiency)
-    if "retarder_torque" in log:
-        force = force - log.at("retarder_torque", time) * gearbox.final_drive / radius
-    spin = np.array([2.0 * axle.wheel_inertia_spin for axle in parameters.axles])
-    input_inertia = engine.inertia + gearbox.inertias[forward]
-    brakes_seen = not log.missing(*PRESSURES)
-    circuits = np.zeros((len(time), len(CIRCUITS)))
-    if brakes_seen:
-        circuits = circuit_forces(log, parameters, time, radii)
-    grade = felt_grade(log, parameters, loads, time)
-    cosine = 1.0 / np.hypot(1.0, grade)
-    return Inputs(
-        time=time,
-        speed=speed.value,
-        slope_sine=grade * cosine,
-        slope_cosine=cosine,
-        drive_force=force,
-        brake_force=np.sum(circuits, axis=1),
-        circuit_forces=circuits,
-        rotating_mass=np.sum(spin / radii**2) + input_inertia * ratio**2 / radius**2,
-        density=parameters.aerodynamics.density,
-        windows=_windows(log, time, speed.value, gear, brakes_seen),
-        brakes_seen=brakes_seen,
+def identify_motion(log: Log, parameters: TruckParameters, mass: float | None = None) -> Motion:
+    """Fits mass, resistances, brake gains and, with the mass given, the torque's scale."""
+    free = _free(parameters, mass)
+    prior = {name: f.prior for name, f in free.items()}
+    reason = log.lacks(*_NEEDED)
+    inputs = None if reason else _inputs(log, parameters, mass)
+    if inputs is None or not inputs.windows:
+        reason = reason or "the log has no stretch of 4 s above 3 m/s in one gear"
+        empty = np.empty(0)
+        none = tuple(unseen(list(free.values()), reason))
+        return Motion(none, empty, empty, empty, empty, prior["mass"])
+    fixed = "engine_torque_scale" if mass is None else "mass"
+    fitting = [f for name, f in free.items() if name not in (fixed, *_CIRCUIT_GAINS)]
+    estimates, fitted = _fit(inputs, fitting, prior)
+    if mass is None:
+        # The mass changes the loads of axles and tires: fit again with the mass that was found.
+        inputs = _inputs(log, parameters, fitted["mass"])
+        estimates, fitted = _fit(inputs, fitting, prior)
+        estimates.append(free["engine_torque_scale"].unseen(_NO_SCALE))
+    if not inputs.brakes_seen:
+        estimates = [e for e in estimates if e.name != "brake_gain"]
+        estimates.append(free["brake_gain"].unseen(_NO_PRESSURES))
+    others = [f for f in fitting if f.name != "brake_gain"]
+    gains = [free[name] for name in _CIRCUIT_GAINS]
+    return Motion(
+        estimates=(*estimates, *_circuit_gains(inputs, others, gains, fitted)),
+        time=np.concatenate([inputs.time[w] for w in inputs.windows]),
+        recorded=np.concatenate([inputs.speed[w] for w in inputs.windows]),
+        before=np.concatenate(_speeds(inputs, prior)),
+        after=np.concatenate(_speeds(inputs, fitted)),
+        mass=fitted["mass"],
     )
 
 
-def acceleration(inputs: Inputs, values: dict[str, float]) -> FloatArray:
+def _free(parameters: TruckParameters, mass: float | None) -> dict[str, Free]:
+    """The parameters by name; of two that the log cannot separate, the later keeps its prior."""
+    known = parameters.gross_mass(0.5 * parameters.payload.mass_max) if mass is None else mass
+    free = (
+        Free("mass", "kg", float(known), 5e3, 1.2e5),
+        Free("rolling_resistance", "1", parameters.tire_common.rolling_resistance, 1e-4, 0.05),
+        Free("drag_area", "m2", parameters.aerodynamics.drag_area, 0.1, 30.0),
+        Free("brake_gain", "1", 1.0, 0.05, 5.0),
+        Free("engine_torque_scale", "1", 1.0, 0.2, 3.0),
+        *(Free(name, "1", 1.0, 0.05, 5.0) for name in _CIRCUIT_GAINS),
+    )
+    return {f.name: f for f in free}
+
+
+def _fit(
+    inputs: _Inputs, free: Sequence[Free], values: Mapping[str, float]
+) -> tuple[list[Estimate], dict[str, float]]:
+    """Fits the free parameters, each from its value; the others keep theirs."""
+    weights = _weights(inputs)
+
+    def trial(found: FloatArray) -> dict[str, float]:
+        return {**values, **dict(zip((f.name for f in free), map(float, found), strict=True))}
+
+    def residual(found: FloatArray) -> list[FloatArray]:
+        triples = zip(inputs.windows, _speeds(inputs, trial(found)), weights, strict=True)
+        return [weight * (speed - inputs.speed[w]) for w, speed, weight in triples]
+
+    started = [dataclasses.replace(f, prior=values[f.name]) for f in free]
+    estimates, found = fit(started, residual)
+    return estimates, trial(found)
+
+
+def _weights(inputs: _Inputs) -> list[float]:
+    """Weight of each window, 1 on average: the inverse of its noise, by second differences.
+
+    White noise of deviation s has second differences of deviation s sqrt(6).
+    """
+    noise = [
+        max(float(np.std(np.diff(inputs.speed[w], 2))) / np.sqrt(6.0), _NOISE_MIN)
+        for w in inputs.windows
+    ]
+    return [float(np.median(noise)) / value for value in noise]
+
+
+def _circuit_gains(
+    inputs: _Inputs, others: list[Free], gains: list[Free], fitted: Mapping[str, float]
+) -> list[Estimate]:
+    """The gains of the single circuits, if the log separates them, relative to `brake_gain`.
+
+    Their pressures rise together in ordinary braking, and then only the sum shows.
+    """
+    if not inputs.brakes_seen:
+        return unseen(gains, _NO_PRESSURES)
+    if not np.any(np.max(np.abs(inputs.circuit_forces), axis=0) > 0.0):
+        return unseen(gains, "the brakes were not used")
+    separate, _ = _fit(inputs, [*others, *gains], {**fitted, "brake_gain": 1.0})
+    found = separate[len(others) :]
+    if all(e.identifiable for e in found):
+        return found
+    return unseen(gains, "the log shows the circuits only together, as brake_gain")
+
+
+def _speeds(inputs: _Inputs, values: Mapping[str, float]) -> list[FloatArray]:
+    """The model's speed [m/s] in each window, with the mean of the recorded speed."""
+    rate = _acceleration(inputs, values)
+    found = []
+    for window in inputs.windows:
+        rise = Series(inputs.time[window], rate[window]).integral()
+        found.append(rise + np.mean(inputs.speed[window] - rise))
+    return found
+
+
+def _acceleration(inputs: _Inputs, values: Mapping[str, float]) -> FloatArray:
     """The model's acceleration [m/s2], shape (n,), at the recorded speed.
 
     `values` has mass, rolling_resistance, drag_area, engine_torque_scale and brake_gain, and
@@ -125,15 +187,85 @@ def acceleration(inputs: Inputs, values: dict[str, float]) -> FloatArray:
     return np.asarray(force / (mass + inputs.rotating_mass))
 
 
+@dataclass(frozen=True)
+class _Inputs:
+    """Inputs of the model, each of shape (n,).
+
+    Attributes:
+      time [s], speed [m/s], slope (sine and cosine of the road's angle).
+      drive_force: engine force at the wheels for s = 1, less the retarder's [N].
+      circuit_forces: of the brake circuits for b = 1 [N], shape (n, 3).
+      rotating_mass: J / r^2 [kg]; density: of the air [kg/m3].
+      windows: index ranges on which the model holds.
+      brakes_seen: whether the log has the brakes' pressures.
+    """
+
+    time: FloatArray
+    speed: FloatArray
+    slope_sine: FloatArray
+    slope_cosine: FloatArray
+    drive_force: FloatArray
+    circuit_forces: FloatArray
+    rotating_mass: FloatArray
+    density: float
+    windows: tuple[slice, ...]
+    brakes_seen: bool = True
+
+
+def _inputs(log: Log, parameters: TruckParameters, mass: float | None = None) -> _Inputs:
+    """Forces and windows of a log at the samples of its speed.
+
+    Args:
+      log: with the signals `_NEEDED`.
+      parameters: of driveline, brakes and masses.
+      mass: gross mass for the loads of the axles [kg]; default: with half the payload.
+    """
+    speed = log.series("speed")
+    time = speed.time
+    gearbox, engine = parameters.gearbox, parameters.engine
+    loads = static_axle_loads(parameters, payload_of(parameters, mass))
+    radii = _rolling_radii(parameters, loads)
+    drive = next(i for i, axle in enumerate(parameters.axles) if axle.tire == "drive")
+    radius = float(radii[drive])
+    gear = np.round(log.held("gear", time)).astype(int)
+    forward = np.clip(gear, 1, len(gearbox.ratios)) - 1
+    ratio = np.where(gear >= 1, gearbox.ratios[forward] * gearbox.final_drive, 0.0)
+    torque = log.at("engine_torque", time)
+    efficiency = gearbox.efficiency * gearbox.driveline_efficiency
+    force = torque * ratio / radius * np.where(torque >= 0.0, efficiency, 1.0 / efficiency)
+    if "retarder_torque" in log:
+        force = force - log.at("retarder_torque", time) * gearbox.final_drive / radius
+    spin = np.array([2.0 * axle.wheel_inertia_spin for axle in parameters.axles])
+    input_inertia = engine.inertia + gearbox.inertias[forward]
+    brakes_seen = not log.missing(*PRESSURES)
+    circuits = np.zeros((len(time), len(CIRCUITS)))
+    if brakes_seen:
+        circuits = circuit_forces(log, parameters, time, radii)
+    grade = _effective_grade(log, parameters, loads, time)
+    cosine = 1.0 / np.hypot(1.0, grade)
+    return _Inputs(
+        time=time,
+        speed=speed.value,
+        slope_sine=grade * cosine,
+        slope_cosine=cosine,
+        drive_force=force,
+        circuit_forces=circuits,
+        rotating_mass=np.sum(spin / radii**2) + input_inertia * ratio**2 / radius**2,
+        density=parameters.aerodynamics.density,
+        windows=_windows(log, time, speed.value, gear, brakes_seen),
+        brakes_seen=brakes_seen,
+    )
+
+
 def payload_of(parameters: TruckParameters, mass: float | None) -> float:
-    """Payload that this gross mass means, within the truck's limits; half of it for None [kg]."""
+    """Payload of this gross mass, within the truck's limits [kg]; half the greatest for None."""
     largest = parameters.payload.mass_max
     if mass is None:
         return 0.5 * largest
     return float(np.clip(mass - parameters.gross_mass(0.0), 0.0, largest))
 
 
-def rolling_radii(parameters: TruckParameters, loads: FloatArray) -> FloatArray:
+def _rolling_radii(parameters: TruckParameters, loads: FloatArray) -> FloatArray:
     """Rolling radius of each axle's tires under its load [m], shape (6,).
 
     It falls by a third of the deflection beyond that of the nominal load (tire plugin).
@@ -147,15 +279,14 @@ def rolling_radii(parameters: TruckParameters, loads: FloatArray) -> FloatArray:
     return np.array(radii)
 
 
-def felt_grade(
+def _effective_grade(
     log: Log, parameters: TruckParameters, loads: FloatArray, time: FloatArray
 ) -> FloatArray:
-    """Grade under all axles, weighed with their loads [1], shape (n,)."""
+    """Grade under all axles, weighted with their loads [1], shape (n,)."""
     speed = log.series("speed")
-    steps = 0.5 * (speed.value[1:] + speed.value[:-1]) * np.diff(speed.time)
-    place = np.interp(time, speed.time, np.concatenate([[0.0], np.cumsum(steps)]))
+    place = np.interp(time, speed.time, speed.integral())
     road = log.at("grade", time)
-    # A standing truck stays at one place: keep the place increasing for the look-up.
+    # A stopped truck stays at one place: keep the place increasing for the look-up.
     place = np.maximum.accumulate(place)
     kept = np.concatenate([[True], np.diff(place) > 1e-6])
     behind = [axle.position for axle in parameters.tractor.axles]
@@ -171,7 +302,7 @@ def felt_grade(
 def _windows(
     log: Log, time: FloatArray, speed: FloatArray, gear: IntArray, brakes_seen: bool
 ) -> tuple[slice, ...]:
-    """Stretches of 4 to 30 s that roll freely in one gear, away from shifts and standstill."""
+    """Stretches of 4 to 30 s in one gear, away from shifts, standstill and unseen brakes."""
     good = (speed > _SPEED_MIN) & (gear >= 0)
     if "shift_in_process" in log:
         good &= log.held("shift_in_process", time) < 0.5

@@ -1,7 +1,7 @@
-"""The recorded drive once more, on the truck itself: the last word on what was identified.
+"""Drives the truck with the recorded commands, to check the identified parameters.
 
 The truck gets the recorded commands, not the recorded speed, on a straight road of the recorded
-grade. Errors add up along the drive, gear changes happen where this truck's gearbox wants them.
+grade. Errors accumulate along the drive, and this truck's gearbox decides on its gear changes.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from iits_mj.road import RoadMap, Route
 from iits_mj.road.design import Design, build
 from iits_mj.truck import Truck
 
-NEEDED = ("speed", "grade", "command_accelerator_pedal")
+_NEEDED = ("speed", "grade", "command_accelerator_pedal")
 _COMMANDS = {
     "accelerator_pedal": (0.0, 1.0),
     "xbr_demand": (XBR_DEMAND_MIN, 0.0),
@@ -37,11 +37,11 @@ _COMMANDS = {
 _MODES = {"xbr_mode": XbrMode, "xbr_ebi_mode": XbrEbiMode, "transmission_mode": TransmissionMode}
 _STEP = 0.005
 _PERIOD = 0.02
-# Where the steer axle starts: the trailer has road behind it. Margin at the road's end.
+# Station of the steer axle at the start, with road for the trailer; margin at the road's end.
 _START, _MARGIN = 50.0, 200.0
-# Spacing of the grade's breaks along the road, and the length of the curves that round them [m].
+# Spacing of the grade's changes along the road, and length of the parabolas between them [m].
 _SPACING, _CURVE = 25.0, 24.0
-# The record's noise is taken out over this time before it is compared [s].
+# The record's noise is smoothed over this time before the comparison [s].
 _SMOOTH = 2.0
 
 
@@ -54,7 +54,7 @@ class Replay:
     simulated: FloatArray
 
     def smoothed(self) -> FloatArray:
-        """The record without its noise, which is no error of the truck: parabolas over 2 s."""
+        """The record smoothed by parabolas over 2 s, since its noise is no error of the truck."""
         step = float(np.median(np.diff(self.time)))
         length = max(round(_SMOOTH / step) // 2 * 2 + 1, 5)
         return np.asarray(savgol_filter(self.recorded, length, 2))
@@ -82,19 +82,19 @@ def replay(
     """Drives the truck with the log's commands.
 
     Args:
-      log: with `NEEDED`; commands that it lacks are zero.
+      log: with `_NEEDED`; missing commands are zero.
       parameters: of the truck, or an overlay.
       payload: [kg]; default: the parameters' greatest.
 
     Raises:
-      InputError: the log lacks a signal, or shows a manoeuvre that the road does not allow.
+      InputError: the log lacks a signal, or has a maneuver that the road does not allow.
     """
-    lacking = log.missing(*NEEDED)
-    if lacking:
-        raise InputError(f"the drive cannot be replayed: the log lacks {', '.join(lacking)}")
+    lacks = log.lacks(*_NEEDED)
+    if lacks:
+        raise InputError(f"the drive cannot be replayed: {lacks}")
     speed = log.series("speed")
     truck = Truck.load(
-        payload, parameters=parameters, route=road(log), timestep=_STEP, visuals=False
+        payload, parameters=parameters, route=_road(log), timestep=_STEP, visuals=False
     )
     truck.reset(station=_START, speed=_initial_speed(log))
     start = float(speed.time[0])
@@ -129,13 +129,12 @@ def _initial_speed(log: Log) -> float:
     return max(float(line[1]), 0.0)
 
 
-def road(log: Log) -> Route:
-    """A straight road with the log's grade over the distance driven."""
+def _road(log: Log) -> Route:
+    """A straight road with the log's grade over the driven distance."""
     speed = log.series("speed")
-    steps = 0.5 * (speed.value[1:] + speed.value[:-1]) * np.diff(speed.time)
-    place = np.maximum.accumulate(np.concatenate([[0.0], np.cumsum(steps)])) + _START
+    place = np.maximum.accumulate(speed.integral()) + _START
     moved = np.concatenate([[True], np.diff(place) > 1e-6])
-    # The simulated truck may get further than the recorded one: the last grade goes on.
+    # The simulated truck may drive further than the recorded one: the last grade goes on.
     length = float(place[-1]) + 0.1 * float(place[-1] - _START) + _MARGIN
     return graded_road(place[moved], log.at("grade", speed.time)[moved], length)
 

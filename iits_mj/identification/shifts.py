@@ -1,4 +1,4 @@
-"""Timing of gear changes: how long the driveline is open, how fast the torque is taken away."""
+"""Timing of gear changes: how long the driveline is open, and how fast the torque is cut."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ import numpy as np
 from scipy import stats
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.identification.estimate import WIDEST, Estimate
+from iits_mj.identification.estimate import Estimate, Free, too_weak, unseen
 from iits_mj.identification.log import Log
 from iits_mj.parameters import TruckParameters
 
-# Fewer changes leave no honest mean.
+# Fewer changes give no reliable mean.
 _CHANGES_MIN = 4
-# A flag sampled coarser than this share of a change says little about it.
+# Coarsest sampling of the flag, as a share of a change.
 _COARSEST = 0.1
-# Torque that is worth taking away, of the reference; the part of its fall that counts.
+# Least torque of a loaded change, of the reference; the part of its fall that counts.
 _LOADED = 0.2
 _FALL = (0.1, 0.9)
 _FALL_SAMPLES = 3
-# After this long the change is a launch or a fault, not a shift [s].
+# A longer change is a launch or a fault, not a shift [s].
 _LONGEST = 3.0
-# Changes further from the median than this share of it are another kind of change.
+# Changes further from the median than this share of it are outliers.
 _STRAY = 0.2
 
 
@@ -33,43 +33,44 @@ class _Change:
 
 
 def identify_shifts(log: Log, parameters: TruckParameters) -> list[Estimate]:
-    """Duration of a gear change, of its torque cut and of its synchronisation.
+    """Duration of a gear change, of its torque cut and of its synchronization.
 
-    The time that the clutch takes to close is not told apart from synchronisation: it stays.
+    The closing time of the clutch cannot be separated from synchronization: it keeps its value.
     """
     gearbox = parameters.gearbox
-    names = ("shift_duration", "shift_cut_time", "synchronization_time")
     total = gearbox.shift_cut_time + gearbox.synchronization_time + gearbox.clutch_close_time
-    priors = (total, gearbox.shift_cut_time, gearbox.synchronization_time)
-
-    def unseen(k: int, reason: str) -> Estimate:
-        return Estimate.unseen(names[k], "s", priors[k], reason)
-
-    if "shift_in_process" not in log:
-        return [unseen(k, "the log lacks shift_in_process") for k in range(3)]
+    free = (
+        Free("shift_duration", "s", total),
+        Free("shift_cut_time", "s", gearbox.shift_cut_time),
+        Free("synchronization_time", "s", gearbox.synchronization_time),
+    )
+    lacks = log.lacks("shift_in_process")
+    if lacks:
+        return unseen(free, lacks)
     changes = _changes(log)
     if len(changes) < _CHANGES_MIN:
         reason = f"the log has {len(changes)} gear changes, {_CHANGES_MIN} are wanted"
-        return [unseen(k, reason) for k in range(3)]
+        return unseen(free, reason)
     lengths = np.array([change.end - change.start for change in changes])
     step = float(np.median(np.diff(log.series("shift_in_process").time)))
-    # Flags are sampled: where changes keep step with the samples, half of one stays unseen.
-    duration = _mean(names[0], priors[0], lengths, 0.5 * step)
+    # Flags are sampled: half a sample stays unseen if changes are in step with the samples.
+    duration = _mean(free[0], lengths, 0.5 * step)
     if step > _COARSEST * float(lengths.mean()):
-        # Averages of many changes would do, were their phases known to be random.
+        # The mean of many changes would do only if their phases were known to be random.
         reason = f"the log shows the change in steps of {1e3 * step:.0f} ms only"
-        return [unseen(k, reason) for k in range(3)]
+        return unseen(free, reason)
     cuts = _cuts(log, parameters, changes)
     if len(cuts) >= _CHANGES_MIN:
-        cut = _mean(names[1], priors[1], np.array(cuts))
+        cut = _mean(free[1], np.array(cuts))
     else:
-        cut = unseen(1, "the log has too few loaded changes, or samples the torque too slowly")
+        cut = free[1].unseen("the log has too few loaded changes, or samples the torque too slowly")
     rest = duration.value - cut.value - gearbox.clutch_close_time
     if not duration.identifiable or rest <= 0.0:
-        synchronization = unseen(2, duration.reason or "shorter than torque cut and clutch closing")
+        reason = duration.reason or "shorter than torque cut and clutch closing"
+        synchronization = free[2].unseen(reason)
     else:
         half = float(np.hypot(duration.half_width, cut.half_width if cut.identifiable else 0.0))
-        synchronization = _judged(names[2], priors[2], rest, half)
+        synchronization = free[2].judged(rest, half, too_weak(half / rest))
     return [duration, cut, synchronization]
 
 
@@ -90,7 +91,7 @@ def _changes(log: Log) -> list[_Change]:
 
 
 def _cuts(log: Log, parameters: TruckParameters, changes: list[_Change]) -> list[float]:
-    """Times in which loaded changes take the torque to nothing [s], by the slope of its fall."""
+    """Times in which loaded changes cut the torque to zero [s], by the slope of its fall."""
     if log.missing("engine_torque", "engine_speed"):
         return []
     engine, series = parameters.engine, log.series("engine_torque")
@@ -114,17 +115,11 @@ def _cuts(log: Log, parameters: TruckParameters, changes: list[_Change]) -> list
     return cuts
 
 
-def _mean(name: str, prior: float, values: FloatArray, unseen: float = 0.0) -> Estimate:
-    """Mean with its 95 % interval and what is unseen on top, without strays far from the median."""
+def _mean(free: Free, values: FloatArray, unseen_part: float = 0.0) -> Estimate:
+    """Mean without outliers; its 95 % interval with the unseen part added."""
     median = float(np.median(values))
     kept = values[np.abs(values - median) <= _STRAY * median]
     deviation = float(np.std(kept, ddof=1)) / np.sqrt(len(kept))
-    half = float(stats.t.ppf(0.975, len(kept) - 1)) * deviation
-    return _judged(name, prior, float(kept.mean()), half + unseen)
-
-
-def _judged(name: str, prior: float, value: float, half_width: float) -> Estimate:
-    if half_width <= WIDEST * value:
-        return Estimate(name, value, "s", prior, half_width, True)
-    reason = f"the log is too weak: +/-{100.0 * half_width / value:.0f} % of the value"
-    return Estimate(name, prior, "s", prior, half_width, False, reason)
+    half = float(stats.t.ppf(0.975, len(kept) - 1)) * deviation + unseen_part
+    mean = float(kept.mean())
+    return free.judged(mean, half, too_weak(half / mean))

@@ -36,8 +36,7 @@ from iits_mj.j1939.log_files import LogWriter, read_log
 from iits_mj.j1939.quantities import ReferenceTorques
 from iits_mj.j1939.receiver import CommandReceiver, Heard, Loss, TimeOuts
 from iits_mj.j1939.requests import Reason
-from iits_mj.j1939.state import StateSender, state_to_frames
-from iits_mj.j1939.state_receiver import StateReceiver
+from iits_mj.j1939.state import StateReceiver, StateSender, state_to_frames
 from iits_mj.j1939.transport import BroadcastSender, Failure, LongMessage, Reassembler, broadcast
 
 __all__ = [

@@ -36,7 +36,7 @@ _FAILURES = (can.CanError, OSError, ValueError)
 
 
 class _Message(can.Message):
-    """A message that nobody changes after sending.
+    """A message that does not change after sending.
 
     The virtual bus makes a deep copy for each listener, which is two thirds of its cost; ours is
     its own copy.

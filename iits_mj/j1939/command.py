@@ -1,4 +1,4 @@
-"""`VehicleCommand` to frames: what a controller sends. The table of signals is `signals.csv`.
+"""`VehicleCommand` to the frames of a controller. The table of signals is `signals.csv`.
 
 The retarders take, as percent torque, minus the share of the torque that they can give at the
 moment.

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -20,6 +19,7 @@ from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame
 from iits_mj.j1939.groups import Group, Status, Value
 from iits_mj.j1939.network import DRIVELINE_RETARDER, ENGINE, ENGINE_RETARDER
 from iits_mj.j1939.quantities import ReferenceTorques
+from iits_mj.j1939.schedule import Schedule
 from iits_mj.j1939.transport import BroadcastSender, Reassembler
 from iits_mj.parameters import TruckParameters
 
@@ -102,21 +102,17 @@ class ConfigurationSender:
             (BroadcastSender(source), pgn_of(group.MESSAGE), pack(group, saturate=True))
             for source, group in groups.items()
         ]
-        self._period = cycle_time("EC1")
-        self._next = self._last = -math.inf
+        self._schedule = Schedule([cycle_time("EC1")])
 
     def frames(self, time: float) -> list[Frame]:
         """The frames that are due [s], at most one a unit; to be called at least every 50 ms.
 
         Raises:
-          BusError: the time is not finite.
+          InputError: the time is not finite.
         """
-        # Time goes back when a new drive begins.
-        if time >= self._next or time < self._last:
-            self._next = time + self._period
+        if self._schedule.due(time):
             for sender, pgn, data in self._contents:
                 sender.put(pgn, data)
-        self._last = time
         return [frame for sender, _, _ in self._contents for frame in sender.due(time)]
 
     def repeat(self, pgn: int, address: int) -> bool:

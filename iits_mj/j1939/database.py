@@ -35,7 +35,7 @@ _OUT_OF_RANGE, _ERROR, _MISSING = 0xFB, 0xFE, 0xFF
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """Bits of a message and what they mean.
+    """Bits of a message and their meaning.
 
     Attributes:
       name: in the DBC.
@@ -156,7 +156,7 @@ class Codec:
         return whole.to_bytes(self._length, "little")
 
     def unpack(self, data: bytes) -> list[Value]:
-        """The values of the signals: floats, or what the codes say.
+        """The values of the signals: floats, or the status that a code stands for.
 
         Raises:
           BusError: the bytes do not have the length of the message.

@@ -121,7 +121,7 @@ class SoftwareIdentification(LongGroup):
 
 
 def _text(data: bytes) -> str:
-    """Text as control units send it: without filling, and "?" for what is no printable ASCII."""
+    """Text as control units send it, without filling; "?" replaces unprintable letters."""
     characters = data.rstrip(b"\xff\x00").decode("latin-1")
     shown = (c if c.isascii() and c.isprintable() else "?" for c in characters)
     return "".join(shown).strip()
@@ -149,7 +149,7 @@ class Fault:
     """A diagnostic trouble code.
 
     Attributes:
-      spn: what is at fault, 0 to 524287; 19 bits in Intel order, as in version 4 of the conversion.
+      spn: the faulty part, 0 to 524287; 19 bits in Intel order, as in version 4 of the conversion.
       fmi: how it fails, 0 to 31.
       occurrences: how often, 0 to 126, or not available.
       old_conversion: the SPN is in one of the orders before version 4. The message does not say in

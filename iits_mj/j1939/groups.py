@@ -46,7 +46,7 @@ class Group:
     MESSAGE: ClassVar[str] = ""
 
     def items(self) -> Iterator[tuple[str, Value]]:
-        """Signals and what they carry, in the order of the DBC."""
+        """Signals and their values, in the order of the DBC."""
         return ((item.name, getattr(self, item.name)) for item in fields(self))
 
     def number(self, signal: str) -> float:

@@ -8,11 +8,17 @@
 | `.csv` | python-can's own table | yes | yes |
 | `.db`, `.mf4` | python-can's SQLite, ASAM (needs the package asammdf) | yes | |
 | `.txt` | candump's text on the console (`candump -ta`, `-tz`, `-tA`) | yes | |
-| `.bin` | a data logger's 512-byte blocks (`log_formats`) | yes | |
+| `.bin` | a data logger's 512-byte blocks | yes | |
 
-Reading goes by the content, so a wrong suffix does no harm; `.gz` after the suffix of a text format
-means that it is packed. Times are in seconds, to the microsecond: since 1970 where the file knows
-the date, as in the file where it does not.
+The content decides how a file is read, so a wrong suffix does no harm; `.gz` after the suffix of a
+text format means that it is packed. Times are in seconds, to the microsecond: since 1970 if the
+file has a date, else as in the file.
+
+python-can does not read the last two. A line of candump's text is
+` (000.000000)  can1  18F11031   [8]  00 00 FF`. A logger's block has the number of records (u32),
+21 records of 24 bytes and 4 unused bytes. A record has seconds since 1970 (u32), the logger's own
+clock in us (u32), microseconds in the lower 24 bits and the length in the upper 8 (u32), identifier
+(u32), 8 data bytes; everything little endian.
 """
 
 from __future__ import annotations
@@ -34,15 +40,28 @@ from iits_mj.core.errors import BusError
 from iits_mj.j1939.bus import from_can, to_can
 from iits_mj.j1939.frame import Frame
 
-# --- Two formats of bus logs that python-can does not read, and how a log's format is recognized
-# - candump's console text, one line a frame: ` (000.000000)  can1  18F11031   [8]  00 00 FF`.
-# - A data logger's blocks of 512 bytes: the number of records (u32), 21 records of 24 bytes, 4
-# bytes
-#   that are left alone. A record: seconds since 1970 (u32), the logger's own clock in us (u32),
-#   microseconds in the lower 24 bits and the length in the upper 8 (u32), identifier (u32), 8 data
-#   bytes; everything little endian.
-
-BLOCK = 512
+WRITTEN = (".asc", ".blf", ".csv", ".log", ".trc")
+_PACKED = (".asc", ".csv", ".log")
+_HEAD = 4096
+_GZIP = b"\x1f\x8b"
+# 1990: earlier times count from a start, not from 1970.
+_FIRST_DATE = 631_152_000.0
+_FIRST_YEAR = 1990
+# Later times, of the year 2286 and beyond, do not fit into every format [s].
+_LAST_TIME = 1e10
+_BY_PATH = ("db", "mf4")
+# Formats with a header even without a frame.
+_HEADED = (".bin", ".blf", ".db", ".mf4")
+_READERS: dict[str, Callable[..., Any]] = {
+    "blf": can.BLFReader,
+    "csv": can.CSVReader,
+    "db": can.SqliteReader,
+    "log": can.CanutilsLogReader,
+    "mf4": can.MF4Reader,
+    "trc": can.TRCReader,
+}
+_READABLE = "asc, blf, candump -l or console text, csv of python-can, db, logger blocks, mf4, trc"
+_BLOCK = 512
 _RECORDS = 21
 _RECORD = struct.Struct("<IIII8s")
 _HEADER = 4
@@ -54,8 +73,9 @@ _CONSOLE = re.compile(
     r"(?P<rest>.*)"
 )
 _SHORT_ID = 3
+_BYTE = re.compile("[0-9A-Fa-f]{2}")
 
-# The first text that is not blank tells a format; a foreign file matches none.
+# The first text that is not blank identifies a format; a foreign file matches none.
 _SIGNS: tuple[tuple[str, re.Pattern[bytes]], ...] = (
     ("blf", re.compile(rb"LOGG")),
     ("mf4", re.compile(rb"MDF     ")),
@@ -73,132 +93,8 @@ _SIGNS: tuple[tuple[str, re.Pattern[bytes]], ...] = (
 )
 
 
-def format_of(head: bytes) -> str | None:
-    """Format of a log by its first bytes; None when it is none of those known.
-
-    Args:
-      head: the first bytes of the file, a block of `BLOCK` or more where the file has them.
-    """
-    text = head.lstrip()
-    for name, sign in _SIGNS:
-        if sign.match(text):
-            return name
-    return "logger" if _is_block(head[:BLOCK]) else None
-
-
-def console_frames(lines: Iterable[str]) -> Iterator[Frame]:
-    """Extended data frames of candump's console text; 11-bit, CAN FD and error frames are left out.
-
-    A last line without its end, as a power cut leaves it, is dropped where it is not whole.
-
-    Raises:
-      BusError: a line is not of that text.
-    """
-    for number, line in enumerate(lines, start=1):
-        if not line.strip():
-            continue
-        match = _CONSOLE.match(line)
-        data = _bytes_of(match) if match else None
-        if match is None or data is None:
-            if line.endswith("\n"):
-                raise BusError(
-                    f"line {number} is not a frame as candump shows it: {line.strip()!r}"
-                )
-            return
-        can_id = int(match["id"], 16)
-        # Above 29 bits are candump's flags: an error frame.
-        foreign = len(match["id"]) == _SHORT_ID or can_id >= _EXTENDED_IDS
-        if not foreign and isinstance(data, bytes):
-            yield Frame(can_id, data, _console_time(match["time"]))
-
-
-def logger_frames(file: BinaryIO) -> Iterator[Frame]:
-    """Frames of a logger's 512-byte blocks.
-
-    Raises:
-      BusError: a block is cut off or is none.
-    """
-    number = 0
-    while block := file.read(BLOCK):
-        if len(block) != BLOCK:
-            raise BusError(f"block {number} is cut off after {len(block)} of its {BLOCK} bytes")
-        if not _is_block(block):
-            raise BusError(f"block {number} does not hold a logger's records")
-        (count,) = struct.unpack_from("<I", block)
-        for i in range(count):
-            second, _, packed, can_id, data = _RECORD.unpack_from(block, _HEADER + _RECORD.size * i)
-            time = round(second + (packed & 0xFFFFFF) * 1e-6, 6)
-            yield Frame(can_id, data[: packed >> 24], time)
-        number += 1
-
-
-def _bytes_of(match: re.Match[str]) -> bytes | str | None:
-    """Data of a console line: the bytes; a word for a frame without; None where it is cut off."""
-    length, rest = int(match["length"]), match["rest"].split()
-    if len(match["length"]) > 1:
-        return "CAN FD"
-    if rest[:2] == ["remote", "request"]:
-        return "remote"
-    shown = rest[:length]
-    if len(shown) < length or length > 8 or any(not _is_byte(text) for text in shown):
-        return None
-    return bytes(int(text, 16) for text in shown)
-
-
-def _is_byte(text: str) -> bool:
-    return len(text) == 2 and all(digit in "0123456789abcdefABCDEF" for digit in text)
-
-
-def _console_time(text: str) -> float:
-    if " " in text:
-        try:
-            return datetime.datetime.fromisoformat(text).timestamp()
-        except ValueError as error:
-            raise BusError(f"time stamp {text!r}: {error}") from error
-    return float(text)
-
-
-def _is_block(block: bytes) -> bool:
-    """Whether the numbers in a block can be those of a logger."""
-    if len(block) != BLOCK:
-        return False
-    (count,) = struct.unpack_from("<I", block)
-    if not 1 <= count <= _RECORDS:
-        return False
-    records = (_RECORD.unpack_from(block, _HEADER + _RECORD.size * i) for i in range(count))
-    return all(
-        packed >> 24 <= 8 and packed & 0xFFFFFF < 1_000_000 and can_id < _EXTENDED_IDS
-        for _, _, packed, can_id, _ in records
-    )
-
-
-# --- Log files of a bus: read in the formats of the common tools, written in five of them ---
-
-WRITTEN = (".asc", ".blf", ".csv", ".log", ".trc")
-_PACKED = (".asc", ".csv", ".log")
-_HEAD = 4096
-_GZIP = b"\x1f\x8b"
-# 1990: earlier times are seconds since some start, not a date.
-_FIRST_DATE = 631_152_000.0
-_FIRST_YEAR = 1990
-# Later ones, of the year 2286 and beyond, do not fit into every format [s].
-_LAST_TIME = 1e10
-_BY_PATH = ("db", "mf4")
-# Without a frame, too, these have a header.
-_HEADED = (".bin", ".blf", ".db", ".mf4")
-_READERS: dict[str, Callable[..., Any]] = {
-    "blf": can.BLFReader,
-    "csv": can.CSVReader,
-    "db": can.SqliteReader,
-    "log": can.CanutilsLogReader,
-    "mf4": can.MF4Reader,
-    "trc": can.TRCReader,
-}
-_READABLE = "asc, blf, candump -l or console text, csv of python-can, db, logger blocks, mf4, trc"
-
-
 def read_log(path: str | Path) -> Iterator[Frame]:
-    """Frames of a log file in file order, read as they are asked for.
+    """Frames of a log file in file order, read on demand.
 
     11-bit, CAN FD, remote and error frames are left out.
 
@@ -206,7 +102,7 @@ def read_log(path: str | Path) -> Iterator[Frame]:
       path: of the file; see the module's table.
 
     Raises:
-      BusError: the file is missing, is no such log, or is broken at some place.
+      BusError: the file is missing, is no such log, or is broken.
     """
     frames = _frames(Path(path))
     while True:
@@ -227,8 +123,8 @@ def read_log(path: str | Path) -> Iterator[Frame]:
 class LogWriter(Closing):
     """Writes frames to a log that CAN tools read; a context manager.
 
-    Times are written to the microsecond and come back as they were. A frame that is older than the
-    one before it gets that one's time, since logs run forward.
+    Times are written to the microsecond and come back unchanged. A frame that is older than the one
+    before it gets that one's time, since logs run forward.
 
     Args:
       path: of the file; its suffix picks the format: .asc, .blf, .csv, .log, .trc, or .asc.gz,
@@ -256,7 +152,7 @@ class LogWriter(Closing):
             raise BusError(f"CAN log {self._path!r} cannot be written: {error}") from error
 
     def write(self, frame: Frame) -> None:
-        """Appends one frame; BusError when its time cannot stand in a log or the file is full."""
+        """Appends one frame; BusError when a log cannot hold its time or the file is full."""
         if not 0.0 <= frame.time <= _LAST_TIME:
             raise BusError(
                 f"frame {frame.can_id:08X} at time {frame.time!r} s: 0 to {_LAST_TIME:g} allowed"
@@ -286,7 +182,7 @@ class LogWriter(Closing):
 
 
 def _epoch(time: float) -> float:
-    """Time that a file's own times count from: a whole second, so that no digit is lost."""
+    """Time from which a file's own times count: a whole second, so that no digit is lost."""
     return math.floor(time) if time >= _FIRST_DATE else 0.0
 
 
@@ -306,7 +202,7 @@ def _frames(path: Path) -> Iterator[Frame]:
         packed = raw.read(len(_GZIP)) == _GZIP
     with _open(path, packed) as file:
         head = file.read(_HEAD)
-    kind = format_of(head)
+    kind = _format_of(head)
     if kind is None:
         if not head.strip() and path.suffix.lower() not in _HEADED:
             return
@@ -316,7 +212,7 @@ def _frames(path: Path) -> Iterator[Frame]:
         return
     with _open(path, packed) as file:
         if kind == "logger":
-            yield from logger_frames(file)
+            yield from _logger_frames(file)
         elif kind == "blf":
             yield from _messages(can.BLFReader(file))
         else:
@@ -325,7 +221,7 @@ def _frames(path: Path) -> Iterator[Frame]:
 
 def _text_frames(kind: str, head: bytes, text: TextIO) -> Iterator[Frame]:
     if kind == "console":
-        yield from console_frames(text)
+        yield from _console_frames(text)
     elif kind == "asc":
         if re.search(rb"timestamps\s+relative", head, re.IGNORECASE):
             raise BusError("its times are relative to the line before; absolute ones are wanted")
@@ -356,3 +252,94 @@ def _has_date(head: bytes) -> bool:
         rb"^\s*(?:begin\s+triggerblock|date)\b.*\b(\d{4})\s*$", head, re.IGNORECASE | re.MULTILINE
     )
     return bool(years) and int(years[-1]) >= _FIRST_YEAR
+
+
+def _format_of(head: bytes) -> str | None:
+    """Format of a log by its first bytes, at least `_BLOCK` of a longer file; None if unknown."""
+    text = head.lstrip()
+    for name, sign in _SIGNS:
+        if sign.match(text):
+            return name
+    return "logger" if _is_block(head[:_BLOCK]) else None
+
+
+def _console_frames(lines: Iterable[str]) -> Iterator[Frame]:
+    """Extended data frames of candump's console text; 11-bit, CAN FD and error frames are left out.
+
+    An incomplete last line, as a power cut leaves it, is dropped.
+
+    Raises:
+      BusError: a line is not of that text.
+    """
+    for number, line in enumerate(lines, start=1):
+        if not line.strip():
+            continue
+        match = _CONSOLE.match(line)
+        data = _bytes_of(match) if match else None
+        if match is None or data is None:
+            if line.endswith("\n"):
+                raise BusError(
+                    f"line {number} is not a frame as candump shows it: {line.strip()!r}"
+                )
+            return
+        can_id = int(match["id"], 16)
+        # Above 29 bits are candump's flags: an error frame.
+        foreign = len(match["id"]) == _SHORT_ID or can_id >= _EXTENDED_IDS
+        if not foreign and isinstance(data, bytes):
+            yield Frame(can_id, data, _console_time(match["time"]))
+
+
+def _logger_frames(file: BinaryIO) -> Iterator[Frame]:
+    """Frames of a logger's 512-byte blocks.
+
+    Raises:
+      BusError: a block is cut off or is none.
+    """
+    number = 0
+    while block := file.read(_BLOCK):
+        if len(block) != _BLOCK:
+            raise BusError(f"block {number} is cut off after {len(block)} of its {_BLOCK} bytes")
+        if not _is_block(block):
+            raise BusError(f"block {number} does not hold a logger's records")
+        (count,) = struct.unpack_from("<I", block)
+        for i in range(count):
+            second, _, packed, can_id, data = _RECORD.unpack_from(block, _HEADER + _RECORD.size * i)
+            time = round(second + (packed & 0xFFFFFF) * 1e-6, 6)
+            yield Frame(can_id, data[: packed >> 24], time)
+        number += 1
+
+
+def _bytes_of(match: re.Match[str]) -> bytes | str | None:
+    """Data of a console line: the bytes, a word for a frame without data, None if cut off."""
+    length, rest = int(match["length"]), match["rest"].split()
+    if len(match["length"]) > 1:
+        return "CAN FD"
+    if rest[:2] == ["remote", "request"]:
+        return "remote"
+    shown = rest[:length]
+    if len(shown) < length or length > 8 or not all(map(_BYTE.fullmatch, shown)):
+        return None
+    return bytes.fromhex("".join(shown))
+
+
+def _console_time(text: str) -> float:
+    if " " in text:
+        try:
+            return datetime.datetime.fromisoformat(text).timestamp()
+        except ValueError as error:
+            raise BusError(f"time stamp {text!r}: {error}") from error
+    return float(text)
+
+
+def _is_block(block: bytes) -> bool:
+    """Whether the numbers in a block can be those of a logger."""
+    if len(block) != _BLOCK:
+        return False
+    (count,) = struct.unpack_from("<I", block)
+    if not 1 <= count <= _RECORDS:
+        return False
+    records = (_RECORD.unpack_from(block, _HEADER + _RECORD.size * i) for i in range(count))
+    return all(
+        packed >> 24 <= 8 and packed & 0xFFFFFF < 1_000_000 and can_id < _EXTENDED_IDS
+        for _, _, packed, can_id, _ in records
+    )

@@ -1,7 +1,7 @@
-"""Which signal of the bus is which control or sensor of the truck: `signals.csv`, read once.
+"""The signals of the bus and the controls and sensors of the truck: `signals.csv`, read once.
 
-`commands()` is what the truck receives (the fields of `VehicleCommand`, in the order of `ctrl`),
-`reports()` what it sends. Coding, decoding and the manual page's tables are made from them.
+`commands()` are the signals that the truck receives (the fields of `VehicleCommand`, in the order
+of `ctrl`), `reports()` those that it sends. Coding, decoding and the manual page use them.
 """
 
 from __future__ import annotations
@@ -76,12 +76,12 @@ class SignalRow:
 
 
 def commands() -> tuple[SignalRow, ...]:
-    """What the truck receives, in the order of `VehicleCommand`'s fields."""
+    """Signals that the truck receives, in the order of `VehicleCommand`'s fields."""
     return _table()["in"]
 
 
 def reports() -> tuple[SignalRow, ...]:
-    """What the truck sends. The rows of VW are sent once for each axle."""
+    """Signals that the truck sends. The rows of VW are sent once for each axle."""
     return _table()["out"]
 
 
@@ -134,7 +134,7 @@ class DataMaker:
 
     Args:
       message: name in the DBC.
-      rows: what it carries; all other signals say "not available".
+      rows: its signals; all others say "not available".
       quantities: how to find the quantity of a row in the sources of a call, in SI units; None is
         "not available".
       extra: signals whose values each call gives itself, instead of their rows.

@@ -1,7 +1,7 @@
-"""The quantities that the truck reports, by name, and back.
+"""The quantities that the truck reports, by name: to the bus, and back to state and report.
 
 A quantity is a field of `EgoState` or `TruckReport`, or follows from them as a control unit would
-find it. What the truck does not know is None: "not available".
+find it. An unknown quantity is None: "not available".
 """
 
 from __future__ import annotations
@@ -19,18 +19,29 @@ from iits_mj.j1939 import network
 from iits_mj.j1939.mapping import FieldOf
 from iits_mj.parameters import TruckParameters
 
-# --- Codes by which control units say who decides, in which range, and for whom the brakes work ---
-
+_PLACES = ("front_left", "front_right", "rear_left", "rear_right", "trailer")
+_PRESSURES = tuple(f"brake_pressure_{place}" for place in _PLACES)
+_WHEELS = ("front_left", "front_right", "rear1_left", "rear1_right", "rear2_left", "rear2_right")
+_RELATIVE_SPEEDS = tuple(f"relative_speed_{wheel}" for wheel in _WHEELS)
+_FIELDS_OF_STATE = tuple(f.name for f in dataclasses.fields(EgoState))
+_TUPLES = ("brake_pressures", "wheel_speeds", "axle_loads")
+_EGO = tuple(name for name in _FIELDS_OF_STATE if name not in _TUPLES)
+_REPORT = tuple(f.name for f in dataclasses.fields(TruckReport) if f.name not in _TUPLES)
+_all_of_state = operator.attrgetter(*_FIELDS_OF_STATE)
+_numbers_of_state = operator.attrgetter(*_EGO)
+_numbers_of_report = operator.attrgetter(*_REPORT)
 # Travel above which a pedal counts as pressed.
-PRESSED = 1e-3
+_PRESSED = 1e-3
+# Distance over fuel in overrun [m/kg]: beyond every signal's range.
+_ENDLESS = 1e9
 # SPN 2918: 1 the driver's demand, 2 XBR in addition mode, 3 XBR in maximum mode.
 _DRIVER = 1.0
 _EXECUTION: dict[int, float] = {XbrMode.ADDITION: 2.0, XbrMode.MAXIMUM: 3.0}
-# SPN 899 and 900: who decides on the torque of an engine or a retarder.
+# SPN 899 and 900: the unit that decides on the torque of an engine or a retarder.
 _NO_REQUEST, _OPERATOR, _TRANSMISSION, _BRAKES = 0.0, 1.0, 6.0, 10.0
 _CONTROLLERS = {_TRANSMISSION: network.TRANSMISSION, _BRAKES: network.BRAKES}
 # SPN 162 and 163: two letters, of which a single one is the second, after a blank.
-RANGES: dict[int, float] = {
+_RANGES: dict[int, float] = {
     mode: float(int.from_bytes(f" {letter}".encode(), "little"))
     for mode, letter in (
         (TransmissionMode.DRIVE, "D"),
@@ -38,82 +49,7 @@ RANGES: dict[int, float] = {
         (TransmissionMode.REVERSE, "R"),
     )
 }
-
-
-def driver_percent(lever: float | None, available: float | None) -> float | None:
-    """What the driver's lever asks of a retarder, as a (negative) percentage like `available`."""
-    return None if lever is None or available is None else lever * available
-
-
-def engine_brake_mode(report: TruckReport) -> float | None:
-    """Who decides on the engine brake (SPN 900): nobody, the driver's lever, the brakes."""
-    return _mode(
-        report.engine_brake,
-        report.engine_brake_torque_percent_available,
-        report.engine_brake_torque_percent_intended,
-    )
-
-
-def retarder_mode(report: TruckReport) -> float | None:
-    """The same of the driveline's retarder."""
-    return _mode(
-        report.retarder,
-        report.retarder_torque_percent_available,
-        report.retarder_torque_percent_intended,
-    )
-
-
-def controller(mode: float | None, own: int) -> float | None:
-    """Address of the unit that controls another, which may be that itself."""
-    return None if mode is None else float(_CONTROLLERS.get(mode, own))
-
-
-def direction(gear: float | None) -> float | None:
-    """The selector's place that a gear belongs to."""
-    if gear is None:
-        return None
-    if gear == 0:
-        return TransmissionMode.NEUTRAL
-    return TransmissionMode.DRIVE if gear > 0 else TransmissionMode.REVERSE
-
-
-def letters_of_range(mode: float | None) -> float | None:
-    """A place of the selector as its two letters (SPN 162 and 163)."""
-    return None if mode is None else RANGES.get(round(mode))
-
-
-def execution(report: TruckReport) -> float | None:
-    """Whose demand the brakes execute (SPN 2918)."""
-    if report.xbr_active is None or report.xbr_mode is None:
-        return None
-    if report.xbr_active > 0.5:
-        return _EXECUTION.get(round(report.xbr_mode), 0.0)
-    return _DRIVER if (report.brake_pedal or 0.0) > PRESSED else 0.0
-
-
-def _mode(lever: float | None, available: float | None, intended: float | None) -> float | None:
-    driver = driver_percent(lever, available)
-    if driver is None or intended is None:
-        return None
-    # Half a bit of the percentages.
-    if intended > -0.5:
-        return _NO_REQUEST
-    return _BRAKES if intended < driver - 0.5 else _OPERATOR
-
-
-# --- The quantities that the truck reports, by name, and back ---
-
-_PLACES = ("front_left", "front_right", "rear_left", "rear_right", "trailer")
-PRESSURES = tuple(f"brake_pressure_{place}" for place in _PLACES)
-_WHEELS = ("front_left", "front_right", "rear1_left", "rear1_right", "rear2_left", "rear2_right")
-_RELATIVE_SPEEDS = tuple(f"relative_speed_{wheel}" for wheel in _WHEELS)
-_FIELDS_OF_STATE = tuple(f.name for f in dataclasses.fields(EgoState))
-_TUPLES = ("brake_pressures", "wheel_speeds", "axle_loads")
-_EGO = tuple(name for name in _FIELDS_OF_STATE if name not in _TUPLES)
-_REPORT = tuple(f.name for f in dataclasses.fields(TruckReport) if f.name not in _TUPLES)
-# Distance over fuel in overrun [m/kg]: beyond every signal's range.
-_ENDLESS = 1e9
-# Where a message that this truck sends is missing, what a real one has instead.
+# Quantities of a real truck in place of those of our own messages.
 _INSTEAD = {
     "speed": ("front_axle_speed", "wheel_based_speed"),
     "acceleration": ("longitudinal_acceleration",),
@@ -137,7 +73,7 @@ class ReferenceTorques:
 
     @classmethod
     def of(cls, parameters: TruckParameters) -> ReferenceTorques:
-        """Those of a truck: the engine's reference, the rated torques of its two retarders."""
+        """Reference torque of a truck's engine, rated torques of its two retarders."""
         engine = parameters.engine
         return cls(
             engine.reference_torque,
@@ -153,8 +89,10 @@ def quantities() -> dict[str, Quantity]:
     """How to find every quantity of `signals.csv`, in SI units."""
     found: dict[str, Quantity] = {name: FieldOf(0, name) for name in _EGO}
     found |= {name: FieldOf(1, name) for name in _REPORT}
-    found |= {name: _pressure(place) for place, name in enumerate(PRESSURES)}
+    found |= {name: _pressure(place) for place, name in enumerate(_PRESSURES)}
     found |= {name: _relative_speed(wheel) for wheel, name in enumerate(_RELATIVE_SPEEDS)}
+    found |= _retarder("engine_brake", network.ENGINE_RETARDER)
+    found |= _retarder("retarder", network.DRIVELINE_RETARDER)
     return found | {
         "heading": lambda s, _r, _t: math.remainder(s.yaw, 2.0 * math.pi),
         "longitudinal_acceleration": FieldOf(0, "acceleration"),
@@ -163,46 +101,59 @@ def quantities() -> dict[str, Quantity]:
         "propeller_shaft_speed": lambda _s, r, _t: _magnitude(r.propeller_shaft_speed),
         "input_shaft_speed": lambda _s, r, _t: _magnitude(r.input_shaft_speed),
         "clutch_slip": lambda s, r, _t: _slip(s.engine_speed, r.input_shaft_speed),
-        "requested_range": lambda _s, r, _t: letters_of_range(r.transmission_mode),
-        "current_range": lambda _s, r, _t: letters_of_range(direction(r.gear_engaged)),
-        "engine_controller": lambda _s, r, _t: controller(r.engine_torque_mode, network.ENGINE),
+        "requested_range": lambda _s, r, _t: _letters(r.transmission_mode),
+        "current_range": lambda _s, r, _t: _letters(_selector(r.gear_engaged)),
+        "engine_controller": lambda _s, r, _t: _controller(r.engine_torque_mode, network.ENGINE),
         "driveline_engaged": lambda _s, r, _t: _test(r.clutch_engagement, 0.999),
-        "accelerator_released": lambda _s, r, _t: _test(r.accelerator_pedal, PRESSED, above=False),
-        "brake_pedal_pressed": lambda _s, r, _t: _test(r.brake_pedal, PRESSED),
+        "accelerator_released": lambda _s, r, _t: _test(r.accelerator_pedal, _PRESSED, above=False),
+        "brake_pedal_pressed": lambda _s, r, _t: _test(r.brake_pedal, _PRESSED),
         "fuel_economy": lambda s, r, _t: _economy(r.wheel_based_speed, s.fuel_rate),
         "friction_braking": lambda s, _r, _t: float(max(s.brake_pressures) > 0.0),
-        "xbr_execution": lambda _s, r, _t: execution(r),
+        "xbr_execution": lambda _s, r, _t: _execution(r),
         # This truck takes any demand at any time (SPN 2917), and its ABS never fails (SPN 1243).
         "xbr_system_state": lambda _s, r, _t: None if r.xbr_active is None else 0.0,
         "abs_operational": lambda _s, r, _t: None if r.abs_active is None else 1.0,
         # SPN 1812: the angle is absolute.
         "steering_sensor_type": lambda _s, _r, _t: 1.0,
-        "engine_brake_percent": lambda _s, r, t: _percent(r.engine_brake_torque, t.engine_brake),
-        "engine_brake_torque_percent_driver": lambda _s, r, _t: driver_percent(
-            r.engine_brake, r.engine_brake_torque_percent_available
-        ),
-        "engine_brake_mode": lambda _s, r, _t: engine_brake_mode(r),
-        "engine_brake_controller": lambda _s, r, _t: controller(
-            engine_brake_mode(r), network.ENGINE_RETARDER
-        ),
-        "retarder_percent": lambda _s, r, t: _percent(r.retarder_torque, t.retarder),
-        "retarder_torque_percent_driver": lambda _s, r, _t: driver_percent(
-            r.retarder, r.retarder_torque_percent_available
-        ),
-        "retarder_mode": lambda _s, r, _t: retarder_mode(r),
-        "retarder_controller": lambda _s, r, _t: controller(
-            retarder_mode(r), network.DRIVELINE_RETARDER
-        ),
     }
 
 
-_all_of_state = operator.attrgetter(*_FIELDS_OF_STATE)
-_numbers_of_state = operator.attrgetter(*_EGO)
-_numbers_of_report = operator.attrgetter(*_REPORT)
+def _retarder(name: str, address: int) -> dict[str, Quantity]:
+    """Quantities of ERC1 of the engine's or driveline's retarder; braking is negative."""
+    lever, torque, available, intended = (
+        operator.attrgetter(f"{name}{suffix}")
+        for suffix in ("", "_torque", "_torque_percent_available", "_torque_percent_intended")
+    )
+    reference = operator.attrgetter(name)
+
+    def percent(_s: EgoState, report: TruckReport, t: ReferenceTorques) -> float | None:
+        # None, too, for a truck that has no such retarder.
+        value = torque(report)
+        return None if value is None or reference(t) <= 0.0 else -100.0 * value / reference(t)
+
+    def driver(_s: EgoState, report: TruckReport, _t: ReferenceTorques) -> float | None:
+        share, most = lever(report), available(report)
+        return None if share is None or most is None else share * most
+
+    def mode(s: EgoState, report: TruckReport, t: ReferenceTorques) -> float | None:
+        asked, given = driver(s, report, t), intended(report)
+        if asked is None or given is None:
+            return None
+        # Half a bit of the percentages.
+        if given > -0.5:
+            return _NO_REQUEST
+        return _BRAKES if given < asked - 0.5 else _OPERATOR
+
+    return {
+        f"{name}_percent": percent,
+        f"{name}_torque_percent_driver": driver,
+        f"{name}_mode": mode,
+        f"{name}_controller": lambda s, r, t: _controller(mode(s, r, t), address),
+    }
 
 
 def check_finite(state: EgoState, report: TruckReport) -> None:
-    """Nothing that is not a number gets past here.
+    """Checks every number of state and report.
 
     Raises:
       BusError: a field of state or report is not finite.
@@ -219,13 +170,13 @@ def check_finite(state: EgoState, report: TruckReport) -> None:
 
 
 def to_state(found: Mapping[str, float], references: ReferenceTorques, base: EgoState) -> EgoState:
-    """The state with the quantities that were heard; the rest is `base`'s."""
+    """The state with the quantities that were received; the rest is `base`'s."""
     values: dict[str, Any] = dict(found)
     for name, others in _INSTEAD.items():
         if name not in values:
-            heard = [found[other] for other in others if other in found]
-            if heard:
-                values[name] = heard[0]
+            received = [found[other] for other in others if other in found]
+            if received:
+                values[name] = received[0]
     if "heading" in found:
         values["yaw"] = found["heading"]
     if "gear" in values:
@@ -233,11 +184,11 @@ def to_state(found: Mapping[str, float], references: ReferenceTorques, base: Ego
     if "shift_in_process" in values:
         values["shift_in_process"] = values["shift_in_process"] > 0.5
     if "engine_torque_percent" in found and "torque_loss_percent" in found:
-        # Percent torque counts what the cylinders give: friction and engine brake come off it.
+        # Percent torque is that of the cylinders: friction and engine brake are subtracted.
         net = found["engine_torque_percent"] - found["torque_loss_percent"]
         braking = references.engine_brake * found.get("engine_brake_percent", 0.0)
         values["engine_torque"] = 0.01 * (references.engine * net + braking)
-    values["brake_pressures"] = tuple(map(found.get, PRESSURES, base.brake_pressures))
+    values["brake_pressures"] = tuple(map(found.get, _PRESSURES, base.brake_pressures))
     fetch: Callable[[str, Any], Any] = values.get
     return EgoState(*map(fetch, _FIELDS_OF_STATE, _all_of_state(base)))
 
@@ -245,14 +196,14 @@ def to_state(found: Mapping[str, float], references: ReferenceTorques, base: Ego
 def to_report(
     found: Mapping[str, float], references: ReferenceTorques, axle_loads: tuple[float, ...]
 ) -> TruckReport:
-    """The report with the quantities that were heard; the rest is "not available"."""
+    """The report with the quantities that were received; the rest is "not available"."""
     values: dict[str, Any] = {name: found[name] for name in _REPORT if name in found}
     if "engine_brake_percent" in found:
         share = -0.01 * found["engine_brake_percent"]
         values["engine_brake_torque"] = share * references.engine_brake
     if "retarder_percent" in found:
         values["retarder_torque"] = -0.01 * found["retarder_percent"] * references.retarder
-    for mode, letters in RANGES.items():
+    for mode, letters in _RANGES.items():
         if found.get("requested_range") == letters:
             values["transmission_mode"] = float(mode)
     relative = [found[name] for name in _RELATIVE_SPEEDS if name in found]
@@ -296,7 +247,7 @@ def _test(value: float | None, limit: float, *, above: bool = True) -> float | N
 
 
 def _slip(engine_speed: float, input_speed: float | None) -> float | None:
-    """SPN 522: what the gearbox's input lags behind the engine, as a share of its speed."""
+    """SPN 522: slip of the clutch, as a share of the engine speed."""
     if input_speed is None or engine_speed <= 0.0:
         return None
     return min(max(1.0 - abs(input_speed) / engine_speed, 0.0), 1.0)
@@ -309,6 +260,29 @@ def _economy(speed: float | None, fuel_rate: float) -> float | None:
     return min(speed / fuel_rate, _ENDLESS) if fuel_rate > 0.0 else _ENDLESS
 
 
-def _percent(torque: float | None, reference: float) -> float | None:
-    """None, too, for a truck that has no such retarder."""
-    return None if torque is None or reference <= 0.0 else -100.0 * torque / reference
+def _letters(mode: float | None) -> float | None:
+    """A position of the selector as its two letters (SPN 162 and 163)."""
+    return None if mode is None else _RANGES.get(round(mode))
+
+
+def _selector(gear: float | None) -> float | None:
+    """The selector's position that a gear belongs to."""
+    if gear is None:
+        return None
+    if gear == 0:
+        return TransmissionMode.NEUTRAL
+    return TransmissionMode.DRIVE if gear > 0 else TransmissionMode.REVERSE
+
+
+def _controller(mode: float | None, own: int) -> float | None:
+    """Address of the unit that controls another, or the other's own."""
+    return None if mode is None else float(_CONTROLLERS.get(mode, own))
+
+
+def _execution(report: TruckReport) -> float | None:
+    """Whose demand the brakes execute (SPN 2918)."""
+    if report.xbr_active is None or report.xbr_mode is None:
+        return None
+    if report.xbr_active > 0.5:
+        return _EXECUTION.get(round(report.xbr_mode), 0.0)
+    return _DRIVER if (report.brake_pedal or 0.0) > _PRESSED else 0.0

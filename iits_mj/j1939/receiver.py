@@ -88,7 +88,7 @@ class Loss:
 
     @property
     def driver(self) -> bool:
-        """Whether nobody drives: no steering, or an accelerator or brake demand that is gone."""
+        """Whether the driver is missing: no steering, or an accelerator or brake demand is gone."""
         return self.body is not Heard.ALIVE or Heard.SILENT in (self.pedal, self.xbr)
 
 
@@ -267,7 +267,7 @@ class CommandReceiver:
     IITS_COMMAND belong to the first sender, until it has been silent for their time-out.
 
     Safe values: pedal 0; XBR released; retarders 0; steering angle, brake pedal, parking brake and
-    selector held as they are, with the accelerator at 0, since nobody steers. `loss` names the
+    selector held as they are, with the accelerator at 0 without steering. `loss` names the
     missing commands, for a fallback that does more (`controllers.safe_stop.fallback`).
 
     Args:

@@ -1,21 +1,31 @@
-"""`EgoState` and `TruckReport` to frames: what the truck reports, and when."""
+"""`EgoState` and `TruckReport` to frames for the truck, and back for its controller."""
 
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from iits_mj.core.errors import BusError
 from iits_mj.core.messages import EgoState, TruckReport
-from iits_mj.j1939.configuration import ConfigurationSender
-from iits_mj.j1939.database import cycle_time, identifier, pgn_of
+from iits_mj.core.units import GRAVITY
+from iits_mj.j1939.configuration import ConfigurationReceiver, ConfigurationSender
+from iits_mj.j1939.database import Codec, codec_of, cycle_time, identifier, name_of, pgn_of
 from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame
-from iits_mj.j1939.mapping import DataMaker, SignalRow, reports, sender
-from iits_mj.j1939.quantities import ReferenceTorques, check_finite, quantities
+from iits_mj.j1939.groups import Status
+from iits_mj.j1939.mapping import DataMaker, SignalRow, commands, reports, sender
+from iits_mj.j1939.quantities import (
+    ReferenceTorques,
+    check_finite,
+    quantities,
+    to_report,
+    to_state,
+)
 from iits_mj.j1939.schedule import Schedule, spread
 from iits_mj.parameters import TruckParameters
 
-_NOTHING = TruckReport()
+_NO_STATE, _NO_REPORT = EgoState(), TruckReport()
 _REFERENCES = ReferenceTorques()
 # Frames of VW at a time.
 _AXLES = 6
@@ -32,17 +42,18 @@ class _Report:
     contents: Callable[[EgoState, TruckReport, ReferenceTorques], list[bytes]]
 
     def frames(
-        self, state: EgoState, report: TruckReport, references: ReferenceTorques, time: float
+        self, state: EgoState, report: TruckReport, references: ReferenceTorques
     ) -> list[Frame]:
-        return [Frame(self.can_id, data, time) for data in self.contents(state, report, references)]
+        contents = self.contents(state, report, references)
+        return [Frame(self.can_id, data, state.time) for data in contents]
 
 
 def state_to_frames(
     state: EgoState,
-    report: TruckReport = _NOTHING,
+    report: TruckReport = _NO_REPORT,
     references: ReferenceTorques = _REFERENCES,
 ) -> list[Frame]:
-    """All frames that report a state; what the truck does not know is sent as "not available".
+    """All frames that report a state; unknown quantities are sent as "not available".
 
     Args:
       state: as `Truck.observe` gives it.
@@ -53,17 +64,15 @@ def state_to_frames(
       BusError: a value is not finite.
     """
     check_finite(state, report)
-    return [
-        frame for sent in _reports() for frame in sent.frames(state, report, references, state.time)
-    ]
+    return [frame for sent in _reports() for frame in sent.frames(state, report, references)]
 
 
 class StateSender:
-    """The truck's reports, each at its own rate, as its control units send them.
+    """Sends the truck's reports, each at its own rate, as its control units do.
 
     The rates are the DBC's. Groups of the standard are spread over ticks of 10 ms; our own, which
-    together describe the truck's motion, go out at the same instant. The first call sends what
-    has no offset, the first 0.1 s everything once.
+    together describe the truck's motion, go out at the same instant. The first call sends the
+    messages without an offset, the first 0.1 s everything once.
 
     Args:
       references: of the percent torques.
@@ -74,7 +83,7 @@ class StateSender:
         periods = [cycle_time(sent.message) for sent in _reports()]
         self._schedule = Schedule(periods, _offsets())
 
-    def frames(self, state: EgoState, report: TruckReport = _NOTHING) -> list[Frame]:
+    def frames(self, state: EgoState, report: TruckReport = _NO_REPORT) -> list[Frame]:
         """The frames that are due at the state's time, none twice.
 
         Raises:
@@ -83,27 +92,19 @@ class StateSender:
         """
         due = self._schedule.due(state.time)
         check_finite(state, report)
-        sent = _reports()
-        return [
-            frame
-            for place in due
-            for frame in sent[place].frames(state, report, self._references, state.time)
-        ]
+        sent = [_reports()[place] for place in due]
+        return [frame for one in sent for frame in one.frames(state, report, self._references)]
 
     def answer(
-        self,
-        pgn: int,
-        address: int,
-        state: EgoState,
-        report: TruckReport = _NOTHING,
+        self, pgn: int, address: int, state: EgoState, report: TruckReport = _NO_REPORT
     ) -> list[Frame]:
         """The frames that answer a request (PGN 59904), none for a group that is not sent.
 
         Args:
-          pgn: that is asked for.
-          address: of the control unit that is asked; 255 asks all.
-          state: as it is now.
-          report: as it is now.
+          pgn: of the requested group.
+          address: of the requested control unit; 255 for all.
+          state: at this time.
+          report: at this time.
 
         Raises:
           BusError: a value is not finite.
@@ -113,7 +114,7 @@ class StateSender:
             frame
             for sent in _reports()
             if sent.pgn == pgn and address in (sent.source, GLOBAL_ADDRESS)
-            for frame in sent.frames(state, report, self._references, state.time)
+            for frame in sent.frames(state, report, self._references)
         ]
 
 
@@ -131,7 +132,7 @@ def _reports() -> tuple[_Report, ...]:
 
 @functools.cache
 def _offsets() -> tuple[float, ...]:
-    """Of the reports [s]. Our own count as one message, so that they stay together."""
+    """Offsets of the reports [s]; our own count as one message, so that they stay together."""
     own = [sent.message for sent in _reports() if sent.message.startswith("IITS_")]
     others = [sent.message for sent in _reports() if sent.message not in own]
     weights = [len(own), *(_AXLES if message == "VW" else 1 for message in others)]
@@ -146,7 +147,7 @@ def _single(rows: list[SignalRow]) -> Callable[..., list[bytes]]:
 
 
 def _weights(rows: list[SignalRow]) -> Callable[..., list[bytes]]:
-    """VW: a frame an axle, whose number from the front stands in the high nibble of its place."""
+    """VW: a frame for each axle; the high nibble of its location is its number from the front."""
     load = next(row for row in rows if row.quantity == "axle_load")
     extra = ("axle_location", load.signal)
     make = DataMaker("VW", rows, quantities(), extra=extra, saturate=True)
@@ -160,11 +161,8 @@ def _weights(rows: list[SignalRow]) -> Callable[..., list[bytes]]:
     return contents
 
 
-# --- Everything that the truck says on its bus by itself: reports and configurations ---
-
-
 class TruckSender:
-    """The frames of a truck, each message at its own rate.
+    """Sends reports and configurations of a truck, each message at its own rate.
 
     Args:
       parameters: of the truck, for its percent torques and configurations.
@@ -186,7 +184,7 @@ class TruckSender:
     def answer(
         self, pgn: int, address: int, state: EgoState, report: TruckReport
     ) -> list[Frame] | None:
-        """What a unit (255: all of them) says now with a group; None when it never does.
+        """The answer of a unit (255: of all) to a request; None when it never sends the group.
 
         A configuration comes later, as a broadcast among `frames`.
 
@@ -196,3 +194,111 @@ class TruckSender:
         if self._configurations.repeat(pgn, address):
             return []
         return self._reports.answer(pgn, address, state, report) or None
+
+
+class StateReceiver:
+    """Builds the truck's state from its frames, for a controller on the other end of a bus.
+
+    A signal that says "error" or "not available" leaves the last value as it is. Frames count from
+    any source, with three exceptions: EEC2, which is a command unless the engine sends it; ERC1,
+    which two retarders send; our own messages, whose numbers every maker may use. A real truck does
+    not send those: speed, acceleration and gear then come from EBC2 or CCVS1, VDC2 and ETC2; pose
+    and route keep their values.
+
+    Args:
+      mass: of the combination [kg], until CVW is received.
+      references: of the percent torques, until EC1 and RC are received.
+
+    Attributes:
+      malformed: frames of known groups that were left out because of their length, or a time that
+        is not finite.
+    """
+
+    def __init__(
+        self, mass: float = _NO_STATE.mass, references: ReferenceTorques = _REFERENCES
+    ) -> None:
+        self._base = EgoState(mass=mass)
+        self._configuration = ConfigurationReceiver(references)
+        self._found: dict[str, float] = {}
+        self._axle_loads: dict[int, float] = {}
+        self.malformed = 0
+
+    def receive(self, frame: Frame) -> bool:
+        """Takes any frame; returns True when it had something of the state. Never raises."""
+        picks = _picks(frame.can_id)
+        if picks is None:
+            # Packets of a long message are in no group of the DBC.
+            return self._configuration.receive(frame)
+        try:
+            values = picks.codec.unpack(frame.data)
+        except BusError:
+            self.malformed += 1
+            return False
+        if not math.isfinite(frame.time):
+            self.malformed += 1
+            return False
+        known = False
+        for quantity, value in zip(picks.quantities, values, strict=True):
+            if isinstance(value, float):
+                self._found[quantity] = value
+                known = True
+        if picks.axle is not None:
+            place, weight = picks.axle.unpack(frame.data)
+            if not isinstance(place, Status) and not isinstance(weight, Status):
+                self._axle_loads[int(place) >> 4] = weight
+                known = True
+        if known:
+            self._found["time"] = frame.time
+        return known
+
+    def state(self) -> EgoState:
+        """The state as far as it was received; fields never reported keep their defaults."""
+        return to_state(self._found, self._configuration.references, self._base)
+
+    def report(self) -> TruckReport:
+        """The report of the control units as far as it was received; None elsewhere."""
+        loads = tuple(self._axle_loads[axle] for axle in sorted(self._axle_loads))
+        return to_report(self._found, self._configuration.references, loads)
+
+
+@dataclass(frozen=True, slots=True)
+class _Picks:
+    """The signals that are read from the frames of one identifier.
+
+    Attributes:
+      codec: of these signals, in SI units; quantities: their names.
+      axle: of place and weight, where the frame is an axle's.
+    """
+
+    codec: Codec
+    quantities: tuple[str, ...]
+    axle: Codec | None
+
+
+@functools.lru_cache(maxsize=4096)
+def _picks(can_id: int) -> _Picks | None:
+    """None for a group that is not in the DBC."""
+    frame = Frame(can_id, b"")
+    message = name_of(frame.pgn)
+    if message is None:
+        return None
+    rows = [row for row, source in _read_back().get(message, ()) if source in (None, frame.source)]
+    codec = codec_of(message)
+    return _Picks(
+        codec.part({row.signal: row.scale for row in rows}),
+        tuple(row.quantity for row in rows),
+        codec.part({"axle_location": 1.0, "axle_weight_kg": GRAVITY}) if message == "VW" else None,
+    )
+
+
+@functools.cache
+def _read_back() -> dict[str, list[tuple[SignalRow, int | None]]]:
+    """The rows that are read back, by message, each with its only source or None for any."""
+    commanded = {row.message for row in commands()}
+    found: dict[str, list[tuple[SignalRow, int | None]]] = {}
+    for row in reports():
+        bound = row.message in commanded or row.message.startswith("IITS_")
+        if row.back:
+            source = sender(row) if bound else row.address
+            found.setdefault(row.message, []).append((row, source))
+    return found

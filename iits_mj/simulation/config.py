@@ -1,4 +1,4 @@
-"""What a drive is: one frozen dataclass, which is also the flags of `iits-mj drive`."""
+"""Configurations of a drive and of a served truck, which are also the flags of the commands."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ LANE_DISCIPLINES = ("right", "free")
 TRAFFIC_SCOPES = ("route", "both", "map")
 COMMAND_PATHS = ("direct", "j1939")
 SPEED_PLANNERS = ("pcc", "cruise")
+BUSES = ("virtual", "socketcan", "udp_multicast")
+SILENCE = ("release", "stop")
 
 
 @dataclass(frozen=True, kw_only=True)
 class TruckStart:
-    """Which truck stands where: what every drive begins with.
-
-    Every field is checked when an instance is made.
+    """Truck and start of a drive; every field is checked when an instance is made.
 
     Raises:
       InputError: a value is out of its bounds, unknown, or not finite.
@@ -45,7 +45,7 @@ class TruckStart:
     )
     start_station: float = option(
         60.0,
-        help="where the steer axle starts, along the route",
+        help="start of the steer axle along the route",
         unit="m",
         low=0.0,
         high=1e6,
@@ -54,8 +54,8 @@ class TruckStart:
     start_lane: int = option(0, help="lane to start in, 0 being the right one", low=0, high=10)
     start_speed: float = option(
         15.0,
-        help="speed to start with, at most the reference, the limit there and what bends ahead "
-        "allow",
+        help="speed to start with, at most the reference, the limit there and the greatest speed "
+        "for the bends ahead",
         unit="m/s",
         low=0.0,
         high=30.0,
@@ -70,7 +70,7 @@ class TruckStart:
 class DriveConfig(TruckStart):
     """A drive of the truck with its stack over a route in traffic."""
 
-    density: str = option("dense", help="how much traffic there is", choices=DENSITIES)
+    density: str = option("dense", help="amount of traffic", choices=DENSITIES)
     traffic_speed: float = option(
         12.5, help="speed limit of the traffic", unit="m/s", low=3.0, high=40.0, metavar="MPS"
     )
@@ -87,8 +87,8 @@ class DriveConfig(TruckStart):
     )
     lane_discipline: str = option(
         "right",
-        help="which lanes the traffic fills; right: it keeps right and overtakes on the left; "
-        "free: all alike, each for itself: it overtakes on both sides and gives nobody way",
+        help="lanes that the traffic fills; right: it keeps right and overtakes on the left; "
+        "free: it fills all lanes, overtakes on both sides and never gives way",
         choices=LANE_DISCIPLINES,
     )
     traffic_scope: str = option(
@@ -99,16 +99,16 @@ class DriveConfig(TruckStart):
     )
     events: Path | None = option(
         None,
-        help="what happens in the traffic: lights, limits, closures, stopped vehicles, convoys",
+        help="events in the traffic: lights, limits, closures, stopped vehicles, convoys",
         metavar="FILE.toml",
     )
     recording: Path | None = option(
         None,
-        help="recorded traffic to drive in, instead of SUMO; it reacts to nothing",
+        help="recorded traffic in place of SUMO; it does not react",
         metavar="FILE.npz",
     )
     reactive: bool = option(
-        False, help="SUMO traffic around the recorded one as well, which reacts to it and the truck"
+        False, help="also SUMO traffic around the recorded one, which reacts to it and the truck"
     )
     speed: float = option(
         60.0 / 3.6,
@@ -120,8 +120,8 @@ class DriveConfig(TruckStart):
     )
     speed_planner: str = option(
         "pcc",
-        help="how the reference speed becomes a speed; pcc: predictive cruise control, which saves "
-        "fuel on hills in the time of a cruise; cruise: one speed everywhere",
+        help="source of the planned speed; pcc: predictive cruise control, which saves fuel on "
+        "hills in the trip time of a cruise; cruise: constant speed",
         choices=SPEED_PLANNERS,
     )
     speed_min: float | None = option(
@@ -134,8 +134,8 @@ class DriveConfig(TruckStart):
     )
     speed_max: float | None = option(
         None,
-        help="greatest speed that pcc plans, the road's limits being kept as well; without it 25 "
-        "m/s, the 90 km/h of a truck's limiter",
+        help="greatest speed that pcc plans within the road's limits; without it 25 m/s, the "
+        "90 km/h of a truck's limiter",
         unit="m/s",
         low=1.0,
         high=30.0,
@@ -143,10 +143,10 @@ class DriveConfig(TruckStart):
     )
     speed_profile: Path | None = option(
         None,
-        help="speed over station to drive instead, a table that pcc --profile has written",
+        help="speed over station to drive instead, a table written by pcc --profile",
         metavar="FILE.csv",
     )
-    decision: str = option("ddqn", help="who decides on lane changes", choices=decision.NAMES)
+    decision: str = option("ddqn", help="decision maker for lane changes", choices=decision.NAMES)
     commands: str = option(
         "direct",
         help="how commands reach the truck; direct: as they are; j1939: as frames at their rates, "
@@ -157,12 +157,6 @@ class DriveConfig(TruckStart):
         120.0, help="time to drive", unit="s", low=1.0, high=86_400.0, metavar="S"
     )
     seed: int = option(0, help="the one seed of everything random", low=0, high=2**31 - 1)
-
-
-# --- What a served truck is: one frozen dataclass, which is also the flags of `iits-mj serve` ---
-
-BUSES = ("virtual", "socketcan", "udp_multicast")
-SILENCE = ("release", "stop")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,7 +180,7 @@ class ServeConfig(TruckStart):
     )
     start_speed: float = option(
         0.0,
-        help="speed to start with; at 0 the parking brake holds until somebody commands",
+        help="speed to start with; at 0 the parking brake holds until commands arrive",
         unit="m/s",
         low=0.0,
         high=30.0,
@@ -202,7 +196,7 @@ class ServeConfig(TruckStart):
     )
     on_silence: str = option(
         "release",
-        help="when commands stay away; release: let go of pedal and brakes, hold the steering; "
+        help="when commands are missing; release: let go of pedal and brakes, hold the steering; "
         "stop: brake smoothly to a stop in the lane and park",
         choices=SILENCE,
     )

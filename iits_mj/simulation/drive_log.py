@@ -1,4 +1,7 @@
-"""What a recording needs of the truck, so that the whole drive can be run again."""
+"""Logs of a drive: commands and states for a recording, and the frames of the truck's bus.
+
+It also has the stored options of a recorded drive, and the checks of options beside a recording.
+"""
 
 from __future__ import annotations
 
@@ -27,13 +30,21 @@ from iits_mj.truck import Truck
 from traffic_bridge import Recorder, Recording, read_events
 from traffic_bridge.modes.resim import config_of
 
-# Time, positions, speeds, activations, histories and the plugins' states: all that evolves.
+# Time, positions, speeds, activations, histories and the plugins' states.
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
+# Files whose content the recording holds or checks by its hash.
+FILES = ("map", "recording", "events", "speed_profile")
+# Options of SUMO's traffic, without effect on recorded traffic.
+OF_SUMO = (
+    *("density", "traffic_speed", "traffic_mode"),
+    *("lane_change", "lane_discipline", "traffic_scope", "seed"),
+)
+_MODES = {"InterSim": "inter", "PureSim": "pure"}
 
 
 def truck_versions(parameters: TruckParameters) -> dict[str, str]:
-    """What the truck's physics depends on beside the road and the commands."""
-    figures = json.dumps(dataclasses.asdict(parameters), sort_keys=True, default=_plain)
+    """Returns versions and hashes that the truck's physics depends on."""
+    figures = json.dumps(dataclasses.asdict(parameters), sort_keys=True, default=_json_value)
     return {
         "mujoco": mujoco.__version__,
         "engine plugin of hash": hashlib.sha256(library_path().read_bytes()).hexdigest(),
@@ -41,8 +52,12 @@ def truck_versions(parameters: TruckParameters) -> dict[str, str]:
     }
 
 
+def _json_value(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else str(value)
+
+
 def stored_options(config: DriveConfig) -> dict[str, Any]:
-    """The options of a drive as plain values; files by their names."""
+    """Returns the options of a drive as plain values, files by their names."""
     values = {field.name: getattr(config, field.name) for field in dataclasses.fields(DriveConfig)}
     return {
         name: value.name if isinstance(value, Path) else value for name, value in values.items()
@@ -50,7 +65,7 @@ def stored_options(config: DriveConfig) -> dict[str, Any]:
 
 
 class StateHash:
-    """Hash of the truck's physics at every frame so far; its first 64 bits are the frame's."""
+    """Hash of the truck's physics at every frame so far; its first 64 bits belong to the frame."""
 
     def __init__(self, truck: Truck) -> None:
         self._model, self._data = truck.model, truck.data
@@ -58,7 +73,7 @@ class StateHash:
         self._hash = hashlib.sha256()
 
     def add(self) -> int:
-        """Adds the present state; the hash up to it."""
+        """Adds the present state and returns the hash up to it."""
         mujoco.mj_getState(self._model, self._data, self._state, _STATE)
         self._hash.update(self._state.tobytes())
         return int.from_bytes(self._hash.digest()[:8], "big")
@@ -94,12 +109,6 @@ class DriveLog(Observer):
         """Writes the command that reaches the truck."""
         del ego, wanted
         self._recorder.note_command(self._clock.time, obeyed)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    return str(value)
 
 
 class BusLog(Closing, Observer):
@@ -147,51 +156,40 @@ class BusLog(Closing, Observer):
         self._writer.close()
 
 
-# --- Options beside a recording: those given must be those of then, or have a meaning at all ---
-
-# Files whose content the recording holds itself or checks by its hash.
-FILES = ("map", "recording", "events", "speed_profile")
-# What SUMO's traffic is asked for; recorded traffic alone hears none of it.
-OF_SUMO = (
-    *("density", "traffic_speed", "traffic_mode"),
-    *("lane_change", "lane_discipline", "traffic_scope", "seed"),
-)
-_MODES = {"InterSim": "inter", "PureSim": "pure"}
-
-
 def check_given(config: DriveConfig, given: Collection[str]) -> None:
-    """Refuses options of SUMO's traffic where there is none but the recorded one.
+    """Refuses options of SUMO's traffic in a drive with recorded traffic alone.
 
     Args:
       config: of a drive.
-      given: names of the options that somebody asked for.
+      given: names of the options that were set.
 
     Raises:
-      InputError: names the first.
+      InputError: one is set.
     """
     if config.recording is None or config.reactive:
         return
     for name in OF_SUMO:
         if name in given:
+            flag = name.replace("_", "-")
             raise InputError(
-                f"{_flag(name)} has no meaning in recorded traffic, which stays as it was; leave "
-                "it out, or add --reactive for SUMO traffic around it"
+                f"--{flag} has no meaning in recorded traffic, which is not changed; leave it out, "
+                "or add --reactive for SUMO traffic around it"
             )
 
 
 def check_options(
     recording: Recording, name: str, asked: DriveConfig, given: Collection[str]
 ) -> None:
-    """Refuses options that are given and differ from those of a recording.
+    """Refuses options that were set and differ from those of a recording.
 
     Args:
-      recording: that is to be run again.
-      name: how messages call it.
+      recording: of a drive, or of traffic.
+      name: of the recording in messages.
       asked: the options.
-      given: names of those that somebody asked for; the others are as in the recording.
+      given: names of the options that were set; the others are taken from the recording.
 
     Raises:
-      InputError: names the first that differs; or the events' file cannot be used.
+      InputError: one differs, or the events' file cannot be used.
     """
     values = stored_options(asked)
     then = options_of(recording, name) if "drive" in recording.meta else _of_traffic(recording)
@@ -213,10 +211,10 @@ def check_options(
 
 
 def options_of(recording: Recording, name: str) -> dict[str, Any]:
-    """The options of a recorded drive.
+    """Returns the options of a recorded drive.
 
     Raises:
-      InputError: it is of a traffic without a drive.
+      InputError: the recording is of traffic without a drive.
     """
     drive = recording.meta.get("drive")
     if not isinstance(drive, dict) or not isinstance(drive.get("options"), dict):
@@ -225,7 +223,7 @@ def options_of(recording: Recording, name: str) -> dict[str, Any]:
 
 
 def _of_traffic(recording: Recording) -> dict[str, Any]:
-    """The same options, as far as a traffic without a drive has them."""
+    """Returns the options that a recording of traffic without a drive has."""
     meta = recording.meta
     config = meta.get("config")
     stored = config if isinstance(config, Mapping) else {}
@@ -238,7 +236,3 @@ def _of_traffic(recording: Recording) -> dict[str, Any]:
         "traffic_scope": stored.get("scope"),
         "seed": meta.get("seed"),
     }
-
-
-def _flag(name: str) -> str:
-    return f"--{name.replace('_', '-')}"

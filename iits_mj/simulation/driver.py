@@ -19,32 +19,29 @@ from iits_mj.road import Route
 from iits_mj.simulation.frame import Frame
 from iits_mj.simulation.lock_step import LockStep, Observer
 
-# Longest silence of the whole bus that is driven through [s]; a clock that is set leaves years.
+# Longest silence of the whole bus within a drive [s]; a clock that was set leaves years.
 LONGEST_SILENCE = 60.0
 _STEERING = "IITS_COMMAND"
 
 
 class LogDriver(Observer):
-    """A `Driver` that sends what a log holds, and an observer that ends the drive with the log.
+    """A `Driver` that sends the frames of a log, and an observer that ends the drive with the log.
 
-    A log in which nobody says anything for more than `LONGEST_SILENCE` ends where that begins.
-
-    The log's first frame is the beginning of the drive. Each 20 ms the receiver hears the frames up
-    to that instant, so that a log of `iits-mj drive` gives the drive again, while frames of
-    somebody else's log are obeyed up to 20 ms late. Nothing is planned: the trajectory and the
-    reference speed are not a number.
+    The drive starts with the log's first frame and ends with the last one before a silence of more
+    than `LONGEST_SILENCE`. Each 20 ms the receiver gets the frames up to that instant: a log of
+    `iits-mj drive` gives the same drive, and frames of other logs are obeyed up to 20 ms late.
+    Nothing is planned: the trajectory and the reference speed are not a number.
 
     Args:
       read: opens the log and gives its frames, in the order of time [s].
       route: the truck's road.
       steering_angle_max: of the truck's steering wheel [rad].
-      source: whose commands are obeyed; default: everybody's who may command the truck, which the
-        truck's own control units may not.
+      source: the only sender to obey; default: every one except the truck's own control units.
       keeper: steers in place of the log, for logs without steering commands.
 
     Attributes:
-      receiver: the truck's side, which counts what it accepted and rejected.
-      heard: frames read so far; lane_changes: changes of the lane, from one to another.
+      receiver: the truck's side, which counts accepted and rejected frames.
+      heard: frames read so far; lane_changes: from one lane to another.
     """
 
     last_decision = Decision.KEEP
@@ -71,7 +68,7 @@ class LogDriver(Observer):
         self.heard = self.lane_changes = 0
 
     def reset(self) -> None:
-        """Back to the beginning of the log.
+        """Returns to the start of the log.
 
         Raises:
           InputError: the log has no frame.
@@ -90,7 +87,7 @@ class LogDriver(Observer):
             self._keeper.reset()
 
     def plan(self, scene: Scene) -> Trajectory:
-        """Follows nothing; counts the lanes."""
+        """Returns an unknown plan, or the keeper's path; counts lane changes."""
         lane = int(self._route.lane_at(scene.ego.station, scene.ego.offset))
         if lane >= 0:
             self.lane_changes += self._lane not in (None, lane)
@@ -99,12 +96,12 @@ class LogDriver(Observer):
         if self._keeper is None:
             return nothing_planned(scene.time)
         plan = self._keeper.plan(scene)
-        # The log has the accelerator and the brakes: nobody follows the keeper's speed.
+        # Accelerator and brakes come from the log: the keeper's speed is not followed.
         unknown = np.full_like(plan.speed, np.nan)
         return dataclasses.replace(plan, speed=unknown, acceleration=unknown)
 
     def control(self, ego: EgoState) -> VehicleCommand:
-        """The command in force by the frames heard until now."""
+        """Returns the command of the frames up to now."""
         time = round(ego.time, 6)
         self._hear(time)
         if self._keeper is not None:
@@ -112,12 +109,12 @@ class LogDriver(Observer):
         return self.receiver.command(time)
 
     def reference_speed(self, station: float) -> float:
-        """Not a number: the log does not tell."""
+        """Returns not a number: a log has no reference speed."""
         del station
         return math.nan
 
     def observe(self, simulation: LockStep, frame: Frame) -> None:
-        """Ends the drive when the log has no more frames, or none for long."""
+        """Ends the drive when the log has no more frames, or none for a long time."""
         del frame
         if self._next is None:
             simulation.stop(self._end)
@@ -134,9 +131,9 @@ class LogDriver(Observer):
             self._next = self._following(frame.time)
 
     def _following(self, time: float) -> BusFrame | None:
-        """The frame after one of a time [s]; None at the end, and before a long silence."""
+        """Returns the frame after one of a time [s]; None at the end and before a long silence."""
         frame = next(self._left, None)
-        # Not a number is no silence that can be driven through either.
+        # The comparison is false for a time that is not a number, too.
         if frame is not None and not frame.time - time <= LONGEST_SILENCE:
             self._end = (
                 f"reached a gap in the log: frame {self.heard + 1} ({frame.can_id:08X}) comes "
@@ -146,7 +143,7 @@ class LogDriver(Observer):
         return frame
 
     def _passes(self, frame: BusFrame) -> bool:
-        """False for what the keeper says in place of the log, and for who would speak with it."""
+        """Returns False for frames that the keeper replaces."""
         if self._keeper is None:
             return True
         return frame.pgn != pgn_of(_STEERING) and self._source in (None, frame.source)
@@ -166,7 +163,7 @@ class LogDriver(Observer):
 
 
 def nothing_planned(time: float) -> Trajectory:
-    """A plan of which nothing is known but its time."""
+    """Returns a plan with unknown values and a known time."""
     unknown = np.full(2, np.nan)
     return Trajectory(
         time=np.array([time, time + 1.0]),
@@ -185,10 +182,10 @@ def nothing_planned(time: float) -> Trajectory:
 
 
 class CommandPlayer:
-    """A `Driver` that gives recorded commands, whatever happens.
+    """A `Driver` that repeats recorded commands.
 
     Args:
-      recorded: the command of a number, counted from 0 at `reset`, that answers a state.
+      recorded: the command for a number, counted from 0 at `reset`, and a state.
     """
 
     last_decision = Decision.KEEP
@@ -199,20 +196,20 @@ class CommandPlayer:
         self.reset()
 
     def reset(self) -> None:
-        """Back to the first command."""
+        """Returns to the first command."""
         self._next = 0
 
     def plan(self, scene: Scene) -> Trajectory:
-        """Plans nothing."""
+        """Returns an unknown plan."""
         return nothing_planned(scene.time)
 
     def control(self, ego: EgoState) -> VehicleCommand:
-        """The next command."""
+        """Returns the next command."""
         command = self._recorded(self._next, ego)
         self._next += 1
         return command
 
     def reference_speed(self, station: float) -> float:
-        """Not a number: the recording does not tell."""
+        """Returns not a number: the reference speed is not recorded."""
         del station
         return math.nan

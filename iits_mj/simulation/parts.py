@@ -1,4 +1,4 @@
-"""Makes the parts of a simulation from its configuration: map, traffic and stack."""
+"""The parts of a simulation, made from its configuration: map, traffic and stack."""
 
 from __future__ import annotations
 
@@ -34,13 +34,17 @@ from traffic_bridge import (
     read_events,
 )
 
-# --- Puts a truck at the start that was asked for ---
+if TYPE_CHECKING:
+    from controllers.pcc import PccConfig
 
+SPEED_LIMITER = 25.0  # [m/s]: 90 km/h, directive 92/6/EEC
+SLOWEST_SHARE = 0.75  # of the reference speed: a slower truck would obstruct the traffic
+# Least road between the start and the end of the drive [m].
 _ROOM = 10.0
 
 
 def check_start(start: TruckStart, route: Route, footprint: EgoFootprint) -> None:
-    """Holds a start against the route.
+    """Checks a start against the route.
 
     Raises:
       InputError: it is not on the route, or its lane does not exist there.
@@ -59,17 +63,8 @@ def check_start(start: TruckStart, route: Route, footprint: EgoFootprint) -> Non
         )
 
 
-# --- Makes the parts of a simulation from its configuration: map, traffic and stack ---
-
-if TYPE_CHECKING:
-    from controllers.pcc import PccConfig
-
-SPEED_LIMITER = 25.0  # [m/s]: 90 km/h, directive 92/6/EEC
-SLOWEST_SHARE = 0.75  # of the reference speed: slower would be in everybody's way
-
-
 def load_map(path: Path | None) -> RoadMap:
-    """The map of a file, or the built-in highway.
+    """Returns the map of a file, or the built-in highway.
 
     Raises:
       MapError: the file cannot be used.
@@ -130,13 +125,13 @@ def make_stack(
     parameters: TruckParameters,
     reference: SpeedReference | None = None,
 ) -> Stack:
-    """The pipeline from scene to command, at the reference speed asked for.
+    """Returns the pipeline from scene to command at the configured reference speed.
 
     Args:
       config: of the drive.
       route: the truck's road.
       parameters: of the truck.
-      reference: who says how fast to go; default: `make_reference`.
+      reference: gives the reference speed; default: `make_reference`.
 
     Raises:
       InputError: the speed profile or the band of speeds is not usable.
@@ -155,7 +150,7 @@ def make_stack(
 def make_reference(
     config: DriveConfig, route: Route, parameters: TruckParameters
 ) -> SpeedReference:
-    """Who says how fast to go: a profile's file, PCC, or the reference speed itself.
+    """Returns the source of the reference speed: a profile's file, PCC, or a constant.
 
     Raises:
       InputError: the profile's file is not usable or not of this road, or the band is empty.
@@ -177,10 +172,10 @@ def make_reference(
         if banded:
             raise InputError("speed-min and speed-max are of speed-planner pcc; leave them out")
         return CruiseReference(config.speed)
-    # CasADi and SciPy's optimizers are loaded by those who plan with them.
+    # CasADi and SciPy's optimizers are loaded only where they plan.
     from controllers.pcc import PccReference, RecedingConfig
 
-    # No limit of wall time: the computer's load must not change the drive.
+    # No limit of wall time: the load of the computer must not change the drive.
     receding = RecedingConfig(time_limit=math.inf)
     try:
         return PccReference(route, pcc_config(config), parameters, receding)
@@ -191,7 +186,7 @@ def make_reference(
 
 
 def pcc_config(config: DriveConfig) -> PccConfig:
-    """Set speed and band of PCC.
+    """Returns set speed and band of PCC.
 
     Raises:
       InputError: the reference speed is not within the band.

@@ -1,4 +1,4 @@
-"""Drives a recorded drive again from its commands, truck and traffic, and compares every bit."""
+"""Repeats a recorded drive from its commands, truck and traffic, and compares every bit."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class RedriveError(Error):
 
 
 class Redriven(NamedTuple):
-    """What came out the same.
+    """What was identical.
 
     Attributes:
       frames: of the traffic, the reset included; commands: that the truck got.
-      pose_hash: of the traffic; truck_hash: of the truck's states, 64 bits.
+      pose_hash: of the traffic's poses; truck_hash: of the truck's states, 64 bits.
     """
 
     frames: int
@@ -50,16 +50,16 @@ def redrive(
     map_path: Path | None,
     progress: Callable[[Frame], None] | None = None,
 ) -> Redriven:
-    """Drives a recorded drive again.
+    """Repeats a recorded drive.
 
     Args:
       recording: of a drive, with its commands.
-      name: how messages call it.
+      name: of the recording in messages.
       map_path: the map's file; None: the built-in one.
       progress: called after each 100 ms.
 
     Raises:
-      InputError: it was made with another map, version or parameters, or has no drive.
+      InputError: it was made with another map, version or parameters, or holds no drive.
       RedriveError: a pose or a state is not bit-identical; says which and when.
       TrafficError: SUMO failed.
     """
@@ -108,7 +108,7 @@ def _compare_truck(recording: Recording, k: int, ego: EgoState, state_hash: int)
 
 
 def _config(recording: Recording, name: str, map_path: Path | None) -> DriveConfig:
-    """The options of then. Commands were noted where they reached the truck: they go straight."""
+    """Returns the recorded options; commands were recorded at the truck, so they pass directly."""
     options = options_of(recording, name)
     known = {field.name for field in dataclasses.fields(DriveConfig)}
     if set(options) != known:
@@ -124,7 +124,7 @@ def _config(recording: Recording, name: str, map_path: Path | None) -> DriveConf
 
 
 def _recorded(recording: Recording, number: int, ego: EgoState) -> VehicleCommand:
-    """A command of the recording; RedriveError when there is none of this time."""
+    """Returns a command of the recording; RedriveError when there is none of this time."""
     times = recording.command_time
     if number >= len(times) or abs(times[number] - ego.time) > 1e-6:
         raise RedriveError(f"the recording has no command of t = {ego.time:.2f} s")

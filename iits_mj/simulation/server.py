@@ -1,7 +1,7 @@
 """The truck as a device under test: it obeys a CAN bus and reports on it, in soft real time.
 
-A tick lasts 10 ms. At the instant when it is due, the truck's reports of that instant go out; then
-what the bus has brought since the last tick is obeyed for the 10 ms that follow.
+A tick lasts 10 ms. When it is due, the truck's reports of that instant are sent; then the frames
+received since the last tick are obeyed for the following 10 ms.
 """
 
 from __future__ import annotations
@@ -36,21 +36,21 @@ TICK_STEPS = round(TICK / TIMESTEP)
 
 
 class Pace:
-    """Waits for tick after tick of a fixed period, and keeps account.
+    """Waits for ticks of a fixed period and measures their lateness.
 
-    A tick that is late is made up for by those after it, which do not wait until the clock is
-    reached again; none is left out. When the lag is longer than `longest_lag`, the clock is set
-    anew instead: simulated time then stays behind by what is counted in `slipped`.
+    After a late tick the next ones do not wait until the clock is reached again; no tick is left
+    out. When the lag exceeds `longest_lag`, the clock is set back instead: simulated time stays
+    behind, and `slipped` counts by how much.
 
     Args:
       period: of a tick [s].
-      longest_lag: that is made up for [s].
+      longest_lag: lag that is caught up [s].
       late_after: lateness from which a tick counts as late [s]; default half a period.
       clock: monotonic time [s]; sleep: waits for so many seconds.
 
     Attributes:
-      ticks, late: how many; worst, total: lateness of the ticks [s].
-      slips, slipped: how often the clock was set anew, and by how much in all [s].
+      ticks, late: number of ticks and of late ones; worst, total: lateness of the ticks [s].
+      slips, slipped: number of times that the clock was set back, and by how much in all [s].
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Pace:
     ) -> None:
         for name, value in (("period", period), ("longest_lag", longest_lag)):
             if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"pace: {name} = {value!r} s: a positive time is wanted")
+                raise InputError(f"pace: {name} = {value!r} s: use a positive time")
         self.period = period
         self.longest_lag = longest_lag
         self.late_after = 0.5 * period if late_after is None else late_after
@@ -80,12 +80,12 @@ class Pace:
         return self.total / self.ticks if self.ticks else 0.0
 
     def wait(self) -> float:
-        """Returns when the next tick is due, with its lateness [s]; the first is due at once."""
+        """Waits until the next tick is due; returns its lateness [s]. The first is due at once."""
         now = self._clock()
         if self._start is None:
             self._start = now
         due = self._start + self._since_start * self.period
-        # Sleeping may end early, by the rounding of the clock.
+        # Sleeping may end early by rounding of the clock.
         while (ahead := due - now) > 0.0:
             self._sleep(ahead)
             now = self._clock()
@@ -107,13 +107,13 @@ class TruckBus(Closing):
 
     Args:
       link: the bus; it is closed with this.
-      receiver: gets every frame that is heard.
+      receiver: gets every received frame.
       parameters: of the truck, for its percent torques and configurations.
-      log: gets every frame, both ways, until it cannot be written; it is closed with this.
+      log: gets every frame, sent and received, until it cannot be written; it is closed with this.
 
     Attributes:
       link, receiver: as given; units: the truck's control units in the network.
-      log_failure: why the log ends before its time, "" when it does not.
+      log_failure: why the log ends early, "" when it is complete.
     """
 
     def __init__(
@@ -130,12 +130,12 @@ class TruckBus(Closing):
         self.log_failure = ""
         self._state, self._report = EgoState(), TruckReport()
         self._due: list[Frame] = []
-        # Claimed before anything else is sent, and again whenever the bus was opened anew.
+        # Addresses are claimed before the first frame, and again when the bus was reopened.
         self._claimed_at_restart = -1
         self.units = ControlUnits(unit_names(sorted(truck_addresses())))
 
     def prepare(self, state: EgoState, report: TruckReport) -> None:
-        """Makes the frames that are due at the state's time, so that `exchange` can send at once.
+        """Encodes the frames that are due at the state's time, so that `exchange` can send at once.
 
         Raises:
           BusError: a value is not finite.
@@ -144,10 +144,10 @@ class TruckBus(Closing):
         self._due = self._sender.frames(state, report)
 
     def exchange(self, time: float) -> None:
-        """Sends what was prepared, hears what has come, answers it and hands it to the receiver.
+        """Sends the prepared frames, receives, answers requests and passes frames to the receiver.
 
         Args:
-          time: of everything that is sent and heard [s].
+          time: of all frames sent and received [s].
         """
         if self._claimed_at_restart != self.link.restarts:
             self._claimed_at_restart = self.link.restarts
@@ -156,7 +156,7 @@ class TruckBus(Closing):
         self._due = []
         heard = self.link.receive(time)
         for frame in heard:
-            self._note(frame)
+            self._log_frame(frame)
             self.receiver.receive(frame)
         self._send(self.units.answer(heard, self._groups, time))
 
@@ -166,7 +166,7 @@ class TruckBus(Closing):
         self.finish_log()
 
     def finish_log(self) -> None:
-        """Completes the log and goes on without one; may be called again."""
+        """Completes the log and continues without one; may be called again."""
         log, self._log = self._log, None
         if log is None:
             return
@@ -175,8 +175,8 @@ class TruckBus(Closing):
         except BusError as error:
             self.log_failure = self.log_failure or str(error)
 
-    def _note(self, frame: Frame) -> None:
-        """Logs a frame; a log that cannot be written is finished, and the bus goes on without."""
+    def _log_frame(self, frame: Frame) -> None:
+        """Logs a frame; a log that cannot be written is finished, and the bus continues without."""
         if self._log is None:
             return
         try:
@@ -191,24 +191,24 @@ class TruckBus(Closing):
     def _send(self, frames: list[Frame]) -> None:
         for frame in frames:
             if self.link.send(frame):
-                self._note(frame)
+                self._log_frame(frame)
 
 
 class Server(Closing):
     """A truck on a CAN bus; a context manager.
 
     Args:
-      config: which truck, where, on which bus.
-      tell: called with a line of text when the bus or the commands are lost or come back, and
-        when the log is lost.
+      config: truck, start and bus.
+      tell: called with a line of text when the bus or the commands are lost or return, and when
+        the log is lost.
       clock: monotonic time [s]; sleep: waits for so many seconds.
 
     Attributes:
       config, route, truck, pace: the parts; receiver: of the commands; bus: the truck's end of it.
-      state: what the truck observes now; command: what it obeys.
-      silent: True while the commands that it cannot do without stay away.
-      ended: why it is over, "" while it is not; failed: the truck rolled over or left the road,
-        or the simulation diverged.
+      state: of the truck now; command: that it obeys.
+      silent: True while required commands are missing.
+      ended: reason, "" before the end; failed: the truck rolled over or left the road, or the
+        simulation diverged.
 
     Raises:
       MapError: the map cannot be read. InputError: the start is not on the route.
@@ -252,8 +252,8 @@ class Server(Closing):
         self._tell = tell or (lambda _line: None)
         self._clock = clock
         self._ticks = self._silences = self._silent_ticks = 0
-        self._told: LinkChange | None = None
-        self._log_told = False
+        self._last_change: LinkChange | None = None
+        self._log_reported = False
         self._distance = 0.0
         self._max_speed = self.state.speed
         self.bus = self._join()
@@ -278,12 +278,12 @@ class Server(Closing):
     def tick(self) -> None:
         """Waits until the next tick is due and serves it.
 
-        A simulation that diverges ends the serving, with the state before that tick.
+        When the simulation diverges, serving ends with the state before that tick.
         """
         self.pace.wait()
         self.bus.exchange(self.time)
-        self._tell_of_bus()
-        self._tell_of_log()
+        self._report_bus()
+        self._report_log()
         self.command = self._decide()
         self.truck.command(self.command)
         try:
@@ -295,19 +295,16 @@ class Server(Closing):
         self._distance += 0.5 * (self.state.speed + state.speed) * TICK
         self.state = state
         self._max_speed = max(self._max_speed, self.state.speed)
-        self._judge_end()
+        self._check_end()
 
     def run(self) -> ServeSummary:
-        """Serves until the end of the time or of the road, or until `stop` is called.
-
-        The log of the bus is complete then.
-        """
+        """Serves to the end of the time or of the road, or until `stop`; completes the log."""
         wall, processor = self._clock(), time.process_time()
         while not self.ended:
             self.tick()
         elapsed, processor = self._clock() - wall, time.process_time() - processor
         self.bus.finish_log()
-        self._tell_of_log()
+        self._report_log()
         return self.summary(processor / elapsed if elapsed > 0.0 else 0.0)
 
     def stop(self, reason: str) -> None:
@@ -315,7 +312,7 @@ class Server(Closing):
         self.ended = self.ended or reason
 
     def summary(self, processor_load: float = 0.0) -> ServeSummary:
-        """The figures so far."""
+        """Returns the figures so far."""
         link, pace = self.bus.link, self.pace
         return ServeSummary(
             ended=self.ended or "still serving",
@@ -354,7 +351,7 @@ class Server(Closing):
         self.bus.close()
 
     def _advance(self) -> EgoState:
-        """A tick of physics, and what is to be said after it.
+        """Advances the physics by a tick and prepares the reports of the new state.
 
         Raises:
           Error: the simulation diverged.
@@ -366,19 +363,19 @@ class Server(Closing):
         return state
 
     def _decide(self) -> VehicleCommand:
-        """What the truck obeys now: the bus, or its safe state."""
+        """Returns the command that the truck obeys now, from the bus or for its safe state."""
         received = self.receiver.command(self.time)
         loss = self.receiver.loss(self.time)
-        self._heed(loss)
+        self._watch_loss(loss)
         if loss.body is Heard.NEVER and self.config.start_speed == 0.0:
-            # Nobody has come yet: the truck stays as it is parked.
+            # No controller has appeared yet: the truck stays parked.
             return dataclasses.replace(received, parking_brake=1.0)
         if self.config.on_silence == "stop":
             return self._fallback.command(self.state, received, loss.driver)
         return received
 
-    def _heed(self, loss: Loss) -> None:
-        """Notices when the commands are lost or come back."""
+    def _watch_loss(self, loss: Loss) -> None:
+        """Notices when the commands are lost or return."""
         came = loss.body is not Heard.NEVER
         self._silent_ticks += came and loss.driver
         if loss.driver == self.silent:
@@ -391,12 +388,14 @@ class Server(Closing):
         else:
             self._tell(f"commands obeyed from t = {self.time:.2f} s")
 
-    def _tell_of_bus(self) -> None:
-        """Passes on what has happened to the link since the last tick, everything in its order."""
+    def _report_bus(self) -> None:
+        """Reports the changes of the link since the last tick in their order."""
         link = self.bus.link
-        new = list(itertools.takewhile(lambda c: c is not self._told, reversed(link.changes)))
+        new = list(
+            itertools.takewhile(lambda c: c is not self._last_change, reversed(link.changes))
+        )
         for change in reversed(new):
-            self._told = change
+            self._last_change = change
             if change.state is LinkState.UP:
                 self._tell(f"CAN bus {link.name} is up again")
             else:
@@ -405,15 +404,15 @@ class Server(Closing):
                     f"CAN bus {link.name} is {change.state.value}, will be opened again{why}"
                 )
 
-    def _tell_of_log(self) -> None:
-        """Says once that the log has come to an early end."""
-        if self.bus.log_failure and not self._log_told:
-            self._log_told = True
+    def _report_log(self) -> None:
+        """Reports once that the log has ended early."""
+        if self.bus.log_failure and not self._log_reported:
+            self._log_reported = True
             self._tell(
                 f"nothing more is logged from t = {self.time:.2f} s on: {self.bus.log_failure}"
             )
 
-    def _judge_end(self) -> None:
+    def _check_end(self) -> None:
         place = (self.state, self.route, self.truck.footprint)
         found = find_ending(*place) or find_leaving(*place)
         duration = self.config.duration

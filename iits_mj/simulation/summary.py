@@ -1,4 +1,4 @@
-"""What a drive came to: distance, speeds, gaps, fuel, and how it ended."""
+"""Summaries: the figures of a drive and of a served truck, and how a drive ended."""
 
 from __future__ import annotations
 
@@ -11,24 +11,69 @@ from iits_mj.core.messages import LightState, PlanMode
 from iits_mj.core.units import DIESEL_DENSITY
 from iits_mj.simulation.frame import Frame
 
+# Units of the figures, which stand in their names in JSON.
+_UNITS = {
+    "duration": "s",
+    "first_red_light": "s",
+    "distance": "m",
+    "mean_speed": "mps",
+    "max_speed": "mps",
+    "last_speed": "mps",
+    "closest_gap": "m",
+    "closest_box": "m",
+    "fuel": "kg",
+    "max_lateral_acceleration": "mps2",
+    "max_articulation": "rad",
+    "silent_time": "s",
+    "worst_lateness": "s",
+    "mean_lateness": "s",
+    "slipped": "s",
+}
+
+
+def to_text(rows: Sequence[tuple[str, str]]) -> str:
+    """Returns names and values as aligned plain text."""
+    width = max(len(name) for name, _ in rows)
+    return "\n".join(f"  {name.ljust(width)}  {value}" for name, value in rows)
+
+
+def counts_text(counts: Mapping[str, int]) -> str:
+    """Returns "3 x this, 2 x that", the most frequent first, or "none"."""
+    ordered = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+    return ", ".join(f"{count} x {name}" for name, count in ordered if count) or "none"
+
+
+def _with_units(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns figures with their units in the names; a number that is not finite becomes None."""
+    return {
+        f"{name}_{_UNITS[name]}" if name in _UNITS else name: (
+            None if isinstance(value, float) and not math.isfinite(value) else value
+        )
+        for name, value in values.items()
+    }
+
+
+def _metres(value: float, otherwise: str) -> str:
+    return f"{value:.2f} m" if math.isfinite(value) else otherwise
+
 
 @dataclass(frozen=True, slots=True)
 class DriveSummary:
     """Figures of one drive, SI units.
 
     Attributes:
-      ended: why it ended, in words; collision: True when the truck touched another vehicle.
+      ended: reason, in words; collision: True when the truck touched another vehicle.
       failed: True after a collision or a roll-over, or when the simulation diverged.
       duration: simulated time [s]; distance [m]; mean_speed, max_speed [m/s].
-      lane_changes: completed; refused: asked for and refused.
+      lane_changes: completed; refused: requested and refused.
       red_lights_run: stop lines that the front bumper crossed at red; first_red_light: time of the
         first [s], None without one.
-      emergency_brakings: times that the planner's last layer began to brake.
+      emergency_brakings: number of emergency brakings of the planner.
       closest_gap: least bumper-to-bumper gap to the vehicle ahead in the lane [m], inf without one.
       closest_box: least distance of the truck's boxes to any other vehicle [m], inf without one.
       fuel [kg]; real_time_factor: simulated time over wall time, everything included.
       max_lateral_acceleration [m/s2], max_articulation [rad]: greatest magnitudes.
-      warnings: MuJoCo's warnings by name, only those that were raised.
+      warnings: MuJoCo's warnings that were raised, by name.
     """
 
     ended: str
@@ -59,86 +104,41 @@ class DriveSummary:
         return self.fuel / DIESEL_DENSITY / (self.distance / 100e3)
 
     def rows(self) -> list[tuple[str, str]]:
-        """Name and value with its unit, for tables that people read."""
+        """Returns names and values with units, for tables."""
         per_100km = self.fuel_per_100km
-        rows = [
+        consumption = "" if math.isnan(per_100km) else f" ({per_100km:.1f} l/100 km)"
+        red_lights = "none"
+        if self.first_red_light is not None:
+            red_lights = f"{self.red_lights_run}, the first at t = {self.first_red_light:.1f} s"
+        return [
             ("ended", self.ended),
             ("time", f"{self.duration:.1f} s"),
             ("distance", f"{self.distance / 1e3:z.3f} km"),
             ("mean speed", f"{self.mean_speed:z.2f} m/s ({self.mean_speed * 3.6:z.1f} km/h)"),
             ("lane changes", f"{self.lane_changes} completed, {self.refused} refused"),
-            ("red lights run", self._red_lights()),
+            ("red lights run", red_lights),
             ("emergency brakings", f"{self.emergency_brakings}"),
             ("closest gap ahead", _metres(self.closest_gap, "no vehicle was ahead in the lane")),
             ("closest vehicle", _metres(self.closest_box, "none came near")),
-            (
-                "fuel",
-                f"{self.fuel:.2f} kg"
-                + ("" if math.isnan(per_100km) else f" ({per_100km:.1f} l/100 km)"),
-            ),
+            ("fuel", f"{self.fuel:.2f} kg{consumption}"),
             ("largest lateral acceleration", f"{self.max_lateral_acceleration:.2f} m/s2"),
             ("largest articulation", f"{math.degrees(self.max_articulation):.2f} deg"),
             ("real-time factor", f"{self.real_time_factor:.1f}"),
+            ("engine warnings", counts_text(self.warnings)),
         ]
-        rows.append(("engine warnings", counts_text(self.warnings)))
-        return rows
-
-    def _red_lights(self) -> str:
-        if self.first_red_light is None:
-            return "none"
-        return f"{self.red_lights_run}, the first at t = {self.first_red_light:.1f} s"
 
     def to_text(self) -> str:
-        """The rows as aligned plain text."""
+        """Returns the rows as aligned plain text."""
         return to_text(self.rows())
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything for JSON, units in the names; a figure that is not finite becomes None."""
-        units = {
-            "duration": "s",
-            "first_red_light": "s",
-            "distance": "m",
-            "mean_speed": "mps",
-            "max_speed": "mps",
-            "closest_gap": "m",
-            "closest_box": "m",
-            "fuel": "kg",
-            "max_lateral_acceleration": "mps2",
-            "max_articulation": "rad",
-        }
-        values = asdict(self) | {"fuel_per_100km_l": self.fuel_per_100km}
-        return with_units(values, units)
-
-
-def to_text(rows: Sequence[tuple[str, str]]) -> str:
-    """Names and values as aligned plain text."""
-    width = max(len(name) for name, _ in rows)
-    return "\n".join(f"  {name.ljust(width)}  {value}" for name, value in rows)
-
-
-def counts_text(counts: Mapping[str, int]) -> str:
-    """Says "3 x this, 2 x that", the most frequent first, or "none"."""
-    ordered = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
-    return ", ".join(f"{count} x {name}" for name, count in ordered if count) or "none"
-
-
-def with_units(values: Mapping[str, Any], units: Mapping[str, str]) -> dict[str, Any]:
-    """Figures for JSON, the unit in the name; a number that is not finite becomes None."""
-    return {
-        f"{name}_{units[name]}" if name in units else name: (
-            None if isinstance(value, float) and not math.isfinite(value) else value
-        )
-        for name, value in values.items()
-    }
-
-
-def _metres(value: float, otherwise: str) -> str:
-    return f"{value:.2f} m" if math.isfinite(value) else otherwise
+        """Returns everything for JSON, units in the names; None for a figure that is not finite."""
+        return _with_units(asdict(self) | {"fuel_per_100km_l": self.fuel_per_100km})
 
 
 @dataclass(slots=True)
 class SummaryBuilder:
-    """Collects the figures of a drive frame by frame (every 100 ms)."""
+    """Collects the figures of a drive, frame by frame (every 100 ms)."""
 
     max_speed: float = 0.0
     closest_gap: float = math.inf
@@ -151,9 +151,9 @@ class SummaryBuilder:
     _braking: bool = False
 
     def add(self, frame: Frame) -> None:
-        """Takes one frame into account."""
+        """Adds one frame."""
         ego = frame.ego
-        self._watch_light(frame)
+        self._add_red_light(frame)
         braking = frame.trajectory.mode is PlanMode.EMERGENCY
         self.emergencies += braking and not self._braking
         self._braking = braking
@@ -165,8 +165,8 @@ class SummaryBuilder:
         )
         self.max_articulation = max(self.max_articulation, abs(ego.articulation))
 
-    def _watch_light(self, frame: Frame) -> None:
-        """Notes a stop line that the front has crossed since the last frame while it is red."""
+    def _add_red_light(self, frame: Frame) -> None:
+        """Adds a stop line that the front bumper has crossed at red since the last frame."""
         front = frame.ego.station + frame.scene.footprint.front_overhang
         light = frame.scene.signals.light
         red = light is not None and light.state is LightState.RED
@@ -185,7 +185,7 @@ class SummaryBuilder:
         fuel: float,
         warnings: dict[str, int],
     ) -> DriveSummary:
-        """The summary up to the frame `last`; `wall_time` in seconds, `fuel` in kg."""
+        """Returns the summary up to the frame `last`; `wall_time` in seconds, `fuel` in kg."""
         duration = last.time
         return DriveSummary(
             ended=ended,
@@ -210,28 +210,25 @@ class SummaryBuilder:
         )
 
 
-# --- What serving came to: the drive, what was obeyed and what was not, the clock and the bus ---
-
-
 @dataclass(frozen=True, slots=True)
 class ServeSummary:
     """Figures of a served truck, SI units.
 
     Attributes:
-      ended: why, in words.
+      ended: reason, in words.
       failed: True after a roll-over, off the road, or when the simulation diverged.
       duration: simulated time [s]; distance [m]; mean_speed, max_speed, last_speed [m/s].
-      accepted: command frames obeyed, by message; rejected: unsound ones, by message and reason.
-      passed_over: sound ones that were not for this truck or not from who may command, likewise.
-      lost: command frames that never arrived, as the counters of the others tell, by message.
-      silences: how often commands were lost; silent_time: for how long in all [s].
-      sent, received, dropped: frames of the bus; ignored: what is no J1939 frame, by kind.
+      accepted: command frames obeyed, by message; rejected: invalid ones, by message and reason.
+      passed_over: valid ones for another truck or from an unauthorized sender, likewise.
+      lost: command frames that never arrived, by the counters of the others, by message.
+      silences: number of losses of the commands; silent_time: their duration in all [s].
+      sent, received, dropped: frames of the bus; ignored: other than J1939 frames, by kind.
       requests: answered, refused and ignored, and claims contested.
-      bus_failures: how often the bus was lost; bus_restarts: opened again; bus_state: at the end.
-      log_failure: why the log of the bus ends early, "" when it does not.
+      bus_failures: number of losses of the bus; bus_restarts: reopened; bus_state: at the end.
+      log_failure: why the log of the bus ends early, "" when it is complete.
       ticks: of 10 ms; late_ticks: more than half a tick behind the clock.
       worst_lateness, mean_lateness: of a tick [s].
-      slips, slipped: how often simulated time fell behind the clock for good, by how much [s].
+      slips, slipped: number of times that the clock was set back, and by how much in all [s].
       processor_load: processor time over wall time.
     """
 
@@ -266,7 +263,7 @@ class ServeSummary:
     processor_load: float
 
     def rows(self) -> list[tuple[str, str]]:
-        """Name and value with its unit, for tables that people read."""
+        """Returns names and values with units, for tables."""
         late = 100.0 * self.late_ticks / self.ticks if self.ticks else 0.0
         rows = [
             ("ended", self.ended),
@@ -303,20 +300,9 @@ class ServeSummary:
         return rows
 
     def to_text(self) -> str:
-        """The rows as aligned plain text."""
+        """Returns the rows as aligned plain text."""
         return to_text(self.rows())
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything for JSON, units in the names."""
-        units = {
-            "duration": "s",
-            "distance": "m",
-            "mean_speed": "mps",
-            "max_speed": "mps",
-            "last_speed": "mps",
-            "silent_time": "s",
-            "worst_lateness": "s",
-            "mean_lateness": "s",
-            "slipped": "s",
-        }
-        return with_units(asdict(self), units)
+        """Returns everything for JSON, units in the names."""
+        return _with_units(asdict(self))

@@ -1,7 +1,8 @@
-"""The telemetry of a drive: one row each 100 ms, written as CSV with units in the header.
+"""The telemetry of a drive, its plots, and the figures of its speed planner.
 
-Rows go to a file beside the wanted one, which takes its place when the drive ends, however it
-ends: an interrupted drive keeps what it has, and an older table is never left half overwritten.
+The telemetry has one row each 100 ms and is written as CSV with units in the header. Rows go to a
+temporary file, which replaces the target when the drive ends: an interrupted drive keeps its rows,
+and an older table is never left half overwritten.
 """
 
 from __future__ import annotations
@@ -22,16 +23,19 @@ from controllers.stack import Stack
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError
 from iits_mj.core.results import Line, Panel
-from iits_mj.core.units import RPM
+from iits_mj.core.units import KMH, RPM
 from iits_mj.simulation.frame import Frame
 from iits_mj.simulation.lock_step import Driver, LockStep, Observer
 from iits_mj.simulation.summary import counts_text
 
 Value = float | int | str
+STATION = "station [m]"
+# Longer gaps are not drawn [m].
+_GAP_SHOWN = 300.0
 _PRESSURES = ("front_left", "front_right", "rear_left", "rear_right", "trailer")
 
-# Column name (with its unit) and where it comes from; SI but for engine speed and brake pressure,
-# whose customary units stand in the header like all others.
+# Column name with its unit, and its source; SI except engine speed and brake pressure, which have
+# their customary units.
 COLUMNS: dict[str, Callable[[Frame], Value]] = {
     "time [s]": lambda f: f.time,
     "station [m]": lambda f: f.ego.station,
@@ -95,8 +99,8 @@ COLUMNS: dict[str, Callable[[Frame], Value]] = {
 class Telemetry(Closing, Observer):
     """Observer that writes the table and keeps its columns for plots.
 
-    Used as a context manager; on leaving it the table appears at `path`. Empty cells mean "no
-    such vehicle" (a gap without anybody ahead).
+    Used as a context manager; on leaving it the table appears at `path`. An empty cell means that
+    there is no such vehicle.
 
     Raises:
       InputError: the table cannot be written, on construction.
@@ -127,7 +131,7 @@ class Telemetry(Closing, Observer):
             self._writer.writerow([_cell(value) for value in row])
 
     def close(self) -> None:
-        """Puts the finished table in its place; a second call does nothing."""
+        """Moves the finished table to its path; a second call does nothing."""
         if self._file is None or self.path is None:
             return
         self._file.close()
@@ -141,7 +145,7 @@ class Telemetry(Closing, Observer):
         return len(self._rows)
 
     def column(self, name: str) -> NDArray[np.float64]:
-        """One numeric column as an array of shape (rows,).
+        """Returns one numeric column as an array of shape (rows,).
 
         Raises:
           InputError: there is no such column.
@@ -159,156 +163,103 @@ def _cell(value: Value) -> str:
     return str(value)
 
 
-# --- The plots of a drive, as panels over the station of the steer axle ---
-
-KMH = 3.6
-STATION = "station [m]"
-
-
 def drive_figures(telemetry: Telemetry) -> dict[str, list[Panel]]:
-    """Figures by name: "longitudinal", "lateral" and "traffic".
+    """Returns the plots over station by name: "longitudinal", "lateral" and "traffic".
 
-    A quantity that the drive did not have, as the plan of a drive by a log, is not drawn.
+    Quantities without a value, as the plan of a drive by a log, are not drawn.
     """
-    figures = {
-        "longitudinal": longitudinal(telemetry),
-        "lateral": lateral(telemetry),
-        "traffic": traffic(telemetry),
-    }
-    return {name: _known(panels) for name, panels in figures.items()}
-
-
-def _known(panels: list[Panel]) -> list[Panel]:
-    """The panels with those lines that have a value, without those that have none."""
-    found = []
-    for panel in panels:
-        lines = tuple(line for line in panel.lines if np.isfinite(line.y).any())
-        if lines:
-            found.append(dataclasses.replace(panel, lines=lines))
-    return found
+    makers = {"longitudinal": longitudinal, "lateral": lateral, "traffic": traffic}
+    figures = {}
+    for name, make in makers.items():
+        panels = (
+            dataclasses.replace(
+                panel, lines=tuple(line for line in panel.lines if np.isfinite(line.y).any())
+            )
+            for panel in make(telemetry)
+        )
+        figures[name] = [panel for panel in panels if panel.lines]
+    return figures
 
 
 def longitudinal(telemetry: Telemetry) -> list[Panel]:
-    """Speed, gear, brake pressure and grade over station."""
-    column = telemetry.column
-    station = column(STATION)
+    """Returns speed, gear, brake pressure and grade over station."""
+    column, station = telemetry.column, telemetry.column(STATION)
 
     def line(label: str, name: str, scale: float = 1.0, role: str = "") -> Line:
         return Line(label, station, scale * column(name), role)
 
-    front = 0.5 * (
-        column("brake_pressure_front_left [kPa]") + column("brake_pressure_front_right [kPa]")
+    def axle(label: str, name: str) -> Line:
+        left, right = (column(f"brake_pressure_{name}_{side} [kPa]") for side in ("left", "right"))
+        return Line(label, station, 0.5 * (left + right))
+
+    speeds = (
+        line("reference", "reference_speed [m/s]", 1.0 / KMH, "reference"),
+        line("planned", "planned_speed [m/s]", 1.0 / KMH),
+        line("truck", "speed [m/s]", 1.0 / KMH, "simulation"),
     )
-    drive = 0.5 * (
-        column("brake_pressure_rear_left [kPa]") + column("brake_pressure_rear_right [kPa]")
+    pressures = (
+        axle("steer axle", "front"),
+        axle("drive axles", "rear"),
+        line("trailer", "brake_pressure_trailer [kPa]"),
     )
     return [
-        Panel(
-            "Speed",
-            STATION,
-            "speed [km/h]",
-            (
-                line("reference", "reference_speed [m/s]", KMH, "reference"),
-                line("planned", "planned_speed [m/s]", KMH),
-                line("truck", "speed [m/s]", KMH, "simulation"),
-            ),
-        ),
+        Panel("Speed", STATION, "speed [km/h]", speeds),
         Panel("Gear", STATION, "gear [-]", (line("gear", "gear [-]"),)),
-        Panel(
-            "Brake pressure",
-            STATION,
-            "pressure [kPa]",
-            (
-                Line("steer axle", station, front),
-                Line("drive axles", station, drive),
-                line("trailer", "brake_pressure_trailer [kPa]"),
-            ),
-        ),
+        Panel("Brake pressure", STATION, "pressure [kPa]", pressures),
         Panel("Road grade", STATION, "grade [%]", (line("grade", "grade [-]", 100.0),)),
     ]
 
 
 def lateral(telemetry: Telemetry) -> list[Panel]:
-    """Path across the road, lateral acceleration, articulation and steering over station."""
-    column = telemetry.column
-    station = column(STATION)
+    """Returns path across the road, lateral acceleration, articulation, steering over station."""
+    station = telemetry.column(STATION)
+
+    def line(label: str, name: str, scale: float = 1.0, role: str = "") -> Line:
+        return Line(label, station, scale * telemetry.column(name), role)
+
     degrees = 180.0 / np.pi
+    path = (
+        line("planned", "planned_offset [m]", 1.0, "reference"),
+        line("steer axle", "offset [m]", 1.0, "simulation"),
+        line("trailer axles", "trailer_offset [m]"),
+    )
+    wheel = (
+        line("command", "command_steering_wheel_angle [rad]", degrees, "reference"),
+        line("actual", "steering_wheel_angle [rad]", degrees, "simulation"),
+    )
+    acceleration = (line("tractor", "lateral_acceleration [m/s2]"),)
+    articulation = (line("articulation", "articulation [rad]", degrees),)
+    across = "Path across the road, positive to the left of the reference line"
     return [
-        Panel(
-            "Path across the road, positive to the left of the reference line",
-            STATION,
-            "offset [m]",
-            (
-                Line("planned", station, column("planned_offset [m]"), "reference"),
-                Line("steer axle", station, column("offset [m]"), "simulation"),
-                Line("trailer axles", station, column("trailer_offset [m]")),
-            ),
-        ),
-        Panel(
-            "Lateral acceleration of the tractor",
-            STATION,
-            "acceleration [m/s²]",
-            (Line("tractor", station, column("lateral_acceleration [m/s2]")),),
-        ),
-        Panel(
-            "Articulation, tractor against semitrailer",
-            STATION,
-            "angle [deg]",
-            (Line("articulation", station, degrees * column("articulation [rad]")),),
-        ),
-        Panel(
-            "Steering wheel",
-            STATION,
-            "angle [deg]",
-            (
-                Line(
-                    "command",
-                    station,
-                    degrees * column("command_steering_wheel_angle [rad]"),
-                    "reference",
-                ),
-                Line(
-                    "actual", station, degrees * column("steering_wheel_angle [rad]"), "simulation"
-                ),
-            ),
-        ),
+        Panel(across, STATION, "offset [m]", path),
+        Panel("Lateral acceleration of the tractor", STATION, "acceleration [m/s²]", acceleration),
+        Panel("Articulation, tractor against semitrailer", STATION, "angle [deg]", articulation),
+        Panel("Steering wheel", STATION, "angle [deg]", wheel),
     ]
 
 
 def traffic(telemetry: Telemetry) -> list[Panel]:
-    """Lane and gaps over station; a gap is drawn only where there is a vehicle."""
-    column = telemetry.column
-    station = column(STATION)
-    gap = column("gap_ahead [m]")
-    box = column("box_distance [m]")
-    target = column("target_lane [-]")
+    """Returns lane and gaps over station; a gap is drawn only where there is a vehicle."""
+    station, target = telemetry.column(STATION), telemetry.column("target_lane [-]")
+    lanes = (
+        Line("target", station, np.where(target >= 0.0, target, np.nan), "reference"),
+        Line("truck", station, telemetry.column("lane [-]"), "simulation"),
+    )
+    gaps = []
+    for label, name in (
+        ("bumper to bumper ahead", "gap_ahead [m]"),
+        ("nearest vehicle, box to box", "box_distance [m]"),
+    ):
+        gap = telemetry.column(name)
+        gaps.append(Line(label, station, np.where(gap < _GAP_SHOWN, gap, np.nan)))
     return [
-        Panel(
-            "Lane, 0 being the right one",
-            STATION,
-            "lane [-]",
-            (
-                Line("target", station, np.where(target >= 0.0, target, np.nan), "reference"),
-                Line("truck", station, column("lane [-]"), "simulation"),
-            ),
-        ),
-        Panel(
-            "Distance to the traffic",
-            STATION,
-            "distance [m]",
-            (
-                Line("bumper to bumper ahead", station, np.where(gap < 300.0, gap, np.nan)),
-                Line("nearest vehicle, box to box", station, np.where(box < 300.0, box, np.nan)),
-            ),
-        ),
+        Panel("Lane, 0 being the right one", STATION, "lane [-]", lanes),
+        Panel("Distance to the traffic", STATION, "distance [m]", tuple(gaps)),
     ]
 
 
-# --- What the speed planner did in a drive, for its summary ---
-
-
 def speed_rows(driver: Driver) -> list[tuple[str, str]]:
-    """Names and values for tables that people read; empty where no speed was planned."""
+    """Returns names and values of the speed planner for tables; empty without one."""
     if not isinstance(driver, Stack):
         return []
     reference = driver.reference
@@ -336,9 +287,9 @@ def speed_rows(driver: Driver) -> list[tuple[str, str]]:
 
 
 def speed_object(driver: Driver) -> dict[str, Any]:
-    """The same for JSON, {"speed_planner": {...}}; empty where none was to be planned."""
+    """Returns the same for JSON, {"speed_planner": {...}}; empty without a speed planner."""
     if isinstance(driver, Stack) and isinstance(driver.reference, CruiseReference):
-        # A cruise that was asked for needs no reason; one that PCC fell back to does.
+        # A requested cruise has no reason; a cruise in place of PCC has one.
         reason = driver.reference.reason
         return {"speed_planner": {"fallback": "cruise", "reason": reason}} if reason else {}
     report = _report(driver)
@@ -363,6 +314,6 @@ def speed_object(driver: Driver) -> dict[str, Any]:
 
 
 def _report(driver: Driver) -> Any:
-    """The report of PCC, None where somebody else says how fast to go."""
+    """Returns the report of PCC; None for another speed reference."""
     report = getattr(driver.reference, "report", None) if isinstance(driver, Stack) else None
     return None if report is None else report()

@@ -1,4 +1,4 @@
-"""Trips of the MuJoCo truck in SUMO traffic, one decision a step: the world that counts."""
+"""Trips of the MuJoCo truck in SUMO traffic, one decision a step."""
 
 from __future__ import annotations
 
@@ -8,36 +8,28 @@ import mujoco
 import numpy as np
 
 from controllers.decision.base import DecisionContext, Observation
-from controllers.decision.trip import (
-    RewardTerms,
-    TripConfig,
-    TripStep,
-    TripSummary,
-    decision_charge,
-    speed_charge,
-)
+from controllers.decision.trip import TripConfig, TripLog, TripStep, TripSummary
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision, EgoFootprint
 from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.road import Route
 from iits_mj.simulation.config import DriveConfig
-from iits_mj.simulation.frame import Frame
 from iits_mj.simulation.loop import Simulation
 from traffic_bridge import InterSim, SeparateTraffic, Traffic, TrafficConfig, sumo_runs_here
 
 FAST_TIMESTEP = 0.005
 # The lane-change model that the paper names.
 LANE_CHANGE = "mobil"
-# What the truck's observers see beyond the end of a trip.
+# Road with traffic beyond the end of a trip [m].
 _BEYOND = 1_000.0
 
 
-class Asked:
-    """A decision maker that answers what the learner chose; keeps the lane when not told.
+class PendingDecision:
+    """A decision maker that returns the learner's decision once, and keeps the lane otherwise.
 
     Attributes:
-      pending: the answer to the next question, None when it was given.
+      pending: the next decision, None when it was used.
     """
 
     name = "asked"
@@ -46,11 +38,11 @@ class Asked:
         self.pending: Decision | None = None
 
     def reset(self) -> None:
-        """Forgets the pending answer."""
+        """Removes the pending decision."""
         self.pending = None
 
     def decide(self, context: DecisionContext) -> Decision:
-        """Gives the pending answer, once."""
+        """Returns the pending decision, once."""
         del context
         answer, self.pending = self.pending, None
         return Decision.KEEP if answer is None else answer
@@ -59,18 +51,17 @@ class Asked:
 class TruckWorld(Closing):
     """The full chain as a `controllers.decision.trip.World`, on the built-in highway.
 
-    InterSim traffic, planner, tracking and the truck are those of a drive. What a trip of training
-    may have otherwise: a larger time step of the physics, no bodies that are only seen, and traffic
-    on no more of the road than the trip needs.
+    InterSim traffic, planner, tracking and the truck are those of a drive. A training trip may have
+    a larger time step, no bodies for pictures, and traffic on only the road that it needs.
 
     Args:
       timestep: of the physics [s].
       payload_height: of the load's centre of gravity above the road [m]; default: the truck's.
-      visuals: adds what is only seen.
+      visuals: adds bodies for pictures.
       edit_spec: called on the model's `MjSpec` before it is compiled, for cameras.
 
     Attributes:
-      simulation: of the trip; None before the first.
+      simulation: of the trip; None before the first one.
       summary: of the trip so far.
     """
 
@@ -88,7 +79,7 @@ class TruckWorld(Closing):
         self.edit_spec = edit_spec
         self.simulation: Simulation | None = None
         self.summary = TripSummary()
-        self._asked = Asked()
+        self._decisions = PendingDecision()
 
     def reset(self, generator: np.random.Generator, trip: TripConfig | None = None) -> Observation:
         """Starts a trip at the traffic's speed in the right lane; returns the observation.
@@ -122,75 +113,59 @@ class TruckWorld(Closing):
             visuals=self.visuals,
             timestep=self.timestep,
         )
-        simulation.stack.decision_maker = self._asked
-        self._asked.reset()
-        # The question at the very start was answered with "keep".
+        simulation.stack.decision_maker = self._decisions
+        self._decisions.reset()
+        # The first question, at the start, was answered with "keep".
         while not (self._asks_next(simulation) or self._over(simulation)):
             simulation.cycle()
-        self.summary = TripSummary()
+        self.log = TripLog(trip)
+        self.summary = self.log.summary
         return simulation.stack.history.observation()
 
     def context(self) -> DecisionContext:
-        """What a decision maker is given now.
+        """Returns what a decision maker is given now.
 
         Raises:
           InputError: no trip was begun.
         """
-        simulation = self._running()
+        simulation = self.running
         return simulation.stack.context(simulation.scene)
 
     def tell(self, decision: Decision) -> None:
-        """What the stack is answered when it next asks, for who advances the simulation itself."""
-        self._asked.pending = decision
+        """Sets the stack's next decision, for callers that advance the simulation themselves."""
+        self._decisions.pending = decision
 
     def step(self, decision: Decision) -> TripStep:
-        """Carries out a decision, or refuses it, until the next one is due.
+        """Carries out or refuses a decision and drives until the next one is due.
 
         Raises:
           InputError: no trip was begun, or it is over.
           DivergedError, TrafficError: the simulation failed.
         """
-        simulation = self._running()
+        simulation = self.running
         if self._over(simulation):
             raise InputError("the trip is over: call reset first")
-        stack, reward = simulation.stack, self.trip.reward
-        before = (stack.lane_changes, stack.refused, stack.unsafe)
+        stack, log = simulation.stack, self.log
+        before = stack.lane_changes, stack.refused, stack.unsafe
         self.tell(decision)
-        terms = RewardTerms()
-        elapsed = 0.0
-        # It is asked in the first cycle, and after the last one it is about to be asked again.
+        log.begin()
+        # The stack asks in the first cycle; after the last one it is about to ask again.
         while not self._over(simulation):
             frame = simulation.cycle()
-            speed = speed_charge(frame.ego.speed, self.trip.reference_speed, elapsed, reward)
-            terms += RewardTerms(speed=speed * CYCLE_PERIOD)
-            elapsed += CYCLE_PERIOD
-            self._note(frame)
+            log.charge_speed(frame.ego.speed, CYCLE_PERIOD)
+            log.drive(frame.ego.speed, CYCLE_PERIOD)
+            self.summary.distance = frame.distance
+            self.summary.time_gap_min = min(self.summary.time_gap_min, frame.time_gap)
             if self._asks_next(simulation):
                 break
-        changes, refused, unsafe = (
-            now - then
-            for now, then in zip(
-                (stack.lane_changes, stack.refused, stack.unsafe), before, strict=True
-            )
-        )
-        terms += decision_charge(decision is not Decision.KEEP, unsafe > 0, reward)
-        if simulation.failed:
-            factor = reward.discount**elapsed
-            terms += RewardTerms(collision=-reward.collision * factor)
-        summary = self.summary
-        summary.decisions += 1
-        summary.changes += changes
-        summary.refused += refused
-        summary.dangerous += unsafe
-        summary.collisions += int(simulation.failed)
-        summary.reward += terms
-        over = self._over(simulation)
-        return TripStep(
+        return log.end(
+            decision,
             stack.history.observation(),
-            terms,
-            elapsed,
-            terminated=simulation.failed,
-            truncated=over and not simulation.failed,
+            changes=stack.lane_changes - before[0],
+            refused=stack.refused - before[1],
+            dangerous=stack.unsafe - before[2],
+            collision_at=log.elapsed if simulation.failed else None,
+            over=self._over(simulation),
         )
 
     def close(self) -> None:
@@ -199,7 +174,13 @@ class TruckWorld(Closing):
             self.simulation.close()
             self.simulation = None
 
-    def _running(self) -> Simulation:
+    @property
+    def running(self) -> Simulation:
+        """Simulation of the trip.
+
+        Raises:
+          InputError: no trip was begun.
+        """
         if self.simulation is None:
             raise InputError("the trip has not begun: call reset first")
         return self.simulation
@@ -209,13 +190,6 @@ class TruckWorld(Closing):
 
     def _asks_next(self, simulation: Simulation) -> bool:
         return simulation.stack.asks_at(simulation.time + CYCLE_PERIOD)
-
-    def _note(self, frame: Frame) -> None:
-        summary, reference = self.summary, self.trip.reference_speed
-        summary.time += CYCLE_PERIOD
-        summary.distance = frame.distance
-        summary.loss_integral += (reference - frame.ego.speed) / reference * CYCLE_PERIOD
-        summary.time_gap_min = min(summary.time_gap_min, frame.time_gap)
 
     def _traffic(self, route: Route, footprint: EgoFootprint, seed: int) -> Traffic:
         trip = self.trip
@@ -228,6 +202,6 @@ class TruckWorld(Closing):
             footprint=footprint,
             fill_ahead=min(TrafficConfig.fill_ahead, reach + _BEYOND),
         )
-        # libsumo holds one simulation: where another world of this process has it, ours goes out.
+        # libsumo holds one simulation: a second world of this process gets a process of its own.
         mode = SeparateTraffic if sumo_runs_here() else InterSim
         return mode(route, settings, seed=seed)

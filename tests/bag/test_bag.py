@@ -115,11 +115,11 @@ def _yaw(turn):
 
 
 def test_rotations_are_those_of_a_rotation_matrix():
-    from iits_mj.bag.message_types import Standard
+    from iits_mj.bag.message_types import StandardMessages
     from iits_mj.parameters import TruckParameters
 
-    standard = Standard(typestore().types.__getitem__, TruckParameters.load())
-    turn = standard._quaternion(0.4, 0.1, -0.2)
+    standard = StandardMessages(typestore().types.__getitem__, TruckParameters.load())
+    turn = standard.quaternion(0.4, 0.1, -0.2)
     # Nose down by 0.1 rad lowers what lies ahead; rolled by -0.2 the left side is low.
     assert 2.0 * (turn.x * turn.z - turn.w * turn.y) == pytest.approx(-math.sin(0.1))
     left = 2.0 * (turn.y * turn.z + turn.w * turn.x)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from controllers.pcc import RoadProfile
-from controllers.pcc.profile import read_cycle
 from controllers.planning.speed_reference import read_profile
 from iits_mj.core.errors import InputError
 from iits_mj.core.tables import read_columns, read_names
 from iits_mj.road.measured import route_from_csv
+from iits_mj.validation.planning.pcc_roads import read_cycle
 
 NAMES = (("s_m", "s"), ("z_m", "z"))
 

@@ -5,7 +5,7 @@ import pytest
 
 from iits_mj.core.errors import InputError
 from iits_mj.identification import IdentifyConfig, Log, Series, identify, read_table, run
-from iits_mj.identification.sources import read_grade
+from iits_mj.identification.log import read_grade
 from iits_mj.parameters import TruckParameters
 from tests.identification.point_mass import MASS, PARAMETERS, drive
 

@@ -6,9 +6,9 @@ import pytest
 from iits_mj.core.errors import InputError
 from iits_mj.identification import Log, Series
 from iits_mj.identification.brakes import brake_events
+from iits_mj.identification.log import with_slope
 from iits_mj.identification.replay import graded_road, replay
 from iits_mj.identification.shifts import identify_shifts
-from iits_mj.identification.sources import with_slope
 from iits_mj.parameters import TruckParameters
 
 PARAMETERS = TruckParameters.load()

@@ -9,8 +9,8 @@ import pytest
 from iits_mj.core.messages import VehicleCommand
 from iits_mj.identification import from_frames, identify, overlay, read, write_toml
 from iits_mj.identification.engine import with_engine
+from iits_mj.identification.log import with_grade
 from iits_mj.identification.replay import replay
-from iits_mj.identification.sources import with_grade
 from iits_mj.j1939 import LogWriter
 from iits_mj.parameters import TruckParameters
 from tests.identification.truck_drives import (

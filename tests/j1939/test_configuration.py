@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from iits_mj.core.errors import BusError
+from iits_mj.core.errors import InputError
 from iits_mj.j1939 import Frame, ReferenceTorques, StateReceiver, broadcast, encode, pack, read_log
 from iits_mj.j1939.configuration import (
     ConfigurationReceiver,
@@ -150,7 +150,7 @@ def test_broken_configurations_and_times_do_no_harm():
     receiver = ConfigurationReceiver(ReferenceTorques())
     assert not any(receiver.receive(frame) for frame in broadcast(65251, bytes(20), 0))
     assert not receiver.receive(Frame(0x1CECFF00, b"", math.nan))
-    with pytest.raises(BusError, match="nan"):
+    with pytest.raises(InputError, match="nan"):
         ConfigurationSender(PARAMETERS).frames(math.nan)
 
 

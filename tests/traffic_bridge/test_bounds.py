@@ -11,8 +11,7 @@ from iits_mj.core.messages import TrackedVehicle
 from iits_mj.road import Route
 from traffic_bridge import PureSim, TrafficConfig, calibrated_types, default_types
 from traffic_bridge.frame import VehicleFrame
-from traffic_bridge.vehicles.changes import FASTEST
-from traffic_bridge.vehicles.types import HIGHEST
+from traffic_bridge.vehicles.types import FASTEST, HIGHEST
 
 CAR = default_types()[0]
 

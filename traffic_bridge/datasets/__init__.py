@@ -1,17 +1,16 @@
-"""Recorded trajectories of other people's making: read, checked, and laid on any map.
+"""Reads and checks recorded trajectories of any source, and places them on the road of any map.
 
 from traffic_bridge.datasets import ImportConfig, import_trajectories, read_trajectories
 
 trajectories = read_trajectories("tracks.csv")
 recording = import_trajectories(trajectories, route, ImportConfig(start_station=2900.0))
-recording.save("laid.npz")
+recording.save("imported.npz")
 """
 
 from traffic_bridge.datasets.kinematics import without_noise
-from traffic_bridge.datasets.pairs import Pair, pairs
 from traffic_bridge.datasets.read import read_trajectories
 from traffic_bridge.datasets.recordings import of_recording, write_fcd
-from traffic_bridge.datasets.trajectories import Trajectories
+from traffic_bridge.datasets.trajectories import Pair, Trajectories, pairs
 from traffic_bridge.datasets.trajectory_import import ImportConfig, import_trajectories
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""From a reader's rows, in any order, to `Trajectories`: what all data sets have in common."""
+"""Makes `Trajectories` of a reader's rows in any order; common to all data sets."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from traffic_bridge.datasets.trajectories import INSTANT, Trajectories
 
 IntArray = NDArray[np.int64]
 
-LONGEST_GAP = 1.0  # [s]: a vehicle that is not seen for longer comes back as another one
-# [m] beside what 100 m/s explain: a vehicle that leaps farther comes back as another one, too.
+LONGEST_GAP = 1.0  # [s]: a vehicle that is missing for longer continues as another one
+# [m] more than the distance at 100 m/s: a vehicle that jumps farther continues as another one.
 LEAP = 10.0
 FASTEST = 150.0  # [m/s]
 FARTHEST = 1e6  # [m]
@@ -24,19 +24,19 @@ FARTHEST = 1e6  # [m]
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """k rows as a reader finds them, in SI units and in any order.
+    """The k rows of a reader, in SI units and in any order.
 
     Attributes:
       source: the file, for messages.
-      where: names the row of an index, as in "line 12".
+      where: describes the row of an index, for instance "line 12".
       name: of the vehicle, shape (k,), numbers or text.
       kind: of the vehicle, shape (k,).
       length, width, time, station, offset, speed: as in `Trajectories`, shape (k,).
       lane: index from the right, shape (k,).
       acceleration: shape (k,), or None to derive it from the speeds.
       leader: name of the vehicle ahead, shape (k,), or None to find it by lane and station.
-      speed_column: what the file calls the speed, which is then held against the positions; None:
-        the units of both are beyond doubt.
+      speed_column: the speed's name in the file, for the comparison with the positions; None: no
+        comparison.
     """
 
     source: str
@@ -69,13 +69,12 @@ def assemble(
 ) -> Trajectories:
     """Sorts rows into tracks.
 
-    Rows that are there twice, alike, count once. A vehicle that is not seen for more than a second
-    or leaps comes back under a new name (`7#2`): some data sets use their names again, and SUMO
-    puts vehicles elsewhere that are stuck.
+    Repeated rows count once. A vehicle that is missing for more than a second or jumps gets a new
+    name (`7#2`): some data sets reuse their names, and SUMO moves stuck vehicles elsewhere.
 
     Raises:
       InputError: there are no rows, a value is impossible, a vehicle is at two places at once, or
-        the speeds are not those of the positions.
+        the speeds do not fit the positions.
     """
     if not len(rows.time):
         raise InputError(f"{rows.source}: no rows")
@@ -187,7 +186,7 @@ def _leaders(
     part: IntArray,
     leader: NDArray[np.generic],
 ) -> IntArray:
-    """Track of the named leader at the same instant, -1 where that is not in the set."""
+    """Track of the named leader at the same instant, -1 if it is not in the set."""
     place = np.minimum(np.searchsorted(names, leader), len(names) - 1)
     raw = np.where(names[place] == leader, place, -1)
     instant = np.round(time / INSTANT).astype(np.int64) + 2**38
@@ -209,5 +208,5 @@ def _unique_names(names: NDArray[np.generic], vehicle: IntArray) -> tuple[str, .
 
 def _reused(first: IntArray, names: NDArray[np.generic]) -> tuple[str, ...]:
     more = len(first) - len(names)
-    note = f"{more} tracks begin anew after a gap of more than {LONGEST_GAP:g} s or a leap"
+    note = f"{more} tracks begin again after a gap of more than {LONGEST_GAP:g} s or a jump"
     return (note,) if more else ()

@@ -1,8 +1,8 @@
 """Reader of SUMO's floating-car data (`--fcd-output`): XML, CSV or Parquet, also compressed.
 
-A set of `Trajectories` lies on one road: the chain of edges that most vehicles drive. Its stations
-come from the data themselves: where a vehicle passes from one edge to the next, the way it drove in
-between gives how far apart the edges begin.
+`Trajectories` lie on one road: the chain of edges that most vehicles drive. The stations come from
+the data: the distance that vehicles drive from one edge to the next gives the distance between the
+beginnings of the edges.
 """
 
 from __future__ import annotations
@@ -25,14 +25,17 @@ from traffic_bridge.datasets.table import Table
 from traffic_bridge.datasets.trajectories import Trajectories
 from traffic_bridge.vehicles.types import KINDS, default_types
 
-# --- One road out of SUMO's edges, from nothing but the vehicles that drove them ---
-
-MISFIT = 5.0  # [m]: by how much the place of an edge beside the chain may differ seen from its ends
+MISFIT = 5.0  # [m]: tolerance between the positions of a side edge from its two ends
+LANE_WIDTH = 3.2  # [m], SUMO's default
+MARKS = ("timestep_time", "vehicle_id", "vehicle_pos", "vehicle_lane")
+_ATTRIBUTES = ("id", "type", "speed", "pos", "lane", "acceleration", "posLat", "leaderID")
 
 Step = tuple[int, int]
+Size = tuple[str, float, float]
+UNKNOWN: Size = ("car", 5.0, 1.8)  # SUMO's default passenger car
 
 
-def lay_out(
+def stations_along(
     name: NDArray[np.str_],
     time: FloatArray,
     edge: NDArray[np.str_],
@@ -78,7 +81,7 @@ def _ways(
     position: FloatArray,
     speed: FloatArray,
 ) -> dict[Step, list[float]]:
-    """How far apart two edges begin, by every vehicle that passed from one to the other."""
+    """Distances between the beginnings of two edges, from each vehicle that passed both."""
     _, vehicle = np.unique(name, return_inverse=True)
     order = np.lexsort((time, vehicle))
     passed = (np.diff(vehicle[order]) == 0) & (np.diff(edge[order]) != 0)
@@ -95,7 +98,7 @@ def _ways(
 
 
 def _chain(start: int, count: Counter[Step]) -> list[int]:
-    """From the most driven edge on, and back, along the steps most often made."""
+    """The chain of edges from the most driven edge on, and back, along the most driven steps."""
     chain = [start]
     while True:
         onward = {b: n for (a, b), n in count.items() if a == chain[-1] and b not in chain}
@@ -111,7 +114,7 @@ def _chain(start: int, count: Counter[Step]) -> list[int]:
 
 
 def _add_skipped(begin: dict[int, float], length: Mapping[Step, float]) -> None:
-    """Adds edges that lie between two of the chain (inside junctions, some vehicles skip them)."""
+    """Adds edges between two of the chain, such as those inside junctions."""
     for e in sorted({e for step in length for e in step} - begin.keys()):
         before = [begin[a] + way for (a, b), way in length.items() if b == e and a in begin]
         after = [begin[b] - way for (a, b), way in length.items() if a == e and b in begin]
@@ -119,25 +122,15 @@ def _add_skipped(begin: dict[int, float], length: Mapping[Step, float]) -> None:
             begin[e] = float(np.median(before))
 
 
-# --- Reader of SUMO's floating-car data (`--fcd-output`): XML, CSV or Parquet, also compressed ---
-
-Size = tuple[str, float, float]
-
-LANE_WIDTH = 3.2  # [m], SUMO's default
-UNKNOWN: Size = ("car", 5.0, 1.8)  # SUMO's default passenger car
-MARKS = ("timestep_time", "vehicle_id", "vehicle_pos", "vehicle_lane")
-_ATTRIBUTES = ("id", "type", "speed", "pos", "lane", "acceleration", "posLat", "leaderID")
-
-
 def read_fcd(table: Table, path: Path, *, types: Mapping[str, Size] | None = None) -> Trajectories:
-    """Floating-car data; `pos`, `speed` and `lane` are needed.
+    """Trajectories of floating-car data; `pos`, `speed` and `lane` are needed.
 
-    The index of a lane is SUMO's, from the right; inside junctions, where SUMO numbers anew, it is
-    that of the edge before. Offsets are `posLat` where it is stored.
+    The lane index is SUMO's, from the right; inside junctions it is that of the edge before.
+    Offsets are `posLat` if it is stored.
 
     Args:
-      table: columns `time`, `id`, `lane`, `pos`, `speed`, if there also `type`, `acceleration`,
-        `posLat` and `leaderID`; or with `timestep_` and `vehicle_` before these names.
+      table: columns `time`, `id`, `lane`, `pos`, `speed`, optionally `type`, `acceleration`,
+        `posLat` and `leaderID`; also with `timestep_` and `vehicle_` before these names.
       path: of the file.
       types: kind, length and width [m] by SUMO's type; ours are known, others are cars of 5 m.
 
@@ -150,7 +143,7 @@ def read_fcd(table: Table, path: Path, *, types: Mapping[str, Size] | None = Non
 
     name = table.texts(*column("id"))
     lane = table.texts(*column("lane"))
-    # CSV has lines for instants without vehicles; vehicles beside the network are in no lane.
+    # CSV has lines for instants without vehicles; vehicles off the network have no lane.
     there = np.flatnonzero((name != "") & (lane != ""))
     if not there.size:
         raise InputError(f"data set {path}: no vehicles in lanes")
@@ -167,7 +160,7 @@ def read_fcd(table: Table, path: Path, *, types: Mapping[str, Size] | None = Non
     edge, index = _split(table, there, lane[there])
     time = table.numbers("time", "timestep_time")[there]
     speed, position = numbers("speed"), numbers("pos")
-    station, keep, notes = lay_out(name[there], time, edge, position, speed)
+    station, keep, notes = stations_along(name[there], time, edge, position, speed)
     index = _through_junctions(name[there], time, edge, index)
     kind, length, width, unknown = _sizes(table, there, types or {})
     has_leader = table.has(*column("leaderID"))
@@ -260,7 +253,7 @@ def _through_junctions(
     edge: NDArray[np.str_],
     index: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """Lane indices in which those inside junctions are the ones before, or else after."""
+    """Lane indices; inside junctions those before the junction, or else after it."""
     inside = np.char.startswith(edge, ":")
     if not inside.any() or inside.all():
         return index
@@ -292,7 +285,7 @@ def _sizes(
         note = f"vehicles have no type: all are cars of {length:g} m"
         return np.full(count, kind), np.full(count, length), np.full(count, width), (note,)
     names, which = np.unique(table.texts("type", "vehicle_type")[there], return_inverse=True)
-    # SUMO writes "car@v12" for a vehicle that has a copy of its type to itself.
+    # SUMO writes "car@v12" for a vehicle with its own copy of the type.
     bases = [str(name).partition("@")[0] for name in names]
     sizes = [known.get(base, UNKNOWN) for base in bases]
     strange = sorted({base for base in bases if base not in known})

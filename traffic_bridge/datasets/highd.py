@@ -21,19 +21,19 @@ from traffic_bridge.datasets.trajectories import Trajectories
 
 MARKS = ("frame", "id", "x", "y", "xVelocity", "laneId")
 MARKINGS = {1: "upperLaneMarkings", 2: "lowerLaneMarkings"}
-STANDSTILL_NOISE = 0.5  # [m/s]: how far a standing vehicle's speed may point backwards
+STANDSTILL_NOISE = 0.5  # [m/s]: noise of the speed of a standing vehicle, at most
 
 
 def read_highd(table: Table, path: Path, *, direction: int | None = None) -> Trajectories:
-    """One direction of a recording, from its tracks file; the other two lie beside it.
+    """Trajectories of one driving direction; the other two files are beside the tracks file.
 
-    Lanes are the bands between the lane markings; a vehicle beside them counts to the nearest. The
-    station's zero is the upstream end of what was seen.
+    Lanes are the bands between the lane markings; a vehicle off them belongs to the nearest one.
+    Station zero is the upstream end of the recorded stretch.
 
     Args:
       table: columns of the tracks file.
       path: of the tracks file.
-      direction: 1 (upper lanes) or 2 (lower lanes); None takes the one with more vehicles.
+      direction: 1 (upper lanes) or 2 (lower lanes); None: the one with more vehicles.
 
     Raises:
       InputError: a file or column is missing, or a value is impossible.
@@ -63,7 +63,7 @@ def read_highd(table: Table, path: Path, *, direction: int | None = None) -> Tra
     origin = float(np.min(x)) if direction == 2 else -float(np.max(x + length))
     middle = y + 0.5 * width
     band = np.clip(np.searchsorted(markings, middle, side="right") - 1, 0, len(markings) - 2)
-    centre = 0.5 * (markings[band] + markings[band + 1])
+    center = 0.5 * (markings[band] + markings[band + 1])
     lanes = len(markings) - 1
     speed = ahead * table.numbers("xVelocity")[keep]
     where = np.flatnonzero(keep)
@@ -78,7 +78,7 @@ def read_highd(table: Table, path: Path, *, direction: int | None = None) -> Tra
         time=table.integers("frame")[keep] / rate,
         lane=(lanes - 1 - band) if direction == 2 else band,
         station=front - origin,
-        offset=ahead * (centre - middle),
+        offset=ahead * (center - middle),
         speed=np.where(speed > -STANDSTILL_NOISE, np.maximum(speed, 0.0), speed),
         acceleration=ahead * table.numbers("xAcceleration")[keep],
         leader=table.integers("precedingId")[keep],

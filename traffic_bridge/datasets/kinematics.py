@@ -1,4 +1,4 @@
-"""Smooth motion through recorded points: position, speed and acceleration of one curve."""
+"""Smooths recorded motion, and checks that speeds fit the positions."""
 
 from __future__ import annotations
 
@@ -13,24 +13,40 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from traffic_bridge.datasets.trajectories import INSTANT, Trajectories
 
-# --- Takes the noise out of raw recorded positions ---
-# C. Thiemann, M. Treiber and A. Kesting, "Estimating acceleration and lane-changing dynamics from
-# Next Generation Simulation trajectory data", Transportation Research Record 2088 (2008): positions
-# are differentiated first, then positions, speeds and accelerations are averaged each with a
-# symmetric exponential kernel of its own width, narrowed towards the ends of a track.
-
 # Widths of the paper [s].
 POSITION_WIDTH = 0.5
 SPEED_WIDTH = 1.0
 ACCELERATION_WIDTH = 4.0
-REACH = 3.0  # the kernel is cut at this many widths, as the paper has it
+REACH = 3.0  # the kernel is cut at this many widths, as in the paper
+# [s] over which distances are compared: long enough that the noise of raw positions, tenths of a
+# meter, does not matter.
+WINDOW = 2.0
+MOVING = 2.0  # [m/s], by position or by speed; slower vehicles are not compared
+ENOUGH = 30  # windows of moving vehicles
+APART = 0.2  # of the speed: a larger median difference is refused
+NEAR = 0.05  # of a factor: tolerance for naming it
+MILE = 1609.344  # [m]
+FOOT = 0.3048  # [m]
+FACTORS = (
+    (3.6, "3.6, as of km/h taken for m/s"),
+    (1.0 / 3.6, "1/3.6, as of m/s taken for km/h"),
+    (1.0 / FOOT, "1/0.3048, as of ft/s taken for m/s"),
+    (FOOT, "0.3048, as of m/s taken for ft/s"),
+    (MILE / 1000.0, "1.609, as of mph taken for km/h"),
+    (3600.0 / MILE, "2.237, as of mph taken for m/s"),
+    (FOOT * 3600.0 / MILE, "0.682, as of mph taken for ft/s"),
+    (10.0, "10, as of frames of 0.1 s taken for seconds"),
+    (0.1, "0.1, as of seconds taken for frames of 0.1 s"),
+    (100.0, "100, as of cm/s taken for m/s"),
+)
+DEGREE = 3  # of splines
 
 
 def exponential_average(values: FloatArray, width: float) -> FloatArray:
-    """Symmetric exponential moving average, equations 1 and 2 of the paper.
+    """Symmetric exponential moving average, equations 1 and 2 of Thiemann et al. (2008).
 
     Within a window of half-width D = min(3 width, i, n - 1 - i) about sample i the weights are
-    exp(-|i - j| / width), so that a straight line stays as it is, up to its ends.
+    exp(-|i - j| / width), so a straight line stays unchanged up to its ends.
 
     Args:
       values: evenly spaced, shape (n,).
@@ -41,7 +57,7 @@ def exponential_average(values: FloatArray, width: float) -> FloatArray:
     if reach < 1 or width <= 0.0:
         return values.copy()
     weights = np.exp(-np.arange(reach + 1) / width)
-    # Sums over windows of growing half-width, every one made from the one before.
+    # Sums over windows of growing half-width, each from the one before.
     total, weight = values.copy(), np.ones(count)
     for d in range(1, reach + 1):
         total[d : count - d] += weights[d] * (values[: count - 2 * d] + values[2 * d :])
@@ -55,13 +71,16 @@ def without_noise(
     speed_width: float = SPEED_WIDTH,
     acceleration_width: float = ACCELERATION_WIDTH,
 ) -> Trajectories:
-    """Trajectories with averaged positions, along and across, and speeds and accelerations thereof.
+    """Trajectories with averaged positions, speeds and accelerations: a filter for noisy positions.
 
-    Recorded speeds and accelerations are not used. Tracks of fewer than three rows stay as they
-    are, and so do the instants: rows must be evenly spaced in time.
+    C. Thiemann, M. Treiber and A. Kesting, "Estimating acceleration and lane-changing dynamics from
+    Next Generation Simulation trajectory data", Transportation Research Record 2088 (2008):
+    positions are differentiated first, then positions, speeds and accelerations are averaged, each
+    with a symmetric exponential kernel of its own width. Recorded speeds and accelerations are not
+    used. Tracks of fewer than three rows stay unchanged.
 
     Args:
-      trajectories: raw ones.
+      trajectories: raw ones, with rows evenly spaced in time.
       position_width: of the kernel for positions [s].
       speed_width: of the kernel for speeds [s].
       acceleration_width: of the kernel for accelerations [s].
@@ -95,44 +114,19 @@ def without_noise(
         t,
         station=station,
         offset=(across - t.lane) * t.lane_width,
-        # Averages of a vehicle that stands may come out a little below zero.
+        # Averages of a standing vehicle may be a little below zero.
         speed=np.maximum(speed, 0.0),
         acceleration=acceleration,
         notes=(*t.notes, "positions, speeds and accelerations are averaged against noise"),
     )
 
 
-# --- Whether recorded speeds are those of the recorded positions, as they are in one set of units
-
-# [s] over which a way is compared: positions of raw sets jitter by tenths of a metre from row to
-# row, which is of no account over this time.
-WINDOW = 2.0
-MOVING = 2.0  # [m/s], by position or by speed; who stands tells nothing of units
-ENOUGH = 30  # windows of moving vehicles
-APART = 0.2  # of the speed: the median difference that is refused
-NEAR = 0.05  # of a factor: how near the found one must be to be called by its name
-MILE = 1609.344  # [m]
-FOOT = 0.3048  # [m]
-FACTORS = (
-    (3.6, "3.6, as of km/h taken for m/s"),
-    (1.0 / 3.6, "1/3.6, as of m/s taken for km/h"),
-    (1.0 / FOOT, "1/0.3048, as of ft/s taken for m/s"),
-    (FOOT, "0.3048, as of m/s taken for ft/s"),
-    (MILE / 1000.0, "1.609, as of mph taken for km/h"),
-    (3600.0 / MILE, "2.237, as of mph taken for m/s"),
-    (FOOT * 3600.0 / MILE, "0.682, as of mph taken for ft/s"),
-    (10.0, "10, as of frames of 0.1 s taken for seconds"),
-    (0.1, "0.1, as of seconds taken for frames of 0.1 s"),
-    (100.0, "100, as of cm/s taken for m/s"),
-)
-
-
 def check_speeds(
     what: str, vehicle: NDArray[np.int64], time: FloatArray, station: FloatArray, speed: FloatArray
 ) -> None:
-    """Compares the way that vehicles made with the way that their speeds make.
+    """Compares the distances between positions with those that the speeds give.
 
-    Sets with too few moving vehicles pass: they do not tell.
+    Sets with too few moving vehicles pass.
 
     Args:
       what: file and column of the speeds, for the message.
@@ -164,7 +158,7 @@ def check_speeds(
 def _means(
     vehicle: NDArray[np.int64], time: FloatArray, station: FloatArray, speed: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Mean speeds over the windows, by the positions and by the speeds, shape (w,) each [m/s]."""
+    """Mean speeds over the windows, from positions and from speeds, shape (w,) each [m/s]."""
     order = np.lexsort((time, vehicle))
     gap = np.diff(time[order])
     again = np.concatenate(([False], (np.diff(vehicle[order]) == 0) & (gap < INSTANT)))
@@ -187,14 +181,9 @@ def _means(
     )
 
 
-# --- Smooth motion through recorded points: position, speed and acceleration of one curve ---
-
-DEGREE = 3
-
-
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A quantity at n instants, with its first and second derivative, shape (n,) each."""
+    """A quantity at n instants with its first and second derivative, shape (n,) each."""
 
     value: FloatArray
     rate: FloatArray
@@ -211,16 +200,15 @@ class Motion:
 def fit(time: FloatArray, value: FloatArray, at: FloatArray, spacing: float) -> Motion:
     """Least-squares cubic spline through points, whose acceleration is continuous.
 
-    C. de Boor, "A practical guide to splines", Springer 1978, chapter XIV. With its knots `spacing`
-    apart the spline follows changes slower than about twice that and averages what is faster, as
-    the rounding and jitter of recorded positions are. Speed and acceleration are its derivatives,
-    so that they belong to the positions exactly.
+    C. de Boor, "A practical guide to splines", Springer 1978, chapter XIV. With knots `spacing`
+    apart the spline follows changes slower than about twice that and averages faster ones, such as
+    rounding and noise of recorded positions. Speed and acceleration are its exact derivatives.
 
     Args:
       time: of the points, increasing, shape (k,) with k >= 2 [s].
       value: shape (k,).
       at: instants within the points' time, shape (n,) [s].
-      spacing: between knots [s]; 0 puts a knot at (nearly) every point: the spline passes through.
+      spacing: between knots [s]; with 0 the spline passes through the points.
     """
     from scipy.interpolate import make_interp_spline, make_lsq_spline
 
@@ -228,7 +216,7 @@ def fit(time: FloatArray, value: FloatArray, at: FloatArray, spacing: float) -> 
     usual = float(np.median(np.diff(time)))
     every = max(round(spacing / usual), 1)
     inner = time[every:-every:every]
-    # The last stretch is not to be a short one: few points there would leave its end loose.
+    # Not a short last stretch: with few points its end would not be determined.
     if len(inner) and time[-1] - inner[-1] < 0.75 * spacing:
         inner = inner[:-1]
     if every == 1 or degree < DEGREE or len(inner) + 2 * (degree + 1) > len(time):
@@ -245,10 +233,9 @@ def fit(time: FloatArray, value: FloatArray, at: FloatArray, spacing: float) -> 
 
 
 def calm(time: FloatArray, value: FloatArray, at: FloatArray, width: float) -> Motion:
-    """Cubic spline through Gaussian averages of points, which never go beyond the points.
+    """Cubic spline through Gaussian averages of points, without overshoot.
 
-    For a quantity that mostly rests: what is averaged with its ends held keeps a rest, and steps
-    from one rest to another without overshoot.
+    For a quantity that is constant most of the time and then changes, as the lane does.
 
     Args:
       time: of the points, increasing, shape (k,) with k >= 2 [s].
@@ -272,12 +259,12 @@ def calm(time: FloatArray, value: FloatArray, at: FloatArray, width: float) -> M
 def split_jumps(
     time: FloatArray, value: FloatArray, jump: float
 ) -> tuple[FloatArray, list[tuple[float, float]]]:
-    """A quantity without its steps, and these.
+    """Separates a quantity from its steps.
 
     Args:
       time: shape (k,) [s].
       value: shape (k,).
-      jump: the least change between two neighboring points that is a step.
+      jump: smallest change between two neighboring points that counts as a step.
 
     Returns:
       The values less all steps before them, shape (k,), and time and size of every step.
@@ -290,7 +277,7 @@ def split_jumps(
 
 
 def transitions(steps: list[tuple[float, float]], at: FloatArray, duration: float) -> Motion:
-    """Sum of smooth transitions, each centred on a step.
+    """Sum of smooth transitions, each centered on a step.
 
     A transition is the quintic of zero speed and acceleration at both ends (Takahashi et al., IROS
     1989).

@@ -48,6 +48,7 @@ TEXT_COLUMNS = (
     "Space_Headway",
     "Time_Headway",
 )
+PAIR_MARKS = ("preceding_local_y", "preceding_vel", "frame_id", "v_vel", "local_y")
 MARKS = (("Frame_ID",), ("Local_Y",), ("Lane_ID", "Lane Identification"))
 
 
@@ -59,19 +60,19 @@ def read_ngsim(
     main_lanes: int | None = None,
     location: str | None = None,
 ) -> Trajectories:
-    """A published NGSIM table.
+    """Trajectories of a published NGSIM table.
 
     Lane 1 is the leftmost; the index from the right is `main_lanes` minus the number. Offsets are
-    from the middle of lanes of 12 ft, counted from the road's left edge. Time is that of
-    `Global_Time` where it is given, since frames begin anew in every period of a site; its zero is
-    the set's first instant.
+    from the middle of lanes of 12 ft, counted from the road's left edge. Time is
+    `Global_Time` if it exists, because frames restart in every period of a site; its zero is the
+    set's first instant.
 
     Args:
       table: the file's columns.
       path: of the file.
-      units: "ft" as published, or "m" for a file somebody has converted (also its speeds).
-      main_lanes: rows in lanes of greater numbers (ramps) are left out; None keeps all lanes.
-      location: which site, for a file that holds several, as in its column `Location`.
+      units: "ft" as published, or "m" for a converted file (also its speeds).
+      main_lanes: rows in lanes of greater numbers (ramps) are left out; None: all lanes.
+      location: site in the column `Location`, for a file of several sites.
 
     Raises:
       InputError: a column is missing, a value is impossible, or the units cannot be right.
@@ -125,7 +126,7 @@ def kinds_of(
       classes: "1", "2" or "3", shape (k,).
       length: of the vehicles, shape (k,) [m].
       table: for messages.
-      rows: of the table, which `classes` may hold several times over.
+      rows: of the table; `classes` may be a multiple of them.
 
     Raises:
       InputError: another class.
@@ -141,7 +142,7 @@ def kinds_of(
 def _chosen(
     table: Table, lane_id: NDArray[np.int64], main_lanes: int | None, location: str | None
 ) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
-    """Which rows to read, and notes on the others."""
+    """The rows to read as a mask, and notes on the others."""
     keep = np.ones(table.rows, dtype=bool)
     notes = []
     table.must(lane_id >= 0, "Lane_ID", lane_id, f"must be 0 to {HIGHEST_LANE}")
@@ -181,7 +182,7 @@ def _time(table: Table) -> FloatArray:
         return frame.astype(np.float64) * FRAME
     stamp = table.numbers("Global_Time")
     table.must(stamp >= 0.0, "Global_Time", stamp, "must be milliseconds since 1970")
-    # To the nearest tenth of a second: the sites' clocks are off by up to some milliseconds.
+    # Rounded to 0.1 s, because the sites' clocks are off by up to some milliseconds.
     return np.asarray(np.round((stamp - stamp.min()) * 1e-3, 1), dtype=np.float64)
 
 
@@ -195,25 +196,20 @@ def _check_units(path: Path, length: FloatArray, units: str) -> None:
         )
 
 
-# --- Reader of leader-follower pairs of reconstructed NGSIM trajectories, stored as Parquet, in SI
-# A row is a follower at an instant together with its leader. Columns used: `vehicle_id`, `frame_id`
-# (0.1 s), `local_x` (across, from the road's left edge) and `local_y` (front bumper) [m],
-# `v_length`, `v_width` [m], `v_class`, `v_vel` [m/s], `v_acc` [m/s2], `lane_id` (1 is the
-# leftmost), `preceding`, and `preceding_local_y`, `_length`, `_width`, `_class`, `_vel`, `_acc`.
-
-PAIR_MARKS = ("preceding_local_y", "preceding_vel", "frame_id", "v_vel", "local_y")
-
-
 def read_ngsim_pairs(table: Table, path: Path) -> Trajectories:
-    """Followers and leaders as tracks, each vehicle once.
+    """Trajectories of reconstructed NGSIM pairs stored as Parquet in SI units, each vehicle once.
+
+    A row is a follower at an instant with its leader. Columns: `vehicle_id`, `frame_id` (0.1 s),
+    `local_x` (across, from the road's left edge) and `local_y` (front bumper) [m], `v_length`,
+    `v_width` [m], `v_class`, `v_vel` [m/s], `v_acc` [m/s2], `lane_id` (1 is the leftmost),
+    `preceding`, and `preceding_local_y`, `_length`, `_width`, `_class`, `_vel`, `_acc`.
 
     A vehicle that leads in one pair and follows in another has the rows of both. Where it only
-    leads, its lane is the follower's and its offset is interpolated between the rows in which it is
-    known, zero when it never is.
+    leads, its lane is the follower's and its offset is interpolated between known ones, or zero.
 
     Raises:
-      InputError: a column is missing, or a value is impossible, or speeds are not those of the
-        positions; the message names row and column.
+      InputError: a column is missing, a value is impossible, or speeds do not fit the positions;
+        the message names row and column.
     """
     count = table.rows
     frame = table.integers("frame_id")
@@ -233,7 +229,7 @@ def read_ngsim_pairs(table: Table, path: Path) -> Trajectories:
     time = np.tile(frame * FRAME, 2)
     offset = np.concatenate(((lane_id - 0.5) * LANE_WIDTH - across, np.full(count, np.nan)))
     station = both("local_y")
-    # A follower's own row comes first: it knows more than the row that has it as leader.
+    # A follower's own row comes first, because it has more data than its row as a leader.
     order, new = _first_of_each(names, np.tile(frame, 2), station, table)
     rows = Rows(
         source=f"data set {path}",
@@ -251,7 +247,7 @@ def read_ngsim_pairs(table: Table, path: Path) -> Trajectories:
         leader=np.concatenate((leader, np.full(count, "")))[order],
     )
     found = assemble(rows, lanes, LANE_WIDTH)
-    # Each column by itself: in the rows of both, one that is wrong may be the smaller part.
+    # Each column separately, because a wrong one may be the smaller part of both.
     _, vehicle = np.unique(names, return_inverse=True)
     speed = both("v_vel")
     for column, part in (("v_vel", slice(count)), ("preceding_vel", slice(count, None))):
@@ -263,7 +259,7 @@ def read_ngsim_pairs(table: Table, path: Path) -> Trajectories:
 def _first_of_each(
     names: NDArray[np.str_], frame: NDArray[np.int64], station: FloatArray, table: Table
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """First row of every vehicle and frame, sorted, and where in these a vehicle begins."""
+    """First row of every vehicle and frame, sorted, and a mask of the first row of each vehicle."""
     _, number = np.unique(names, return_inverse=True)
     order = np.lexsort((np.arange(len(names)), frame, number))
     again = np.concatenate(([False], (np.diff(number[order]) == 0) & (np.diff(frame[order]) == 0)))

@@ -1,4 +1,4 @@
-"""Reads a data set; the format is found by the content, not by the name."""
+"""Reads a data set; recognizes the format by the content."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from typing import Any
 
 from iits_mj.core.errors import InputError
 from traffic_bridge.datasets import fcd, highd, ngsim
-from traffic_bridge.datasets import ngsim as ngsim_pairs
+from traffic_bridge.datasets.recordings import of_recording
 from traffic_bridge.datasets.table import Table, plain, read_csv, read_parquet, read_text
 from traffic_bridge.datasets.trajectories import Trajectories
+from traffic_bridge.recording.recording import Recording
 
 FORMATS = (
     "our recordings (.npz), SUMO's floating-car data (XML, CSV, Parquet; .gz), NGSIM tables (CSV, "
@@ -23,25 +24,22 @@ _HEAD = 1 << 16
 
 
 def read_trajectories(path: str | Path, **options: Any) -> Trajectories:
-    """Trajectories of a file of any known format.
+    """The trajectories of a file of any known format.
 
     Args:
-      path: the file; of a highD-like recording the tracks file, the other two being beside it.
+      path: the file; for a highD-like recording the tracks file, with the other two beside it.
       **options: `units`, `main_lanes`, `location` for NGSIM tables (see
         `traffic_bridge.datasets.ngsim`), `direction` for highD-like recordings, `types` for
-        floating-car data, `route` for recordings of ours. Those that are None are left out.
+        floating-car data, `route` for recordings of ours. None: the format's default.
 
     Raises:
-      InputError: it cannot be read, is of no known format, or holds a value that cannot be; the
-        message names file, line and column. Also an option that the format does not have.
+      InputError: it cannot be read, has an unknown format or an impossible value (the message
+        names file, line and column), or the format does not have an option.
     """
     path = Path(path)
     given = {name: value for name, value in options.items() if value is not None}
     head = _head(path)
     if head.startswith(b"PK"):
-        from traffic_bridge.datasets.recordings import of_recording
-        from traffic_bridge.recording.recording import Recording
-
         route = given.pop("route", None)
         _refuse(given, path, "a recording of ours")
         return of_recording(Recording.load(path), f"recording {path}", route)
@@ -69,14 +67,14 @@ def _read_table(table: Table, path: Path, given: dict[str, Any]) -> Trajectories
 
 
 def _known(names: list[str]) -> Callable[..., Trajectories] | None:
-    """The reader for a table of given columns."""
+    """The reader for a table with these columns, or None."""
     names = [name.strip('"').strip("\ufeff") for name in names]
 
     def has(marks: tuple[str, ...]) -> bool:
         return all(plain(mark) in names for mark in marks)
 
-    if has(ngsim_pairs.PAIR_MARKS):
-        return ngsim_pairs.read_ngsim_pairs
+    if has(ngsim.PAIR_MARKS):
+        return ngsim.read_ngsim_pairs
     if has(fcd.MARKS):
         return fcd.read_fcd
     if all(any(plain(mark) in names for mark in marks) for marks in ngsim.MARKS):
@@ -102,7 +100,7 @@ def _refuse(given: dict[str, Any], path: Path, what: str) -> None:
 
 
 def _head(path: Path) -> bytes:
-    """The beginning of the content, unpacked."""
+    """The beginning of the content, uncompressed."""
     try:
         with path.open("rb") as file:
             head = file.read(_HEAD)

@@ -1,11 +1,10 @@
-"""Our own recordings as trajectories."""
+"""Our own recordings as trajectories, and as floating-car data for SUMO's tools."""
 
 from __future__ import annotations
 
 import gzip
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -17,9 +16,21 @@ from iits_mj.road import Route
 from traffic_bridge.datasets.assemble import Rows, assemble
 from traffic_bridge.datasets.trajectories import Trajectories
 from traffic_bridge.modes.resim import check_map
-from traffic_bridge.recording.recording import COLUMNS, Recording
+from traffic_bridge.recording.recording import Recording
+from traffic_bridge.recording.rows import COLUMNS
 
-LANE_WIDTH = 3.5  # [m], for a recording of one lane whose road is not given
+LANE_WIDTH = 3.5  # [m], for a recording of one lane without its road
+EDGE = "route"
+# Names and decimals of the values of a row; `pos` follows.
+ATTRIBUTES = (
+    ("x", 4),
+    ("y", 4),
+    ("z", 4),
+    ("angle", 6),
+    ("speed", 5),
+    ("acceleration", 5),
+    ("slope", 4),
+)
 
 
 def of_recording(
@@ -29,9 +40,9 @@ def of_recording(
 
     Args:
       recording: as loaded.
-      source: how messages call it.
-      route: the road of the recording. Without it the lanes' centres are taken from the vehicles,
-        as the median offset in every lane, which is right where lanes keep their offset.
+      source: its name in messages.
+      route: the road of the recording. Without it a lane's center is the median offset of its
+        vehicles, which is right if lanes keep their offset.
 
     Raises:
       InputError: no vehicle is in a lane of the route, or the recording is of another map.
@@ -45,7 +56,7 @@ def of_recording(
     vehicle = np.asarray(recording.vehicle)[keep].astype(np.int64)
     values = dict(zip(COLUMNS, np.asarray(recording.columns)[:, keep], strict=True))
     frame = np.repeat(np.arange(len(recording.time)), np.diff(recording.start))[keep]
-    centre, width = _lanes(lane, values["offset"], values["station"], route)
+    center, width = _lanes(lane, values["offset"], values["station"], route)
     left_out = len(recording.lane) - len(keep)
     notes = (f"{left_out} rows of vehicles off the route's lanes are left out",)
     sizes = np.asarray(recording.sizes)[vehicle]
@@ -59,7 +70,7 @@ def of_recording(
         time=np.asarray(recording.time)[frame],
         lane=lane,
         station=values["station"] + 0.5 * sizes[:, 0],
-        offset=values["offset"] - centre,
+        offset=values["offset"] - center,
         speed=np.maximum(values["speed"], 0.0),
         acceleration=values["acceleration"],
     )
@@ -69,45 +80,27 @@ def of_recording(
 def _lanes(
     lane: NDArray[np.int64], offset: FloatArray, station: FloatArray, route: Route | None
 ) -> tuple[FloatArray, float]:
-    """Offset of each row's lane [m], and how wide a lane is [m]."""
+    """Offset of the center of each row's lane, and the width of a lane [m]."""
     indices = np.unique(lane).tolist()
-    centre = np.empty_like(offset)
+    center = np.empty_like(offset)
     widths = []
     for one in indices:
         rows = lane == one
         if route is None:
-            centre[rows] = np.median(offset[rows])
+            center[rows] = np.median(offset[rows])
         else:
-            centre[rows] = route.lane_offset(one, station[rows])
+            center[rows] = route.lane_offset(one, station[rows])
             widths.append(route.lane_width(one, station[rows]))
     if route is not None:
-        return centre, float(np.median(np.concatenate(widths)))
+        return center, float(np.median(np.concatenate(widths)))
     if len(indices) < 2:
-        return centre, LANE_WIDTH
+        return center, LANE_WIDTH
     middles = [float(np.median(offset[lane == one])) for one in indices]
-    return centre, float(np.median(np.diff(middles) / np.diff(indices)))
-
-
-# --- Writes a recording as SUMO's floating-car data, for SUMO's own tools ---
-
-if TYPE_CHECKING:
-    from traffic_bridge.recording.recording import Recording
-
-EDGE = "route"
-# Names and decimals of the figures of a row, after which comes `pos`.
-ATTRIBUTES = (
-    ("x", 4),
-    ("y", 4),
-    ("z", 4),
-    ("angle", 6),
-    ("speed", 5),
-    ("acceleration", 5),
-    ("slope", 4),
-)
+    return center, float(np.median(np.diff(middles) / np.diff(indices)))
 
 
 def write_fcd(recording: Recording, path: str | Path) -> Path:
-    """Writes `fcd-export` XML, as `sumo --fcd-output` does; compressed when the name ends in .gz.
+    """Writes `fcd-export` XML, as `sumo --fcd-output` does; compressed if the name ends in .gz.
 
     Position and angle are SUMO's: of the front bumper's middle, clockwise from north. The route is
     one edge, named "route": `lane` is "route_0" for the right one, `pos` the station of the front

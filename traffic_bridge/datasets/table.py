@@ -1,4 +1,8 @@
-"""A data file as columns, with errors that name the file, the line and the column."""
+"""Reads tables as columns, with errors that name file, line and column.
+
+pyarrow reads the files and is imported only for them. pandas would need the same checks for these
+errors, and twice the install size.
+"""
 
 from __future__ import annotations
 
@@ -14,15 +18,11 @@ from numpy.typing import NDArray
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 
-# --- pyarrow, imported where a file needs it ---
+_THOUSANDS = r"^\s*-?\d{1,3}(,\d{3})+(\.\d+)?\s*$"
 
 
 def load(module: str, path: object) -> Any:
-    """A module of pyarrow, for reading a file.
-
-    Raises:
-      InputError: pyarrow is not installed.
-    """
+    """A module of pyarrow for reading a file; InputError if pyarrow is not installed."""
     try:
         return importlib.import_module(f"pyarrow.{module}" if module else "pyarrow")
     except ImportError as error:
@@ -31,13 +31,8 @@ def load(module: str, path: object) -> Any:
         ) from error
 
 
-# --- A data file as columns, with errors that name the file, the line and the column ---
-
-_THOUSANDS = r"^\s*-?\d{1,3}(,\d{3})+(\.\d+)?\s*$"
-
-
 def plain(name: str) -> str:
-    """A column's name without capitals, spaces and underscores: spellings differ in those."""
+    """A column's name in small letters without spaces and underscores, for comparison."""
     return re.sub(r"[\s_]", "", name.strip().lower())
 
 
@@ -76,19 +71,15 @@ class Table:
         return any(plain(name) in self._columns for name in names)
 
     def name(self, *names: str) -> str:
-        """What the file calls a column.
-
-        Raises:
-          InputError: it is not there.
-        """
+        """The column's name in the file; InputError if it has no such column."""
         return self._find(names)[0]
 
     def numbers(self, *names: str, finite: bool = True) -> FloatArray:
         """A column of finite numbers, shape (n,).
 
         Args:
-          *names: the spellings under which it may be found.
-          finite: whether every value must be finite; otherwise what is missing becomes NaN.
+          *names: its possible spellings.
+          finite: whether every value must be finite; otherwise missing values become NaN.
 
         Raises:
           InputError: it is not there, or a value is not a finite number.
@@ -103,22 +94,14 @@ class Table:
         return numbers
 
     def integers(self, *names: str) -> NDArray[np.int64]:
-        """A column of whole numbers, shape (n,).
-
-        Raises:
-          InputError: it is not there, or a value is not a whole number.
-        """
+        """A column of whole numbers, shape (n,); InputError as of `numbers`."""
         numbers = self.numbers(*names)
         whole = (numbers == np.round(numbers)) & (np.abs(numbers) < 2**53)
         self.must(whole, self._find(names)[0], numbers, "must be a whole number")
         return numbers.astype(np.int64)
 
     def texts(self, *names: str) -> NDArray[np.str_]:
-        """A column as text, shape (n,); missing values are empty.
-
-        Raises:
-          InputError: it is not there.
-        """
+        """A column as text, shape (n,), missing values empty; InputError if there is none."""
         _, values = self._find(names)
         if isinstance(values, np.ndarray):
             return values.astype(str)
@@ -192,7 +175,7 @@ class Table:
 
 
 def read_parquet(path: Path) -> Table:
-    """A Parquet file.
+    """The table of a Parquet file.
 
     Raises:
       InputError: pyarrow is not installed, or the file cannot be read.
@@ -207,7 +190,7 @@ def read_parquet(path: Path) -> Table:
 
 
 def read_csv(path: Path, delimiter: str) -> Table:
-    """A CSV file with a header, possibly compressed; values stay text until they are asked for.
+    """The table of a CSV file with a header, possibly compressed; values stay text until used.
 
     Raises:
       InputError: pyarrow is not installed, or the file is not a table.
@@ -241,7 +224,7 @@ def read_csv(path: Path, delimiter: str) -> Table:
 
 
 def read_text(path: Path, names: Sequence[str]) -> Table:
-    """Numbers between blanks, without a header.
+    """The table of a text file of numbers without a header.
 
     Args:
       path: the file.
@@ -265,7 +248,7 @@ def read_text(path: Path, names: Sequence[str]) -> Table:
 
 
 def _first_wrong(path: Path, count: int) -> str:
-    """The first line that does not hold `count` numbers, in words."""
+    """The first line without `count` numbers, in words."""
     with path.open(errors="replace") as file:
         for number, line in enumerate(file, start=1):
             words = line.split()

@@ -1,6 +1,6 @@
-"""Recorded trajectories of vehicles on one road, by columns, in SI units.
+"""Recorded trajectories of vehicles on one road in SI units, and their leader-follower pairs.
 
-Every reader of `traffic_bridge.datasets` makes a `Trajectories`, whatever the file looked like.
+Every reader of `traffic_bridge.datasets` returns a `Trajectories`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from traffic_bridge.vehicles.types import KINDS
 
 IntArray = NDArray[np.int64]
 
-INSTANT = 1e-3  # [s]: rows nearer in time than this are of one instant
+INSTANT = 1e-3  # [s]: rows nearer in time than this belong to the same instant
 _FLOATS = ("time", "station", "offset", "speed", "acceleration")
 _INTEGERS = ("vehicle", "lane", "leader")
 _ROWS = (*_FLOATS, *_INTEGERS)
@@ -25,29 +25,29 @@ _ROWS = (*_FLOATS, *_INTEGERS)
 
 @dataclass(frozen=True, eq=False)
 class Trajectories:
-    """m vehicles in k rows, one a vehicle and instant, sorted by vehicle, then by time.
+    """m vehicles in k rows, one per vehicle and instant, sorted by vehicle, then by time.
 
-    The arrays are checked when the object is made, and cannot be written to.
+    The arrays are checked when the object is made, and are read-only.
 
     Attributes:
-      source: where they come from, in words, for messages.
+      source: their origin in words, for messages.
       ids: names of the vehicles, each once; kinds: "car", "van", "truck" or "articulated".
       length, width: of the vehicles, shape (m,) [m].
-      time: [s], shape (k,); its zero is the data set's own.
+      time: [s], shape (k,), with the data set's zero.
       vehicle: index into the vehicle arrays, shape (k,).
       lane: index from the right, shape (k,).
       station: of the front bumper along the road, shape (k,) [m].
-      offset: of the vehicle's middle from the centre of its lane, positive to the left, shape (k,)
+      offset: of the vehicle's middle from the center of its lane, positive to the left, shape (k,)
         [m].
       speed: along the road, zero or positive, shape (k,) [m/s].
       acceleration: along the road, shape (k,) [m/s2].
-      leader: index of the vehicle ahead in the lane, -1 for none or not known, shape (k,).
+      leader: index of the vehicle ahead in the lane, -1 if there is none or it is unknown.
       lane_count: number of lanes of the road.
       lane_width: of the recorded road [m].
-      notes: what was left out or derived when reading, in words.
+      notes: omitted and derived data, in words.
 
     Raises:
-      InputError: an array does not fit the others, or holds a value that cannot be.
+      InputError: an array does not fit the others, or has an impossible value.
     """
 
     source: str
@@ -68,7 +68,7 @@ class Trajectories:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Copies the arrays in their types, checks them, and locks them."""
+        """Copies the arrays with the right types, checks them, and makes them read-only."""
         for name in ("length", "width", *_FLOATS):
             self._lock(name, np.array(getattr(self, name), dtype=np.float64))
         for name in _INTEGERS:
@@ -79,8 +79,6 @@ class Trajectories:
     def __len__(self) -> int:
         """Number of rows."""
         return len(self.time)
-
-    # Views ---------------------------------------------------------------------------------------
 
     @cached_property
     def start(self) -> IntArray:
@@ -115,7 +113,7 @@ class Trajectories:
 
     @cached_property
     def step(self) -> float:
-        """Time between the rows of a vehicle, the median [s]; 0 where none has two rows."""
+        """Median time between the rows of a vehicle [s]; 0 if none has two rows."""
         gaps = np.diff(self.time)[np.diff(self.vehicle) == 0]
         return float(np.round(np.median(gaps), 6)) if gaps.size else 0.0
 
@@ -133,7 +131,7 @@ class Trajectories:
         """Rows of given vehicles at given times, -1 where there is none, shape (n,).
 
         Args:
-          vehicle: indices, shape (n,); negative ones are not found.
+          vehicle: indices, shape (n,); negative ones have no row.
           time: [s], shape (n,).
         """
         keys = _instants(self.vehicle, self.time)
@@ -143,13 +141,8 @@ class Trajectories:
             return np.full(wanted.shape, -1, dtype=np.int64)
         return np.where((keys[place] == wanted) & (np.asarray(vehicle) >= 0), place, -1)
 
-    # Others made of this one ---------------------------------------------------------------------
-
     def select(self, keep: ArrayLike) -> Trajectories:
-        """The rows of a mask of shape (k,); vehicles without rows are left out.
-
-        A leader that is left out altogether becomes "none".
-        """
+        """The rows of a mask of shape (k,); vehicles without rows are left out, also as leaders."""
         mask = np.asarray(keep, dtype=bool)
         if mask.shape != self.time.shape:
             raise InputError(f"mask of shape {mask.shape}: there are {len(self)} rows")
@@ -170,7 +163,7 @@ class Trajectories:
         )
 
     def between(self, start: float, end: float) -> Trajectories:
-        """The rows of times from `start` up to, not including, `end` [s]."""
+        """The rows from the time `start` up to, not including, `end` [s]."""
         return self.select((self.time >= start - 0.5 * INSTANT) & (self.time < end - 0.5 * INSTANT))
 
     # Checks --------------------------------------------------------------------------------------
@@ -254,6 +247,95 @@ class Trajectories:
 
 
 def _instants(vehicle: IntArray, time: FloatArray) -> IntArray:
-    """One whole number a vehicle and instant, ordered as the rows are."""
+    """One integer for each vehicle and instant, in the order of the rows."""
     instant = np.round(time / INSTANT).astype(np.int64)
     return vehicle * np.int64(2**40) + (instant + np.int64(2**38))
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """A vehicle that follows the same leader without interruption; arrays of shape (n,).
+
+    Attributes:
+      follower, leader: names; kind: of the follower.
+      lane: of the follower at the beginning, index from the right.
+      leader_length: [m].
+      time: [s], evenly spaced.
+      station, speed, acceleration: of the follower, front bumper [m], [m/s], [m/s2].
+      leader_station, leader_speed, leader_acceleration: of the leader, front bumper.
+    """
+
+    follower: str
+    leader: str
+    kind: str
+    lane: int
+    leader_length: float
+    time: FloatArray
+    station: FloatArray
+    speed: FloatArray
+    acceleration: FloatArray
+    leader_station: FloatArray
+    leader_speed: FloatArray
+    leader_acceleration: FloatArray
+
+    @property
+    def gap(self) -> FloatArray:
+        """From the follower's front to the leader's rear [m], shape (n,)."""
+        return self.leader_station - self.leader_length - self.station
+
+    @property
+    def duration(self) -> float:
+        """Duration of the pair [s]."""
+        return float(self.time[-1] - self.time[0])
+
+
+def pairs(trajectories: Trajectories, minimum_duration: float = 15.0) -> tuple[Pair, ...]:
+    """All stretches in which a vehicle follows one leader and both are recorded.
+
+    A stretch ends when the leader changes, when follower or leader is missing for an instant, or
+    when the follower changes lanes.
+
+    Args:
+      trajectories: of any source.
+      minimum_duration: shorter stretches are left out [s].
+
+    Raises:
+      InputError: the duration is not positive.
+    """
+    if not (np.isfinite(minimum_duration) and minimum_duration > 0.0):
+        raise InputError(f"minimum_duration {minimum_duration!r}: must be positive")
+    t = trajectories
+    ahead = t.leader_rows
+    if not len(t):
+        return ()
+    goes_on = (
+        (np.diff(t.vehicle) == 0)
+        & (np.diff(t.leader) == 0)
+        & (np.diff(t.lane) == 0)
+        & (np.diff(t.time) < 1.5 * t.step)
+        & (ahead[1:] >= 0)
+        & (ahead[:-1] >= 0)
+    )
+    starts = np.concatenate(([0], np.flatnonzero(~goes_on) + 1))
+    ends = np.concatenate((starts[1:], [len(t)]))
+    long = (t.time[ends - 1] - t.time[starts] >= minimum_duration - 1e-6) & (ahead[starts] >= 0)
+    return tuple(_pair(t, slice(a, b)) for a, b in zip(starts[long], ends[long], strict=True))
+
+
+def _pair(t: Trajectories, rows: slice) -> Pair:
+    ahead = t.leader_rows[rows]
+    first = rows.start
+    return Pair(
+        follower=t.ids[t.vehicle[first]],
+        leader=t.ids[t.leader[first]],
+        kind=t.kinds[t.vehicle[first]],
+        lane=int(t.lane[first]),
+        leader_length=float(t.length[t.leader[first]]),
+        time=t.time[rows],
+        station=t.station[rows],
+        speed=t.speed[rows],
+        acceleration=t.acceleration[rows],
+        leader_station=t.station[ahead],
+        leader_speed=t.speed[ahead],
+        leader_acceleration=t.acceleration[ahead],
+    )

@@ -1,45 +1,44 @@
-"""Lays recorded trajectories on the road of any map, by lane and station.
+"""Places recorded trajectories on the road of any map, by lane and station.
 
-What is recorded is kept along the road: the station of every vehicle, at every instant, is that of
-the data set plus a constant, so that headways and speeds along the reference line stay as they
-were. Everything else comes from the map: where the lanes are, headings, heights and slopes. Across
-the road a vehicle keeps its place between the lane's borders, in parts of the lane's width.
+Along the road a vehicle's station is that of the data set plus a constant, so headways and speeds
+along the reference line do not change. Everything else comes from the map: lanes, headings, heights
+and slopes. Across the road a vehicle keeps its position relative to the lane's width.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.checks import in_range
 from iits_mj.core.errors import InputError
 from iits_mj.road import Route
 from traffic_bridge.datasets.kinematics import Motion, calm, fit, split_jumps, transitions
 from traffic_bridge.datasets.trajectories import Trajectories
+from traffic_bridge.recording.recording import Recording
+from traffic_bridge.recording.rows import COLUMNS
 from traffic_bridge.vehicles.types import default_types
-
-if TYPE_CHECKING:
-    from traffic_bridge.recording.recording import Recording
 
 IntArray = NDArray[np.int64]
 
-LANE_CHANGE = 3.5  # [s], as TrafficConfig.lane_change_duration: for sets that jump between lanes
-JUMP = 0.5  # [lanes] between two rows: the set changes lanes at an instant
-ACROSS_WIDTH = 0.4  # [s] of the average across the road: a lane change takes ten times that
-CREEP = 2.0  # [m/s] below which a vehicle's heading turns from the road's ever less
-CHECK_SPACING = 20.0  # [m]: where it is checked that the map has the lane
+LANE_CHANGE = 3.5  # [s], as TrafficConfig.lane_change_duration: for instantaneous lane changes
+JUMP = 0.5  # [lanes] between two rows: an instantaneous lane change
+ACROSS_WIDTH = 0.4  # [s] of the average across the road: a tenth of a lane change
+CREEP = 2.0  # [m/s] below which a vehicle's heading follows its lateral motion less
+CHECK_SPACING = 20.0  # [m] between the stations where the map must have the lane
 
 
 @dataclass(frozen=True, eq=False)
-class Laid:
+class _Placed:
     """One vehicle on the route; arrays of shape (n,).
 
     Attributes:
-      frame: indices of the instants at which it is there.
+      frame: indices of its instants.
       lane: nearest lane.
       station, offset: of its middle [m], with their derivatives.
       across: speed across the lane [m/s].
@@ -54,17 +53,17 @@ class Laid:
 
 @dataclass(frozen=True)
 class ImportConfig:
-    """How a data set is laid.
+    """Settings of `import_trajectories`.
 
     Attributes:
-      start_station: where the data set's station zero comes to lie on the route [m].
-      lane_map: lane of the route by lane of the set, both from the right; vehicles are not there
-        while in a lane that is not named. None: lane i becomes lane i.
+      start_station: station of the route at the data set's station zero [m].
+      lane_map: lane of the route by lane of the set, both from the right; vehicles are omitted
+        while they are in another lane. None: lane i becomes lane i.
       step: between the frames of the recording [s].
-      smoothing: distance of the knots along the road [s], see `fit`; 0 passes through every point.
-      lane_change_duration: in which a set's instant lane changes are carried out [s], half of it
-        before the instant; a change that the set has in full stays as it is. With 0 instant ones
-        are only averaged, as everything across the road.
+      smoothing: distance of the spline's knots along the road [s], see `fit`.
+      lane_change_duration: of a set's instantaneous lane changes [s], half of it before the
+        instant; fully recorded changes stay unchanged. With 0 they are only averaged, as all motion
+        across the road.
 
     Raises:
       InputError: a value is out of its range.
@@ -84,9 +83,7 @@ class ImportConfig:
             ("smoothing", 0.0, 5.0),
             ("lane_change_duration", 0.0, 20.0),
         ):
-            value = getattr(self, name)
-            if not (isinstance(value, (int, float)) and low <= value <= high):
-                raise InputError(f"{name} {value!r}: allowed is {low:g} to {high:g}")
+            in_range(name, getattr(self, name), low, high)
 
 
 def import_trajectories(
@@ -94,39 +91,37 @@ def import_trajectories(
 ) -> Recording:
     """A recording of the trajectories on a route, for `RepSim` and `iits-mj replay`.
 
-    Vehicles are there from the first to the last instant at which they are recorded, while the
-    whole of them is on the route. Times begin at zero.
+    A vehicle is present from its first to its last recorded instant, while all of it is on the
+    route. Times begin at zero.
 
     Args:
       trajectories: of any source.
-      route: the road to lay them on.
+      route: the road to place them on.
       config: where and how.
 
     Raises:
-      InputError: the map does not have a lane that is needed, or nobody comes to lie on the route.
+      InputError: the map does not have a lane that is needed, or no vehicle is on the route.
     """
-    from traffic_bridge.recording.recording import Recording
-
     config = config or ImportConfig()
     lanes = _lane_map(trajectories, config.lane_map)
     _check_lanes(trajectories, route, config.start_station, lanes)
     begin = float(trajectories.time.min())
     count = int(np.floor(trajectories.duration / config.step + 1e-6)) + 1
     time: FloatArray = np.arange(count, dtype=np.float64) * config.step
-    parts: list[Laid] = []
-    who: list[int] = []
+    parts: list[_Placed] = []
+    vehicles: list[int] = []
     for index in range(len(trajectories.ids)):
         for rows in _stretches(trajectories, index, lanes):
-            laid = _lay_one(trajectories, rows, route, config, lanes, time + begin)
-            if laid is not None:
-                parts.append(laid)
-                who.append(index)
+            placed = _place(trajectories, rows, route, config, lanes, time + begin)
+            if placed is not None:
+                parts.append(placed)
+                vehicles.append(index)
     if not parts:
         raise InputError(
-            f"{trajectories.source}: nobody comes to lie on the route of {route.length:.0f} m, "
-            f"begun at station {config.start_station:g} m"
+            f"{trajectories.source}: no vehicle is on the route of {route.length:.0f} m with "
+            f"start_station {config.start_station:g} m"
         )
-    vehicle = np.repeat(who, [len(part.frame) for part in parts])
+    vehicle = np.repeat(vehicles, [len(part.frame) for part in parts])
     used, vehicle = np.unique(vehicle, return_inverse=True)
     # Data sets have no heights.
     height = {t.kind: t.height for t in default_types()}
@@ -134,7 +129,7 @@ def import_trajectories(
         (trajectories.length[i], trajectories.width[i], height[trajectories.kinds[i]]) for i in used
     ]
     return Recording.of_rows(
-        _meta(trajectories, route, config, lanes, len(used)),
+        _meta(trajectories, route, config, lanes, len(trajectories.ids) - len(used)),
         time,
         [trajectories.ids[i] for i in used],
         [trajectories.kinds[i] for i in used],
@@ -159,7 +154,7 @@ def _lane_map(t: Trajectories, given: Mapping[int, int] | None) -> dict[int, int
 
 
 def _check_lanes(t: Trajectories, route: Route, start: float, lanes: Mapping[int, int]) -> None:
-    """Every lane must be there wherever a vehicle drives in it."""
+    """Checks that the map has every lane wherever a vehicle drives in it."""
     middle = t.station - 0.5 * t.length[t.vehicle] + start
     for lane, target in sorted(lanes.items()):
         places = middle[(t.lane == lane) & (middle >= 0.0) & (middle <= route.length)]
@@ -167,14 +162,14 @@ def _check_lanes(t: Trajectories, route: Route, start: float, lanes: Mapping[int
             station = min(cell * CHECK_SPACING, route.length)
             if not route.lane_exists(target, station):
                 raise InputError(
-                    f"{t.source}: its lane {lane} is to lie on lane {target}, which the map does "
+                    f"{t.source}: its lane {lane} becomes lane {target}, which the map does "
                     f"not have at station {station:.0f} m ({route.lane_count(station)} lanes "
                     "there): choose lane_map or start_station otherwise"
                 )
 
 
 def _stretches(t: Trajectories, index: int, lanes: Mapping[int, int]) -> list[slice]:
-    """Stretches of a vehicle's rows within the lanes that are used, of two rows or more."""
+    """Stretches of two or more of a vehicle's rows in the lanes that are used."""
     rows = t.rows(index)
     used = np.isin(t.lane[rows], list(lanes))
     edges = np.flatnonzero(np.diff(np.concatenate(([False], used, [False])).astype(int)))
@@ -182,14 +177,14 @@ def _stretches(t: Trajectories, index: int, lanes: Mapping[int, int]) -> list[sl
     return [slice(int(a), int(b)) for a, b in pairs if b - a >= 2]
 
 
-def _lay_one(
+def _place(
     t: Trajectories,
     rows: slice,
     route: Route,
     config: ImportConfig,
     lanes: Mapping[int, int],
     instants: FloatArray,
-) -> Laid | None:
+) -> _Placed | None:
     time = t.time[rows]
     first = int(np.searchsorted(instants, time[0] - 1e-6))
     last = int(np.searchsorted(instants, time[-1] + 1e-6))
@@ -206,18 +201,18 @@ def _lay_one(
     if not there.any():
         return None
     frame, along, cross = frame[there], along.pick(there), cross.pick(there)
-    # A standing vehicle does not roll back by the spline's swing.
+    # The spline's overshoot must not roll a standing vehicle back.
     along = Motion(np.maximum.accumulate(along.value), np.maximum(along.rate, 0.0), along.bend)
     offset, width = _offsets(route, cross.value, along.value, max(lanes.values()))
     across = cross.rate * width
     taper = _taper(route, cross.value, along.value, max(lanes.values()))
     rate = across + taper * along.rate
     lane = np.clip(np.floor(cross.value + 0.5), 0, max(lanes.values())).astype(np.int64)
-    return Laid(frame, lane, along, Motion(offset, rate, cross.bend * width), across)
+    return _Placed(frame, lane, along, Motion(offset, rate, cross.bend * width), across)
 
 
 def _across(time: FloatArray, value: FloatArray, at: FloatArray, duration: float) -> Motion:
-    """Motion across the road, in lanes, in which instant lane changes are drawn out."""
+    """Motion across the road, in lanes, with instantaneous lane changes spread over time."""
     if duration <= 0.0:
         return calm(time, value, at, ACROSS_WIDTH)
     base, steps = split_jumps(time, value, JUMP)
@@ -227,7 +222,7 @@ def _across(time: FloatArray, value: FloatArray, at: FloatArray, duration: float
 def _offsets(
     route: Route, cross: FloatArray, station: FloatArray, highest: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Offset on the route at places given in lanes, and what a whole lane is there [m]."""
+    """Offset on the route of positions given in lanes, and the width of a lane there [m]."""
     low = np.clip(np.floor(cross), 0, max(highest - 1, 0)).astype(int)
     offset, width = np.empty_like(station), np.empty_like(station)
     for lane in np.unique(low).tolist():
@@ -242,7 +237,7 @@ def _offsets(
 
 
 def _taper(route: Route, cross: FloatArray, station: FloatArray, highest: int) -> FloatArray:
-    """By how much a place given in lanes moves to the left per metre along the route."""
+    """Lateral shift to the left per meter of station of a position given in lanes."""
     half = 1.0
     ahead, _ = _offsets(route, cross, np.minimum(station + half, route.length), highest)
     behind, _ = _offsets(route, cross, np.maximum(station - half, 0.0), highest)
@@ -250,20 +245,20 @@ def _taper(route: Route, cross: FloatArray, station: FloatArray, highest: int) -
     return np.asarray((ahead - behind) / way)
 
 
-def _columns(laid: Laid, route: Route, step: float) -> FloatArray:
-    """The figures of a recording's rows, in the order of its columns."""
-    from traffic_bridge.recording.recording import COLUMNS
-
-    station, offset = laid.station.value, laid.offset.value
+def _columns(placed: _Placed, route: Route, step: float) -> FloatArray:
+    """The values of a recording's rows, in the order of its columns."""
+    station, offset = placed.station.value, placed.offset.value
     point = route.evaluate(station, offset)
-    # Who drives inside of a bend goes a shorter way for the same station.
+    # On the inside of a bend the distance is shorter for the same station.
     shrink = 1.0 - point.curvature * offset
-    along = laid.station.rate * shrink
-    # Nobody turns on the spot: the heading of one who stands does not follow the noise.
-    turned = np.arctan(laid.offset.rate * along / np.maximum(along, CREEP) ** 2)
+    along = placed.station.rate * shrink
+    # The heading of a standing vehicle does not follow the noise.
+    turned = np.arctan(placed.offset.rate * along / np.maximum(along, CREEP) ** 2)
     rise, bank = point.grade, np.tan(point.superelevation)
     heading = point.heading + turned
-    rate = np.gradient(heading, step * (laid.frame - laid.frame[0])) if len(heading) > 1 else 0.0
+    rate = (
+        np.gradient(heading, step * (placed.frame - placed.frame[0])) if len(heading) > 1 else 0.0
+    )
     values: dict[str, Any] = {
         "x": point.x,
         "y": point.y,
@@ -273,10 +268,10 @@ def _columns(laid: Laid, route: Route, step: float) -> FloatArray:
         "pitch": -np.arctan(np.cos(turned) * rise + np.sin(turned) * bank),
         "roll": np.arctan(np.cos(turned) * bank - np.sin(turned) * rise),
         "yaw_rate": rate,
-        "speed": np.hypot(along, laid.offset.rate),
-        "acceleration": np.cos(turned) * laid.station.bend * shrink
-        + np.sin(turned) * laid.offset.bend,
-        "lateral_speed": laid.across,
+        "speed": np.hypot(along, placed.offset.rate),
+        "acceleration": np.cos(turned) * placed.station.bend * shrink
+        + np.sin(turned) * placed.offset.bend,
+        "lateral_speed": placed.across,
         "station": station,
         "offset": offset,
     }
@@ -284,19 +279,15 @@ def _columns(laid: Laid, route: Route, step: float) -> FloatArray:
 
 
 def _meta(
-    t: Trajectories, route: Route, config: ImportConfig, lanes: Mapping[int, int], laid: int
+    t: Trajectories, route: Route, config: ImportConfig, lanes: Mapping[int, int], omitted: int
 ) -> dict[str, Any]:
     return {
         "mode": "DataSet",
         "source": t.source,
-        "notes": [*t.notes, *_left_out(len(t.ids) - laid)],
+        "notes": [*t.notes, *([f"{omitted} vehicles are nowhere on the route"] if omitted else [])],
         "start_station": config.start_station,
         "lane_map": {str(lane): target for lane, target in sorted(lanes.items())},
         "smoothing": config.smoothing,
         "map_hash": route.road_map.content_hash,
         "map_name": route.road_map.path.name,
     }
-
-
-def _left_out(count: int) -> tuple[str, ...]:
-    return (f"{count} vehicles come to lie nowhere on the route",) if count else ()

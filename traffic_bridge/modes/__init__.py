@@ -1,1 +1,1 @@
-"""PureSim, InterSim, ReSim, RepSim and their mix; many of them at once."""
+"""The modes of the traffic: PureSim, InterSim, RepSim, ReSim, MixedSim, in parallel or not."""

@@ -1,4 +1,4 @@
-"""The ego truck inside SUMO: its pose, its whole length, and the second lane it may stand in."""
+"""The ego truck inside SUMO: its pose, its length, and the second lane that it may occupy."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from traffic_bridge.vehicles.ego_room import EgoRoom
 
 EGO = "ego"
 SHADOW = "shadow"
-ASTRAY = 50.0  # [m] between an ego's place on the route and its place in the map, at most
+ASTRAY = 50.0  # [m] between the ego's (station, offset) and its (x, y), at most
 AXIS_POINTS = 17  # along the combination
-SHORTEST = 0.5  # [m] of its rear that SUMO still has to know
+SHORTEST = 0.5  # [m] of the truck that must be on the route to be in SUMO
 ALONG = "along.0"  # SUMO's route along the ego's
 AGAINST = "ego.against"  # SUMO's route along the oncoming lanes
 
 
 def check_ego(ego: EgoState, route: Route | None = None) -> None:
-    """Refuses an ego state with values that are not finite, or that contradict each other.
+    """Checks that an ego state is finite and consistent.
 
     Args:
       ego: to check.
-      route: to compare its station and offset with its x and y; None where only one is used.
+      route: to compare its station and offset with its x and y; None: no comparison.
 
     Raises:
       InputError: names the field.
@@ -57,7 +57,7 @@ def check_ego(ego: EgoState, route: Route | None = None) -> None:
 
 
 def ego_type_xml(footprint: EgoFootprint) -> str:
-    """The ego's `vType`: SUMO needs its size only, the truck drives itself."""
+    """The ego's `vType`: SUMO only needs its size, because the truck drives itself."""
     return (
         f'<vType id="{EGO_TYPE}" length="{footprint.length}" width="{footprint.width}" '
         'minGap="2.5" maxSpeed="40" carFollowModel="IDM" accel="1" decel="4" emergencyDecel="6" '
@@ -66,7 +66,12 @@ def ego_type_xml(footprint: EgoFootprint) -> str:
 
 
 class EgoInTraffic:
-    """Places the truck in SUMO every step.
+    """Moves the truck in SUMO every step.
+
+    In SUMO a vehicle has one lane. While the truck occupies two lanes, in a lane change or with its
+    trailer still in the old lane, a second vehicle of the same length (the shadow) drives in the
+    other lane beside it, so that no vehicle there hits its side. On an oncoming lane the shadow
+    stands still, and oncoming vehicles stop before it.
 
     Args:
       session: the running SUMO.
@@ -74,11 +79,6 @@ class EgoInTraffic:
       route: the ego's road.
       footprint: size of the combination.
       step: length of a step [s].
-
-    SUMO's lane-based world knows one lane per vehicle. While the truck straddles two lanes, in a
-    lane change or with its trailer still in the old lane, a second vehicle of the same length (the
-    shadow) stands in the other lane beside it, so that nobody there drives into its side. On an
-    oncoming lane it stands still: those who come there stop before it.
     """
 
     def __init__(
@@ -95,9 +95,9 @@ class EgoInTraffic:
         self._route = route
         self._footprint = footprint
         self._step = step
-        # The truck by its name, the shadows by SUMO's route that they are on.
+        # The truck by its name, the shadows by the SUMO route that they are on.
         self._teleported: dict[str, TeleportedVehicle] = {}
-        self._overlap = LaneOverlap(session, lanes, route)
+        self._overlap = LaneOverlap(lanes, route)
         self._has_way_against = False
         self._shadows = 0
 
@@ -109,7 +109,7 @@ class EgoInTraffic:
         return x, y, *self._route.locate(x, y, ego.station + reach)
 
     def boxes(self, ego: EgoState) -> tuple[Box, Box]:
-        """Where the truck is on the road: with the tractor's offset and with the trailer's."""
+        """The truck on the road, twice: with the tractor's offset and with the trailer's."""
         size = self._footprint
         middle = ego.station + size.front_overhang - 0.5 * size.length
         return (
@@ -118,11 +118,11 @@ class EgoInTraffic:
         )
 
     def room(self, ego: EgoState, traffic_speed: float) -> EgoRoom:
-        """What the truck takes of the road before anybody else is there.
+        """The space that the truck needs when the road is populated.
 
         Args:
           ego: the truck.
-          traffic_speed: of the others, about [m/s].
+          traffic_speed: typical speed of the traffic [m/s].
         """
         _, _, station, offset = self.front(ego)
         part = np.linspace(0.0, 1.0, AXIS_POINTS)
@@ -138,10 +138,10 @@ class EgoInTraffic:
         )
 
     def place(self, ego: EgoState) -> None:
-        """Moves the truck (and its shadows) to where it is at the end of the coming step.
+        """Moves the truck (and its shadows) to its pose at the end of the coming step.
 
-        Beyond the end of the route SUMO would let it arrive and forget it. So it stays there with
-        what is still on the road, until its rear is past the end, too.
+        SUMO removes vehicles at the end of their route. So the truck stays there, shortened to the
+        part that is still on the route, until its rear is past the end.
         """
         x, y, station, offset = self.front(ego)
         length = self._footprint.length
@@ -183,7 +183,7 @@ class EgoInTraffic:
         vehicle.move(*self._lanes.to_sumo(*point), ego.yaw, speed)
 
     def _place_shadow(self, ego: EgoState, station: float, second: int, hidden: float) -> None:
-        """Has a shadow in a second lane of the route; -1 is none."""
+        """Puts the shadow into a second lane of the route; -1: none."""
         if second < 0:
             self._drop(ALONG)
             return
@@ -196,7 +196,7 @@ class EgoInTraffic:
     def _place_against(
         self, table: LaneTable | None, rear: float, edges: tuple[float, float]
     ) -> None:
-        """Has a shadow in an oncoming lane, its front where the truck's rear is; None is none."""
+        """Puts a shadow into an oncoming lane, its front at the truck's rear; None: none."""
         if table is None:
             self._drop(AGAINST)
             return
@@ -208,7 +208,7 @@ class EgoInTraffic:
         self._known(AGAINST).put(table, max(position, 0.0), 0.0, 0.0)
 
     def _known(self, role: str) -> TeleportedVehicle:
-        """The truck or a shadow, which SUMO has from now on."""
+        """The truck or a shadow, added to SUMO if it is not there."""
         if role not in self._teleported:
             name = role
             if role != EGO:
@@ -221,6 +221,6 @@ class EgoInTraffic:
         return self._teleported[role]
 
     def _drop(self, role: str) -> None:
-        """Takes the truck or a shadow out of SUMO."""
+        """Removes the truck or a shadow from SUMO."""
         if role in self._teleported:
             self._teleported.pop(role).remove()

@@ -1,4 +1,4 @@
-"""What SUMO has on its lanes, as a frame of vehicles on the road: read and computed by columns."""
+"""Reads SUMO's vehicles after each step as a frame of poses on the road."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from traffic_bridge.vehicles.registry import Vehicles
 
 IntArray = NDArray[np.intp]
 
-VIEW_MARGIN = 30.0  # [m]: lanes are chosen by their ends and bends, vehicles by their centres
+VIEW_MARGIN = 30.0  # [m]: lanes are chosen by their bounding boxes, vehicles by their centers
 VIEW_KEPT = 50.0  # [m] the ego moves before the lanes in view are chosen again
-HISTORY = 4  # lanes a vehicle remembers: a long one can stand on several short ones
-TIGHT_TURN = 2.0  # [m/s] below which a sideways motion turns the box no further
+HISTORY = 4  # lanes that are stored per vehicle: a long one can be on several short lanes
+TIGHT_TURN = 2.0  # [m/s]: below it the box does not turn further with the lateral motion
 _TURN = 2.0 * np.pi
 # Rows of a frame's columns.
 _SPEED, _ACCELERATION, _LATERAL, _STATION, _OFFSET = (
     COLUMNS.index(name) for name in ("speed", "acceleration", "lateral_speed", "station", "offset")
 )
 _SIZE = slice(COLUMNS.index("length"), COLUMNS.index("height") + 1)
-# Reading a lane's list of vehicles costs about as much as reading the lane of three vehicles.
+# Reading the vehicles of a lane costs about as much as reading the lanes of three vehicles.
 LANE_COST = 3
 
 
 @dataclass(frozen=True)
 class _Body:
-    """What does not change of a vehicle: its kind and length, width, height [m]."""
+    """The constant properties of a vehicle: kind and length, width, height [m]."""
 
     kind: str
     size: tuple[float, float, float]
@@ -48,7 +48,7 @@ class Observation:
     Args:
       session: the running SUMO.
       lanes: of the route.
-      vehicles: what each vehicle is.
+      vehicles: the registry.
       route: the ego's road.
       view_range: vehicles within this distance of the ego are read [m].
       step_length: time between two readings [s].
@@ -82,10 +82,10 @@ class Observation:
         self._history: dict[str, tuple[str, ...]] = {}
         self._view_place: tuple[float, float] | None = None
         self._view: list[str] = []
-        # Vehicles of each lane in view at the last reading, and of which view.
+        # The lanes in view at the last reading, and the vehicles of each.
         self._lists: list[tuple[str, ...]] = []
         self._listed: list[str] = []
-        # Of the last reading: names, lanes and what they are; most often they are the same now.
+        # Vehicles of the last reading; most often they are the same in the next one.
         self._names: list[str] = []
         self._on: list[str] = []
         self._kinds: list[str] = []
@@ -101,17 +101,17 @@ class Observation:
 
     @property
     def held(self) -> dict[str, float]:
-        """Speed limits of vehicles that swing out, see `LateralSmoother` [m/s]."""
+        """Speed limits of vehicles during lane changes, see `LateralSmoother` [m/s]."""
         return self._smoother.held
 
     def read(self, ego: EgoState | None, obstacles: Sequence[Box] = ()) -> VehicleFrame:
-        """The vehicles now, near the ego; all of them without one.
+        """The present vehicles near the ego, or all vehicles without an ego.
 
         Args:
           ego: the truck.
-          obstacles: boxes that the vehicles have to mind beside each other, see `LateralSmoother`.
+          obstacles: boxes that the vehicles avoid besides each other, see `LateralSmoother`.
         """
-        same = self._who(ego)
+        same = self._find_vehicles(ego)
         names, on = self._names, self._on
         if not names:
             self._smoother.clear()
@@ -151,15 +151,15 @@ class Observation:
             obstacles,
         )
         for shift in shifts:
-            self._set_aside(columns, shift, route_lane, int(direction[shift.number]))
+            self._shift(columns, shift, route_lane, int(direction[shift.number]))
         columns[3] -= _TURN * np.round(columns[3] / _TURN)
         frame = VehicleFrame(names, self._kinds, route_lane, columns)
         return frame if ego is None else frame.near(ego.x, ego.y, self._range)
 
-    def _set_aside(
+    def _shift(
         self, columns: FloatArray, shift: Shift, route_lane: IntArray, direction: int
     ) -> None:
-        """Shows a vehicle beside its lane's centre, its box pointing where it moves."""
+        """Moves a vehicle off its lane's center, its box pointing in the direction of motion."""
         k = shift.number
         heading, speed = float(columns[3, k]), float(columns[_SPEED, k])
         forward = max(speed, TIGHT_TURN)
@@ -174,10 +174,8 @@ class Observation:
             station, offset = float(columns[_STATION, k]), float(columns[_OFFSET, k])
             route_lane[k] = self._route.lane_at(station, offset)
 
-    # Which vehicles ----------------------------------------------------------------------------
-
-    def _who(self, ego: EgoState | None) -> bool:
-        """Finds who is there on which lane; whether they are the same vehicles as last time."""
+    def _find_vehicles(self, ego: EgoState | None) -> bool:
+        """Finds the vehicles and their lanes; returns whether they are those of the last time."""
         count = self._api.vehicle.getIDCount()
         view = [] if ego is None else self._lanes_in_view(ego.x, ego.y)
         if view and LANE_COST * len(view) <= count:
@@ -217,7 +215,7 @@ class Observation:
         return self._view
 
     def _note(self, names: list[str], on: list[str]) -> None:
-        """Looks up what each vehicle is and where it came from, where that is not as before."""
+        """Updates sizes, kinds and lanes of the vehicles if they differ from the last time."""
         if names == self._names and on == self._on:
             return
         if names != self._names:

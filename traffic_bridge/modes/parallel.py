@@ -1,11 +1,11 @@
-"""Many traffic simulations at once: each in a process of its own, because libsumo holds only one.
+"""Several traffic simulations at once, each in its own process, because libsumo holds only one.
 
     with TrafficWorlds([WorldSpec(route, config, seed=k) for k in range(8)]) as worlds:
         frames = worlds.reset(egos)
-        frames = worlds.step(egos)      # all 0.1 s on, at the same time
+        frames = worlds.step(egos)      # all of them, 0.1 s on, in parallel
 
-A world gives bit for bit what the same mode gives in this process. The processes are started anew
-("spawn"), so a script that makes worlds needs the usual `if __name__ == "__main__":`.
+The results are bit-identical to those of the same mode in this process. The processes are spawned,
+so a script that makes worlds needs the usual `if __name__ == "__main__":`.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from traffic_bridge.modes.world_process import END_TIME, Failure, WorldProcess, 
 
 MODES: dict[str, type[PureSim]] = {"InterSim": InterSim, "PureSim": PureSim}
 START_TIME = 120.0  # [s] for a process to import what it needs
-INTERRUPTED = "was ended by an interrupt; reset it to start it anew"
+INTERRUPTED = "was ended by an interrupt; reset it to start it again"
 
 
 @dataclass(frozen=True)
 class WorldSpec:
-    """One world: where, what traffic, which seed.
+    """Settings of one traffic simulation of `TrafficWorlds`.
 
     Attributes:
       route: the ego's road.
       config: settings of the traffic.
-      seed: of everything random, 0 to 2^31 - 1; `TrafficWorlds.reset` may give another.
+      seed: of all random numbers, 0 to 2^31 - 1; `TrafficWorlds.reset` may change it.
       mode: "InterSim" or "PureSim".
 
     Raises:
@@ -49,7 +49,7 @@ class WorldSpec:
     mode: str = "InterSim"
 
     def __post_init__(self) -> None:
-        """Checks what a process would find out late."""
+        """Checks the values before a process is started."""
         if not isinstance(self.mode, str) or self.mode not in MODES:
             raise InputError(f"mode {shown(self.mode)} of a world: allowed are {', '.join(MODES)}")
         if not isinstance(self.config, TrafficConfig):
@@ -57,23 +57,23 @@ class WorldSpec:
         object.__setattr__(self, "seed", self().seed)
 
     def __call__(self) -> PureSim:
-        """The simulation, not begun yet."""
+        """Makes the simulation; it is not reset yet."""
         return MODES[self.mode](self.route, self.config, self.seed)
 
 
 class TrafficWorlds(Closing):
-    """N traffic simulations side by side, stepped together.
+    """N traffic simulations in parallel, stepped together.
 
-    Every method waits for all the worlds that it asks. When one of them fails, the others have done
-    what was asked; the first failure is raised with the number of its world. A failed world is
-    used again after a reset, also when its process had died.
+    Every method waits for all worlds that it asks. If one of them fails, the others complete the
+    request; the first failure is raised with the number of its world. A failed world can be used
+    again after a reset, also if its process has died.
 
     Args:
-      specs: one a world.
-      timeout: a world that gives no answer for so long is taken for hung and ended [s].
+      specs: one for each world.
+      timeout: a world without an answer for this time is ended [s].
 
     Attributes:
-      specs: one a world, with the seeds now in use.
+      specs: one for each world, with the present seeds.
       timeout: as given.
 
     Raises:
@@ -91,7 +91,7 @@ class TrafficWorlds(Closing):
         self._worlds: list[WorldProcess] = []
         self._stepping: tuple[int, ...] | None = None
         try:
-            # All are started before the first is waited for: they import side by side.
+            # All processes are started before waiting for the first, so they import in parallel.
             self._worlds += (WorldProcess(spec) for spec in self.specs)
             self._begin()
         except BaseException:
@@ -113,7 +113,7 @@ class TrafficWorlds(Closing):
 
     @property
     def pids(self) -> tuple[int | None, ...]:
-        """Numbers of the processes; None for one that has ended."""
+        """Process ids; None for one that has ended."""
         return tuple(world.pid for world in self._worlds)
 
     def reset(
@@ -122,19 +122,19 @@ class TrafficWorlds(Closing):
         seeds: Sequence[int] | None = None,
         worlds: Sequence[int] | None = None,
     ) -> tuple[VehicleFrame, ...]:
-        """Begins anew, in all worlds or in some.
+        """Resets all worlds, or some.
 
         Args:
-          egos: where the truck stands, one an asked world; None for the mode's own beginning.
-          seeds: one an asked world, kept until another is given; None for those they have.
-          worlds: numbers of the worlds to reset; None for all.
+          egos: the truck in each of these worlds; None: the mode's own start.
+          seeds: one for each of these worlds, kept for later resets; None: the present ones.
+          worlds: numbers of the worlds to reset; None: all.
 
         Returns:
           The vehicles at time zero, in the order of `worlds`.
 
         Raises:
-          InputError: numbers, egos or seeds do not fit; nothing has been reset then.
-          TrafficError, MapError: as of the mode's reset, with the world's number.
+          InputError: numbers, egos or seeds do not fit; then no world is reset.
+          TrafficError, MapError: of the mode's reset, with the world's number.
         """
         asked = self._asked(worlds)
         given_egos = self._egos(egos, asked)
@@ -155,17 +155,17 @@ class TrafficWorlds(Closing):
     def step(
         self, egos: Sequence[EgoState | None] | None = None, worlds: Sequence[int] | None = None
     ) -> tuple[VehicleFrame, ...]:
-        """Advances all worlds, or some, by one step at the same time.
+        """Advances all worlds, or some, by one step in parallel.
 
         Args:
-          egos: the truck at the end of the step, one an asked world.
-          worlds: numbers of the worlds to step; None for all.
+          egos: the truck at the end of the step in each of these worlds.
+          worlds: numbers of the worlds to step; None: all.
 
         Returns:
           The vehicles at the end of the step, in the order of `worlds`.
 
         Raises:
-          InputError, TrafficError: as of the mode's step, with the world's number.
+          InputError, TrafficError: of the mode's step, with the world's number.
         """
         self.send_step(egos, worlds)
         return self.receive_step()
@@ -173,7 +173,7 @@ class TrafficWorlds(Closing):
     def send_step(
         self, egos: Sequence[EgoState | None] | None = None, worlds: Sequence[int] | None = None
     ) -> None:
-        """The first half of `step`: the worlds begin to work, and the caller may do so, too."""
+        """The first half of `step`: starts the step and returns at once."""
         asked = self._asked(worlds)
         messages = [
             message_of(("step", ego), f"ego of world {k}")
@@ -186,7 +186,7 @@ class TrafficWorlds(Closing):
         """The second half of `step`: waits for the vehicles.
 
         Raises:
-          TrafficError: no step was begun, or a world failed.
+          TrafficError: no step was started, or a world failed.
         """
         asked, self._stepping = self._stepping, None
         if asked is None:
@@ -196,23 +196,23 @@ class TrafficWorlds(Closing):
     def call(
         self, path: str, *arguments: Any, worlds: Sequence[int] | None = None, **options: Any
     ) -> tuple[Any, ...]:
-        """Calls a method of the simulations, or reads a value of them.
+        """Calls a method of the simulations, or reads a value.
 
         `worlds.call("vehicles.change", "truck", time_headway=3.0)`, `worlds.call("time")`.
 
         Args:
           path: public name in `PureSim`, with dots.
           *arguments: of the method.
-          worlds: numbers of the worlds to ask; None for all.
+          worlds: numbers of the worlds to ask; None: all.
           **options: of the method.
 
         Returns:
-          The answers, in the order of `worlds`; None for a function, which stays in its process.
+          The results, in the order of `worlds`; None for a function, which stays in its process.
 
         Raises:
           InputError: there is no such name, the method refuses its arguments, or they cannot be
-            handed to another process (functions of a script, open files); no world is asked then.
-          TrafficError: the simulation fails, or the answer cannot leave its process.
+            sent to another process (functions of a script, open files); then no world is asked.
+          TrafficError: the simulation fails, or the result cannot be sent back.
         """
         asked = self._asked(worlds)
         if not isinstance(path, str):
@@ -258,20 +258,20 @@ class TrafficWorlds(Closing):
         return given
 
     def _revive(self, dead: Sequence[int]) -> None:
-        """Starts the processes of worlds anew that have ended."""
+        """Starts the ended processes of worlds again."""
         try:
             for k in dead:
                 self._worlds[k].end()
                 self._worlds[k] = WorldProcess(self.specs[k])
         except BaseException:
-            # Nobody would hear those say that they are ready.
+            # Their ready messages would not be received.
             for k in dead:
-                self._worlds[k].end("was not started; reset it to start it anew")
+                self._worlds[k].end("was not started; reset it to start it again")
             raise
         self._collect(dead, START_TIME)
 
     def _send(self, asked: Sequence[int], messages: Sequence[bytes]) -> None:
-        """Asks all or none: who was asked before an interrupt is ended, its answer unheard."""
+        """Sends the messages; after an interrupt, ends the worlds that already got theirs."""
         begun: list[int] = []
         try:
             for k, message in zip(asked, messages, strict=True):
@@ -283,7 +283,7 @@ class TrafficWorlds(Closing):
             raise
 
     def _collect(self, asked: Sequence[int], timeout: float) -> tuple[Any, ...]:
-        """One answer of each asked world, in order; the first failure is raised at the end."""
+        """One answer of each world, in order; raises the first failure at the end."""
         answers: list[Any] = []
         first: Error | None = None
         try:
@@ -293,7 +293,7 @@ class TrafficWorlds(Closing):
                     first = answer.raised_by(k)
                 answers.append(answer)
         except BaseException:
-            # Interrupted: an answer that is still on its way would be taken for that to come.
+            # After an interrupt, an old answer would be mistaken for the next one.
             for k in asked[len(answers) :]:
                 self._worlds[k].end(INTERRUPTED)
             raise
@@ -313,24 +313,20 @@ def _one_a_world(what: str, given: Any, asked: tuple[int, ...]) -> tuple[Any, ..
     return entries
 
 
-# --- One traffic simulation in a process of its own, for programs that have several at once ---
-# A script that makes one does so under `if __name__ == "__main__":`, see `TrafficWorlds`.
-
-
 class SeparateTraffic(Mode):
-    """`InterSim` or `PureSim` elsewhere: bit for bit the same vehicles.
+    """`InterSim` or `PureSim` in a process of its own, with bit-identical vehicles.
 
     Lights and signs stay in the other process, so it is for roads without lights and for traffic
-    without events.
+    without events. Scripts need `if __name__ == "__main__":`, see `TrafficWorlds`.
 
     Args:
       route: the ego's road.
       config: settings.
-      seed: of everything random.
+      seed: of all random numbers.
       mode: "InterSim" or "PureSim".
 
     Raises:
-      InputError: as of `WorldSpec`; the traffic has events or, at the reset, the road has lights.
+      InputError: see `WorldSpec`; or the traffic has events or, at the reset, the road has lights.
     """
 
     def __init__(
@@ -347,12 +343,12 @@ class SeparateTraffic(Mode):
         """Traffic time since the reset [s].
 
         Raises:
-          TrafficError: it was not begun.
+          TrafficError: it was not reset yet.
         """
         return float(self._running.call("time")[0])
 
     def reset(self, ego: EgoState | None = None) -> VehicleFrame:
-        """Begins anew; see the mode's `reset`."""
+        """Starts again; see the mode's `reset`."""
         if self._worlds is None:
             self._worlds = TrafficWorlds([self._spec])
         vehicles = self._worlds.reset([ego])[0]

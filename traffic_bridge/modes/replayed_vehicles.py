@@ -1,4 +1,4 @@
-"""Replayed vehicles as replayed of a running SUMO, for the traffic there to mind."""
+"""Puts replayed vehicles into a running SUMO, whose traffic reacts to them."""
 
 from __future__ import annotations
 
@@ -14,16 +14,15 @@ from traffic_bridge.session import Session
 # Names in SUMO: of a replayed vehicle, and the ending of its second one in another lane.
 PREFIX = "replayed."
 OVERLAP_SUFFIX = ".overlap"
-CENTERED = 0.25  # [m] from its lane's centre: nobody there reaches into another one so far
-# Time before a recorded lane change from which a vehicle claims the lane it goes to, as one that
-# indicates [s].
+CENTERED = 0.25  # [m] from its lane's center: such a vehicle reaches into no other lane
+# [s] before a recorded lane change at which a vehicle occupies its target lane, as if it indicated.
 INDICATED = 3.0
 
 _COLUMNS = ("x", "y", "yaw", "speed", "station", "offset", "length", "width")
 
 
 class _Place(NamedTuple):
-    """Where a guest is after the coming step: lane and the figures named by `_COLUMNS`."""
+    """A vehicle after the coming step: its lane and the values named by `_COLUMNS`."""
 
     lane: int
     x: float
@@ -37,20 +36,20 @@ class _Place(NamedTuple):
 
     @property
     def front(self) -> float:
-        """Station of the front bumper, which SUMO goes by [m]."""
+        """Station of the front bumper, which SUMO uses [m]."""
         return self.station + 0.5 * self.length
 
 
 class ReplayedVehicles:
-    """Keeps replayed vehicles in SUMO where they are recorded.
+    """Moves replayed vehicles in SUMO to their recorded places.
 
-    One that reaches into a second lane stands in both, and does so already before it changes lanes.
+    A vehicle that reaches into a second lane, or soon changes to it, occupies both.
 
     Args:
       session: the running SUMO.
       lanes: of the route.
       route: the ego's road.
-      replay: who is where.
+      replay: the recorded vehicles.
       step: length of a step [s].
     """
 
@@ -67,11 +66,11 @@ class ReplayedVehicles:
         self._route = route
         self._replay = replay
         self._step = step
-        self._overlap = LaneOverlap(session, lanes, route)
+        self._overlap = LaneOverlap(lanes, route)
         self._teleported: dict[str, TeleportedVehicle] = {}
 
     def place(self, time: float) -> None:
-        """Has everybody at the place of a time [s] after the coming step; who is gone, leaves."""
+        """Moves all vehicles to their places at a time [s], the end of the coming step."""
         wanted = self._wanted(time)
         with self._session.guard("placing the replayed vehicles"):
             for name in sorted(self._teleported.keys() - wanted.keys()):
@@ -85,7 +84,7 @@ class ReplayedVehicles:
                 self._put(self._teleported[name], place)
 
     def _wanted(self, time: float) -> dict[str, _Place]:
-        """Who stands where, by the name in SUMO."""
+        """The places of the vehicles by their names in SUMO."""
         frame = self._replay.at(time)
         soon = self._replay.at(min(time + INDICATED, self._replay.duration))
         ahead = dict(zip(soon.ids, soon.lanes.tolist(), strict=True))
@@ -105,7 +104,7 @@ class ReplayedVehicles:
         return wanted
 
     def _second_lane(self, place: _Place, goal: int) -> int:
-        """The other lane that a vehicle reaches into or is about to go to, -1 for none."""
+        """The other lane that a vehicle reaches into or soon changes to, -1 for none."""
         if abs(goal - place.lane) == 1 and goal >= 0 and self._overlap.table(goal, place.front):
             return goal
         table = self._overlap.table(place.lane, place.front)
@@ -127,5 +126,5 @@ class ReplayedVehicles:
 
 
 def _side(table: LaneTable, place: _Place) -> float:
-    """Distance of a place from a lane's centre, positive to the left [m]."""
+    """Distance of a vehicle from a lane's center, positive to the left [m]."""
     return place.offset - table.at(table.position_of(place.front))[1]

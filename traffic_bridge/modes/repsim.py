@@ -1,4 +1,4 @@
-"""RepSim: recorded vehicles drive again exactly as they did, without SUMO."""
+"""RepSim replays recorded vehicles without SUMO; MixedSim adds SUMO's traffic around them."""
 
 from __future__ import annotations
 
@@ -17,26 +17,27 @@ from traffic_bridge.modes.replayed_vehicles import OVERLAP_SUFFIX, PREFIX, Repla
 from traffic_bridge.modes.resim import check_map
 from traffic_bridge.modes.sumo_modes import Mode, PureSim
 from traffic_bridge.modes.sumo_traffic import SumoTraffic
-from traffic_bridge.recording.recording import COLUMNS, Recording
+from traffic_bridge.recording.recording import Recording
 from traffic_bridge.recording.replay import InterpolatedRecording
+from traffic_bridge.recording.rows import COLUMNS
 
 
 class RepSim(Mode):
-    """Replays recorded vehicles exactly, whatever the truck does, without SUMO.
+    """Replays recorded vehicles exactly, independent of the truck, without SUMO.
 
     Args:
       route: the ego's road.
       recording: file written by `Recorder.save`, or the recording itself.
-      view_range: report only vehicles within this distance of the ego [m].
+      view_range: only vehicles within this distance of the ego are returned [m].
       step_length: time of a step [s].
-      other_map: allow a recording that was made on another map, as when only the road's furniture
-        has changed: vehicles are then where they were, wherever the road is.
+      other_map: allow a recording of another map, for instance of one with changed signs: vehicles
+        keep their recorded poses, wherever the road is.
 
     Attributes:
       replay: the recording as a function of time.
 
     Raises:
-      InputError: the file or an argument cannot be used, or the map is another one.
+      InputError: the file or an argument cannot be used, or the map differs.
     """
 
     def __init__(
@@ -81,7 +82,7 @@ class RepSim(Mode):
         return self.at(0.0, ego)
 
     def step(self, ego: EgoState | None = None) -> VehicleFrame:
-        """Advances one step; after the end of the recording there are no vehicles."""
+        """Advances one step; after the end of the recording the frames are empty."""
         self._steps += 1
         return self.at(self.time, ego)
 
@@ -94,7 +95,7 @@ class RepSim(Mode):
 
         Args:
           time: since the recording's beginning [s].
-          ego: when given, only vehicles within the view range of it are returned.
+          ego: if given, only vehicles within the view range are returned.
 
         Raises:
           InputError: the time is not finite.
@@ -106,12 +107,7 @@ class RepSim(Mode):
 
 
 def on_road(recording: Recording, route: Route) -> Recording:
-    """A recording with the road's slopes under its vehicles, which version 1 did not store.
-
-    Args:
-      recording: with stations and offsets on the route.
-      route: the ego's road.
-    """
+    """A recording of version 1 with pitch and roll added from the road's slopes."""
     place = {name: k for k, name in enumerate(COLUMNS)}
     columns = np.array(recording.columns)
     point = route.evaluate(columns[place["station"]], columns[place["offset"]])
@@ -125,17 +121,15 @@ def on_road(recording: Recording, route: Route) -> Recording:
     return dataclasses.replace(recording, columns=columns)
 
 
-# --- MixedSim: recorded vehicles drive as recorded; SUMO's traffic reacts to them and the truck ---
-
-LIVE = "live."
+LIVE = "live."  # prefix of the names of SUMO's vehicles
 
 
 class MixedSim(PureSim):
-    """Replayed vehicles and, around them, SUMO's traffic that brakes for and overtakes them.
+    """Replayed vehicles and SUMO's traffic, which brakes for and overtakes them.
 
-    The replayed vehicles have their recorded names and are exactly where they were, whatever
-    happens; SUMO's have names that begin with "live.". A replayed vehicle yields to nobody: it can
-    drive into one of SUMO's that is slower, or that has stopped on its way (see `conflicts`).
+    The replayed vehicles have their recorded names and poses. The names of SUMO's vehicles begin
+    with "live.". A replayed vehicle does not react: it can drive into a slower or stopped vehicle
+    of SUMO (see `conflicts`).
 
     Args:
       route: the ego's road.
@@ -163,7 +157,7 @@ class MixedSim(PureSim):
         super().__init__(route, config, seed)
         self.replay = RepSim(route, recording, other_map=other_map).replay
         recorded = self.replay.recording.ids
-        # A recording of such a mixture has these names already.
+        # A recording of a MixedSim has names with this prefix already.
         self._prefix = LIVE
         while any(name.startswith(self._prefix) for name in recorded):
             self._prefix += LIVE
@@ -171,19 +165,19 @@ class MixedSim(PureSim):
 
     @property
     def duration(self) -> float:
-        """Length of the recording [s]; afterwards SUMO's traffic goes on alone."""
+        """Length of the recording [s]; afterwards only SUMO's traffic remains."""
         return self.replay.duration
 
     @property
     def conflicts(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of a replayed and a SUMO vehicle that touched since the reset, as SUMO sees it.
+        """Pairs of a replayed and a SUMO vehicle that collided since the reset, as SUMO defines it.
 
-        SUMO counts who is nearer to the one ahead than the gap it keeps at standstill.
+        SUMO counts vehicles that are nearer to the leader than their minimum gap.
         """
         return tuple(sorted(self._conflicts))
 
     def reset(self, ego: EgoState | None = None) -> VehicleFrame:
-        """Starts SUMO anew around the replayed vehicles; see `PureSim.reset`."""
+        """Starts SUMO again around the replayed vehicles; see `PureSim.reset`."""
         self._conflicts = set()
         return self._with_replayed(super().reset(ego), ego)
 

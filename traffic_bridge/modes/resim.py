@@ -1,4 +1,4 @@
-"""ReSim: runs a recorded traffic again from its settings, its seed and the truck's log."""
+"""ReSim: runs a recorded traffic again from its settings, seed and recorded truck states."""
 
 from __future__ import annotations
 
@@ -15,17 +15,14 @@ from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.modes.sumo_modes import InterSim, Mode, PureSim
 from traffic_bridge.network.nets import build_network
 from traffic_bridge.recording.provenance import demand_same, net_hash, versions
-from traffic_bridge.recording.recording import COLUMNS, PoseDigest, Recording
+from traffic_bridge.recording.recording import PoseDigest, Recording
+from traffic_bridge.recording.rows import COLUMNS
 
 MODES: dict[str, type[PureSim]] = {"PureSim": PureSim, "InterSim": InterSim}
 
 
 def check_map(recording: Recording, name: str, route: Route) -> None:
-    """Refuses another map than that of the recording.
-
-    Raises:
-      InputError: names both.
-    """
+    """Raises InputError if a recording was made on another map; the message names both."""
     then, now = str(recording.meta.get("map_hash")), route.road_map.content_hash
     if then != now:
         raise InputError(
@@ -35,11 +32,11 @@ def check_map(recording: Recording, name: str, route: Route) -> None:
 
 
 def traffic_of(recording: Recording, name: str, route: Route) -> PureSim:
-    """The traffic that a recording was made of, ready for a reset.
+    """The traffic of a recording, ready for a reset.
 
     Args:
       recording: with the settings.
-      name: how messages call it.
+      name: of the recording in messages.
       route: the ego's road.
 
     Raises:
@@ -66,11 +63,7 @@ def traffic_of(recording: Recording, name: str, route: Route) -> PureSim:
 
 
 def config_of(recording: Recording, name: str) -> TrafficConfig:
-    """The settings of the traffic that a recording was made of.
-
-    Raises:
-      InputError: there are none, or they are not usable; begins with the recording's name.
-    """
+    """The traffic settings of a recording; InputError if they are missing or not usable."""
     config = recording.meta.get("config")
     if not isinstance(config, dict):
         raise InputError(f"{name}: has no settings")
@@ -85,7 +78,7 @@ def _texts(values: Any) -> dict[str, str]:
 
 
 def difference(recorded: VehicleFrame, found: VehicleFrame) -> str:
-    """What is not alike in two frames, in words; "" where every bit is."""
+    """The first difference between two frames, in words; "" if they are bit-identical."""
     if recorded.ids != found.ids:
         who = sorted(set(recorded.ids) ^ set(found.ids))[0]
         return f"vehicle {who!r} is {'missing' if who in recorded.ids else 'there in addition'}"
@@ -103,15 +96,15 @@ def difference(recorded: VehicleFrame, found: VehicleFrame) -> str:
 
 
 class ReSim(Mode):
-    """Runs a recorded simulation again from its configuration, its seed and the truck's log.
+    """Runs a recorded simulation again from its settings, seed and recorded truck states.
 
     Args:
-      route: the same road as then.
+      route: the same road as in the recording.
       path: file written by `Recorder.save`, or the recording itself.
-      config: expected settings; None takes those of the file.
+      config: expected settings; None: those of the file.
 
     Attributes:
-      recording: of then; config: its settings.
+      recording: the given one; config: its settings.
 
     Raises:
       InputError: the file cannot be used, or was made with another map, version or option; the
@@ -144,17 +137,17 @@ class ReSim(Mode):
         return len(self.recording)
 
     def reset(self, ego: EgoState | None = None) -> VehicleFrame:  # noqa: ARG002
-        """Begins the re-run. The truck's state comes from the log, not from the argument."""
+        """Starts the re-run. The truck's state comes from the recording, not the argument."""
         self._digest = PoseDigest()
         self._frame = 0
         self._apart = ""
         return self._note(self._traffic.reset(self.recording.ego_at(0)))
 
     def step(self, ego: EgoState | None = None) -> VehicleFrame:  # noqa: ARG002
-        """Re-runs the next step. The truck's state comes from the log, not from the argument.
+        """Re-runs the next step. The truck's state comes from the recording, not the argument.
 
         Raises:
-          TrafficError: the log has ended.
+          TrafficError: the recording has ended.
         """
         if self._frame >= len(self):
             raise TrafficError(f"the recording ends after {len(self) - 1} steps")
@@ -172,13 +165,13 @@ class ReSim(Mode):
         return frame
 
     def verify(self) -> str:
-        """Runs to the end from where it is and compares the poses with the recorded ones.
+        """Runs on to the end and compares the poses with the recorded ones.
 
         Returns:
           The hash of all poses.
 
         Raises:
-          TrafficError: they are not bit-identical; says where first.
+          TrafficError: they are not bit-identical; names the first difference.
         """
         if self._frame == 0:
             self.reset()

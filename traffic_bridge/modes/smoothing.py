@@ -1,12 +1,12 @@
-"""Turns SUMO's instant lane changes into sideways motion, by quintic polynomials.
+"""Turns SUMO's instantaneous lane changes into lateral motion by quintic polynomials.
 
-SUMO puts a vehicle into the next lane within one step. The difference between where SUMO has it
-and where it is shown (the residual) starts as minus the jump and goes to zero with zero speed and
+SUMO moves a vehicle to the next lane within one step. The difference between SUMO's position and
+the shown one (the residual) starts as minus the jump and goes to zero with zero speed and
 acceleration at both ends, as drivers do in 3-4 s (Toledo and Zohar, "Modeling duration of lane
 changes", Transportation Research Record 1999, 2007, find a mean of 4.6 s, 1 to 13 s).
-The motion is hastened where the vehicle would otherwise touch another one that SUMO, which has it
-in the new lane already, lets it pass; where haste is not enough, as for who swings out from behind
-a standing truck, the vehicle is held back until it is clear of the other.
+The motion is faster if the vehicle would otherwise touch another one that SUMO lets it pass because
+it is in the new lane already. If that is not enough, as behind a standing truck, the vehicle is
+slowed down until it is clear of the other one.
 """
 
 from __future__ import annotations
@@ -21,13 +21,23 @@ from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
 
-# --- One lane change as it is shown: a quintic in its own time, slower where the vehicle is slow
+Rows = Sequence[FloatArray]
 
-SLOW = 5.0  # [m/s] below which a lane change takes longer, in proportion: nobody slides sideways
+SLOW = 5.0  # [m/s] below which a lane change takes longer, in proportion
 URGENT_PACE = 0.5
 PACE_RATE = 1.0  # [1/s]
-# Nobody goes sideways faster than this and the speed forward times that.
+# The lateral speed is at most SIDE_SPEED [m/s] plus STEEPEST times the forward speed.
 SIDE_SPEED, STEEPEST = 0.5, 0.7
+JUMP = 0.3  # [m] in one step: more than a lane's taper or a map's seam moves a vehicle
+SHORTEST = 1.0  # [s]
+SIDE_MARGIN = 0.3  # [m]
+HELD_GAP = 0.7  # [m] kept to a standing vehicle ahead during the change
+TAIL_GAP = 2.0  # [m] kept behind a vehicle that changes lanes
+HELD_SPEED = 1.5  # [m/s]: a vehicle slower than its limit by more than this is not limited
+CREEP = 0.3  # [m/s], the lowest limit, so that a vehicle does not wait for ever
+# Vehicles matter to a change within these distances between centers, along and across [m].
+REACH, SIDEWAYS = 100.0, 3.2
+CLEARED_BY = 0.62  # fraction of the change after which the old lane is free (quintic: 3/4 done)
 
 
 def quintic(
@@ -57,9 +67,9 @@ def quintic(
 
 @dataclass
 class SidewaysMotion:
-    """A residual on its way to zero: polynomial, its age and its duration in its own time [s].
+    """A residual on its way to zero: polynomial, age and duration in its own time [s].
 
-    `pace` is how fast that time goes now.
+    `pace` is the rate of its own time, 0 to 1.
     """
 
     coefficients: tuple[float, float, float, float, float, float]
@@ -67,11 +77,11 @@ class SidewaysMotion:
     age: float = 0.0
     pace: float | None = None
 
-    def go_on(self, dt: float, speed: float, urgent: bool) -> float:
-        """Ages the change by a step; how fast its own time goes, 0 to 1.
+    def advance(self, dt: float, speed: float, urgent: bool) -> float:
+        """Advances the change by a step and returns its pace, 0 to 1.
 
-        Slow vehicles change slowly; who stands in somebody's way goes on, however slowly it drives.
-        The pace itself is continuous, and nobody slides much faster sideways than it drives.
+        Slow vehicles change lanes slowly, but an urgent change continues at any speed. The pace is
+        continuous, and the lateral speed is limited by the forward speed.
         """
         wanted = max(min(1.0, speed / SLOW), URGENT_PACE if urgent else 0.0)
         if self.pace is None:
@@ -85,7 +95,7 @@ class SidewaysMotion:
         return self.pace
 
     def state(self) -> tuple[float, float, float]:
-        """Residual and its first two derivatives by the change's own time [m], [m/s], [m/s2]."""
+        """Residual and its first two derivatives in its own time [m], [m/s], [m/s2]."""
         c0, c1, c2, c3, c4, c5 = self.coefficients
         t = self.age
         return (
@@ -95,24 +105,8 @@ class SidewaysMotion:
         )
 
 
-# --- Turns SUMO's instant lane changes into sideways motion, by quintic polynomials ---
-
-Rows = Sequence[FloatArray]
-
-JUMP = 0.3  # [m] in one step: more than any lane's taper or a map's seam moves a vehicle
-SHORTEST = 1.0  # [s]
-SIDE_MARGIN = 0.3  # [m]
-HELD_GAP = 0.7  # [m] kept to who stands before a vehicle that swings out
-TAIL_GAP = 2.0  # [m] kept behind who swings out
-HELD_SPEED = 1.5  # [m/s]: who is slower than it may be by more than this is not held
-CREEP = 0.3  # [m/s]: nobody who swings out is held for ever
-# Within these distances between centres a vehicle of another lane can matter to a change [m].
-REACH, SIDEWAYS = 100.0, 3.2
-CLEARED_BY = 0.62  # fraction of the change after which the old lane is free (quintic: 3/4 done)
-
-
 class Shift(NamedTuple):
-    """A vehicle beside its lane's centre: offset, lateral speed and acceleration, left positive.
+    """Distance of a vehicle from its lane's center and its derivatives, left positive.
 
     Attributes:
       number: of the vehicle in the arrays.
@@ -126,9 +120,9 @@ class Shift(NamedTuple):
 
 
 class Box(NamedTuple):
-    """Something on the route: station and offset of its centre [m], speed [m/s], size [m].
+    """A box on the route: station and offset of its center [m], speed [m/s], size [m].
 
-    The number is the vehicle's, -1 for what is none.
+    `number` is the vehicle's index, -1 for an obstacle.
     """
 
     station: float
@@ -140,17 +134,16 @@ class Box(NamedTuple):
 
 
 class LateralSmoother:
-    """Keeps the vehicles' sideways motion continuous, whatever road they are on.
+    """Keeps the vehicles' lateral motion continuous, on and off the route.
 
-    A lane change is where a lane's centre under the vehicle leaps sideways, against the way the
-    vehicle went along the mean of its two headings.
+    A lane change is a lateral jump of the lane's center under the vehicle, measured across the mean
+    of its headings before and after.
 
     Args:
       duration: of a lane change at speed [s]; 0 turns the smoothing off.
 
     Attributes:
-      held: speed that a vehicle must not exceed until the one before it in its old lane is passed
-        without touching [m/s], by name.
+      held: speed limit of vehicles so that none touches another during a change [m/s], by name.
     """
 
     def __init__(self, duration: float) -> None:
@@ -181,22 +174,22 @@ class LateralSmoother:
         dt: float,
         obstacles: Sequence[Box] = (),
     ) -> list[Shift]:
-        """How far beside their lane's centre vehicles are shown after a step.
+        """Distances at which vehicles are shown from their lanes' centers after a step.
 
         Args:
-          names: of the n vehicles; vehicles that are not named are forgotten.
-          lane: a number of the lane that each is on, shape (n,); within one lane nobody leaps.
-          pose: x, y and heading of the lanes' centres under the boxes' centres [m], [rad], each of
-            shape (n,).
+          names: of the n vehicles; all others are forgotten.
+          lane: number of each vehicle's lane, shape (n,); jumps occur only between lanes.
+          pose: x, y and heading of the lanes' centers under the vehicles' centers [m], [rad], each
+            of shape (n,).
           speed: [m/s], shape (n,).
           size: length and width, shape (2, n) or more rows [m].
-          road: station, offset of the lanes' centres on the route [m] and the direction on it (+1
+          road: station, offset of the lanes' centers on the route [m] and the direction on it (+1
             along, -1 against, 0 on another road), each of shape (n,).
           dt: since the last update [s].
-          obstacles: boxes that are none of the vehicles (the truck).
+          obstacles: other boxes (the truck).
 
         Returns:
-          Those that are beside it, by increasing number.
+          The vehicles off their lane's center, by increasing number.
         """
         if self.duration <= 0.0:
             return []
@@ -212,7 +205,7 @@ class LateralSmoother:
         self._changes = {name: c for name, c in self._changes.items() if name in place}
         shifts = []
         for name, change in list(self._changes.items()):
-            pace = change.go_on(dt, float(speed[place[name]]), name in self._urgent)
+            pace = change.advance(dt, float(speed[place[name]]), name in self._urgent)
             if change.age >= change.duration:
                 del self._changes[name]
                 continue
@@ -229,7 +222,7 @@ class LateralSmoother:
     def _jumps(
         self, names: list[str], lane: NDArray[np.intp], pose: Rows
     ) -> list[tuple[int, float]]:
-        """Vehicles whose lane's centre has leapt sideways, and how far to the left [m]."""
+        """Vehicles whose lane's center has jumped, and by how much to the left [m]."""
         if not self._names:
             return []
         if lane is self._lane:
@@ -248,8 +241,8 @@ class LateralSmoother:
         turn -= 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
         course = old_heading + 0.5 * turn
         across = (y - old_y) * np.cos(course) - (x - old_x) * np.sin(course)
-        leapt = np.abs(across) > JUMP
-        return list(zip(now[leapt].tolist(), across[leapt].tolist(), strict=True))
+        jumped = np.abs(across) > JUMP
+        return list(zip(now[jumped].tolist(), across[jumped].tolist(), strict=True))
 
     def _begin(self, name: str, jump: float) -> None:
         residual, rate, bend, pace = 0.0, 0.0, 0.0, None
@@ -261,10 +254,10 @@ class LateralSmoother:
         )
 
     def _hasten(self, name: str, shift: Shift, boxes: _Boxes) -> bool:
-        """Shortens a change so that the old lane is left before the gap there is used up.
+        """Shortens a change so that the vehicle leaves the old lane before its gap there is closed.
 
         Returns:
-          Whether that gap is nearly used up.
+          Whether that gap is nearly closed.
         """
         own, aim = boxes.box(shift.number), boxes.aim(shift.number)
         conflicts = []
@@ -279,7 +272,7 @@ class LateralSmoother:
         for other in conflicts:
             gap, sign = _gap(own, other)
             closing = -sign * (other.speed - own.speed)
-            # One metre and half a metre a second are held back for accelerations in the meantime.
+            # A reserve of 1 m and 0.5 m/s allows for accelerations in the meantime.
             least = min(least, max(gap - 1.0, 0.0) / max(closing + 0.5, 0.5))
         wanted = max(least / CLEARED_BY, SHORTEST)
         if wanted < change.duration - change.age - 0.1:
@@ -289,9 +282,9 @@ class LateralSmoother:
         return wanted <= SHORTEST or name in self.held
 
     def _hold(self, name: str, change: SidewaysMotion, own: Box, conflicts: list[Box]) -> None:
-        """Notes at which speed nobody touches: the vehicle those before it, nor those behind it.
+        """Limits the speeds of the vehicle behind others, and of others behind the vehicle.
 
-        Who is behind in the old lane stays off the tail, which swings out while the box turns.
+        A follower in the old lane keeps clear of the rear, which swings out while the box turns.
         """
         way = 1.0 if own.speed >= 0.0 else -1.0
         due = CLEARED_BY * max(change.duration - change.age, 0.1) / URGENT_PACE
@@ -307,14 +300,14 @@ class LateralSmoother:
                 self._limit(self._names[other.number], other.speed * way, own.speed * way, room)
 
     def _limit(self, name: str, speed: float, ahead: float, room: float) -> None:
-        """Holds a vehicle behind another one of a given speed, with room to close up [m/s]."""
+        """Limits a vehicle's speed to that of the one ahead plus the closing speed `room` [m/s]."""
         limit = max(max(ahead, 0.0) + room, CREEP)
         if limit < speed + HELD_SPEED:
             self.held[name] = min(limit, self.held.get(name, limit))
 
 
 class _Boxes:
-    """Who may be touched, as boxes on the route; made where they are asked for."""
+    """The vehicles and obstacles as boxes on the route, made on demand."""
 
     def __init__(
         self,
@@ -332,16 +325,16 @@ class _Boxes:
         self._obstacles = obstacles
 
     def aim(self, number: int) -> float:
-        """Offset on the route to which a vehicle goes [m]."""
+        """Offset on the route at the end of a vehicle's change [m]."""
         return float(self._aim[number])
 
     def box(self, number: int) -> Box:
-        """The box of a vehicle as it is shown."""
+        """The shown box of a vehicle."""
         station, offset, speed, length, width = (float(c[number]) for c in self._columns)
         return Box(station, offset, speed, length, width, number)
 
     def near(self, number: int) -> list[Box]:
-        """The boxes on the route within reach of a vehicle, without its own."""
+        """The boxes on the route near a vehicle, without its own."""
         within = np.abs(self._shown - self._shown[number]) < SIDEWAYS
         within &= np.abs(self._station - self._station[number]) < REACH
         within &= self._direction != 0

@@ -1,7 +1,7 @@
-"""PureSim and InterSim, and the protocol that all four of the paper's modes share.
+"""PureSim and InterSim, and the interface that all modes share.
 
-Every mode is used alike: `reset(ego)`, then `step(ego)` each 0.1 s with the truck's state at the
-time to be reached, then `close()`; each is a context manager.
+Every mode is used in the same way: `reset(ego)`, then `step(ego)` each 0.1 s with the truck's state
+at the end of the step, then `close()`; each is a context manager.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from traffic_bridge.vehicles.registry import Vehicles
 
 @runtime_checkable
 class Traffic(Protocol):
-    """What every mode offers."""
+    """The interface of every mode."""
 
     route: Route
 
@@ -35,10 +35,10 @@ class Traffic(Protocol):
         """Traffic time since the reset [s]."""
 
     def reset(self, ego: EgoState | None = None) -> VehicleFrame:
-        """Begins anew; the vehicles at time zero, sorted by name."""
+        """Starts again; returns the vehicles at time zero, sorted by name."""
 
     def step(self, ego: EgoState | None = None) -> VehicleFrame:
-        """Advances to the ego's time, one step on; the vehicles there, sorted by name."""
+        """Advances one step, to the ego's time; returns the vehicles then, sorted by name."""
 
     def close(self) -> None:
         """Ends the traffic; may be called again."""
@@ -66,12 +66,12 @@ class Mode(Closing):
 
 
 class PureSim(Mode):
-    """Traffic by itself: IDM and a lane-change model. It does not see the truck.
+    """Traffic with IDM and a lane-change model that does not react to the truck.
 
     Args:
       route: the ego's road.
       config: settings.
-      seed: one seed gives bit-identical vehicles in every run and process.
+      seed: the same seed gives bit-identical vehicles in every run and process.
 
     Raises:
       InputError: no route or configuration, or the seed is no whole number from 0 to 2^31 - 1.
@@ -101,12 +101,12 @@ class PureSim(Mode):
 
     @property
     def vehicles(self) -> Vehicles:
-        """The vehicles' types and parameters, to read and to change."""
+        """The vehicles' types and parameters, which can be changed."""
         return self._running.vehicles
 
     @property
     def signals(self) -> TrafficController:
-        """Traffic lights, speed limits and lane closures."""
+        """Traffic lights, speed limits, lane closures and events."""
         return self._running.signals
 
     def signal_controller(self) -> TrafficController | None:
@@ -115,21 +115,20 @@ class PureSim(Mode):
 
     @property
     def session(self) -> Session:
-        """The running SUMO, for what this interface does not offer."""
+        """The running SUMO, for functions that this interface does not have."""
         return self._running.session
 
     def reset(self, ego: EgoState | None = None) -> VehicleFrame:
-        """Starts SUMO anew and populates the road.
+        """Starts SUMO again and populates the road.
 
         Args:
-          ego: where the truck stands; room is left around it. None: no truck, all vehicles are
-            reported.
+          ego: the truck, with free space around it. None: no truck; all vehicles are reported.
 
         Returns:
           The vehicles at time zero, sorted by name.
 
         Raises:
-          TrafficError: SUMO refuses, or runs already in this process.
+          TrafficError: SUMO fails, or runs already in this process.
           MapError: SUMO cannot use the map.
         """
         self.close()
@@ -153,7 +152,7 @@ class PureSim(Mode):
         world = self._running
         if ego is not None:
             check_ego(ego, self.route if self.with_ego else None)
-        # Whatever ends a step early, an interrupt too, ends SUMO.
+        # Any exception in a step, also an interrupt, ends SUMO.
         with world.session.guard("advancing the traffic"):
             return world.advance(ego)
 
@@ -164,7 +163,7 @@ class PureSim(Mode):
             self._world = None
 
     def _prepare(self, world: SumoTraffic) -> None:
-        """Adds to a new world what a mode has beside the traffic."""
+        """Adds the parts of a mode to a new simulation."""
 
     @property
     def _running(self) -> SumoTraffic:
@@ -174,21 +173,21 @@ class PureSim(Mode):
 
 
 class InterSim(PureSim):
-    """Traffic that reacts to the truck: brakes for it, overtakes it, does not cut into its trailer.
+    """Traffic that reacts to the truck: brakes for it and overtakes it without cutting in.
 
     The truck is in SUMO with its true pose and the length of the whole combination. Arguments and
-    errors as of `PureSim`; `reset` without an ego puts the truck at the beginning of the route.
+    errors are those of `PureSim`; `reset` without an ego puts the truck at the route's beginning.
     """
 
     mode = "InterSim"
     with_ego = True
 
     def reset(self, ego: EgoState | None = None) -> VehicleFrame:
-        """Starts SUMO anew, with the truck on the road; see `PureSim.reset`."""
+        """Starts SUMO again, with the truck on the road; see `PureSim.reset`."""
         return super().reset(self._at_start() if ego is None else ego)
 
     def step(self, ego: EgoState | None = None) -> VehicleFrame:
-        """Advances one step with the truck where it is at the step's end; see `PureSim.step`."""
+        """Advances one step; the ego's state is that at its end; see `PureSim.step`."""
         if ego is None:
             raise InputError("InterSim.step needs the ego's state; PureSim runs without it")
         return super().step(ego)

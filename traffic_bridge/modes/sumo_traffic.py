@@ -1,4 +1,4 @@
-"""The traffic of one route in SUMO: demand, lane changes, and what is seen around the ego."""
+"""The running SUMO simulation of one route: demand, lane changes, observation."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from traffic_bridge.vehicles.demand import Demand
 from traffic_bridge.vehicles.lane_changing import LaneChanger
 from traffic_bridge.vehicles.registry import Vehicles
 
-ROLL_CALL = 50  # steps after which vehicles that SUMO gave up at an entrance are forgotten
+LOST_CHECK = 50  # steps between checks for vehicles that SUMO dropped at an entrance
 
 
 class SumoTraffic:
@@ -28,12 +28,12 @@ class SumoTraffic:
     Args:
       route: the ego's road.
       config: settings.
-      seed: of everything random.
+      seed: of all random numbers.
       with_ego: the traffic reacts to the truck.
-      lanes: of an earlier world on the same route, to save reading the net again.
+      lanes: of an earlier simulation on the same route, to save time.
 
     Attributes:
-      replayed: vehicles that are led from outside, None where there are none.
+      replayed: recorded vehicles that are put into SUMO, or None.
 
     Raises:
       MapError, TrafficError: see `build_network` and `Session`.
@@ -92,11 +92,11 @@ class SumoTraffic:
 
     @property
     def time(self) -> float:
-        """Since the beginning [s]."""
+        """Traffic time [s]."""
         return self._steps * self.config.step_length
 
     def begin(self, ego: EgoState | None) -> VehicleFrame:
-        """Populates the road around the ego and lets everybody depart; time is zero then."""
+        """Populates the road around the ego; returns the vehicles at time zero."""
         with self.session.guard("populating the road"):
             self.signals.begin(None if ego is None else ego.station)
             if self.replayed is not None:
@@ -111,10 +111,10 @@ class SumoTraffic:
             return self._observe(ego)
 
     def advance(self, ego: EgoState | None) -> VehicleFrame:
-        """One step; the ego is where it is at the step's end. Returns the vehicles, by name."""
+        """Advances one step; `ego` is its state at the end. Returns the vehicles there."""
         with self.session.guard("adding vehicles"):
             station = None if ego is None else ego.station
-            if self._steps % ROLL_CALL == 0:
+            if self._steps % LOST_CHECK == 0:
                 self.vehicles.drop_lost()
             self._demand.spawn(station)
             self.signals.step(self.time, station)
@@ -135,7 +135,7 @@ class SumoTraffic:
         frame = self._observation.read(ego, boxes)
         held = self._observation.held
         if held or self._held:
-            # Who swings out is held back until clear; SUMO's own car-following stays in force.
+            # The limits of lane changes come on top of SUMO's car-following.
             set_speed = self._api.vehicle.setSpeed
             for name in sorted(self._held - held.keys()):
                 if name in self.vehicles:

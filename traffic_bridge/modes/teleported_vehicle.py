@@ -1,4 +1,4 @@
-"""A vehicle of SUMO that somebody else drives: the truck, its shadow, a replayed vehicle."""
+"""Vehicles of SUMO that are moved from outside: the truck, its shadow, replayed vehicles."""
 
 from __future__ import annotations
 
@@ -9,44 +9,49 @@ from iits_mj.road import Route
 from traffic_bridge.network.route_lanes import LaneTable, RouteLanes
 from traffic_bridge.session import Session
 
-# --- Which lanes a vehicle reaches into beside its own: SUMO knows one lane a vehicle ---
-
-# A vehicle counts as being in a second lane as well from this overlap on [m].
-OVERLAP = 0.3
+OVERLAP = 0.3  # [m]: from this overlap on a vehicle is also in the second lane
+EGO_TYPE = "ego"  # the type of all teleported vehicles; SUMO only needs their size
+# moveToXY: 2 keeps the exact pose, 0 and 1 would move it to the lane's center.
+EXACT_POSE = 2
+FASTEST = 60.0  # [m/s]: a vehicle that moved faster was set to another place
+ROLLBACK = 0.3  # [m] that a vehicle may roll back before it is set to another place
+END = 1.0  # [m] before the end of the route: SUMO removes vehicles at the end
+MATCH_RADIUS = 30.0  # [m] in which SUMO looks for the lane; SUMO's default of 100 costs more
 
 
 class LaneOverlap:
-    """The lanes beside the one that a vehicle is in, along the route and against it.
+    """Finds the second lane that a vehicle reaches into, along the route or opposite to it.
 
     Args:
-      session: the running SUMO.
       lanes: of the route.
       route: the ego's road.
     """
 
-    def __init__(self, session: Session, lanes: RouteLanes, route: Route) -> None:
+    def __init__(self, lanes: RouteLanes, route: Route) -> None:
         self._lanes = lanes
         self._route = route
-        get_width = session.api.lane.getWidth
         open_lanes = {table.id for edge in lanes.oncoming_edges for table in lanes.of_edge(edge)}
         # First and last station, half the width [m], table.
         self._opposite = [
-            (float(table.station[-1]), float(table.station[0]), 0.5 * get_width(table.id), table)
+            (
+                *(float(table.station[-1]), float(table.station[0])),
+                *(0.5 * lanes.net.lanes[table.id].width, table),
+            )
             for table in lanes.tables.values()
             if table.direction < 0 and (table.id in open_lanes or table.edge.startswith(":"))
         ]
 
     def edges(self, width: float, offsets: Iterable[float]) -> tuple[float, float]:
-        """Offsets that the sides of a body of a width count as reaching to, left and right [m]."""
+        """Offsets of the left and right side of a vehicle, less `OVERLAP` [m]."""
         half = 0.5 * width - OVERLAP
         known = tuple(offsets)
         return max(known) + half, min(known) - half
 
     def second(self, lane: int, station: float, edges: Iterable[float]) -> int:
-        """The lane of the route other than its own that a body reaches into, -1 for none.
+        """The other lane of the route that a vehicle reaches into, -1 for none.
 
         Args:
-          lane: its own.
+          lane: its own lane.
           station: of its front bumper [m].
           edges: see `edges`.
         """
@@ -57,11 +62,11 @@ class LaneOverlap:
         return -1
 
     def table(self, lane: int, station: float) -> LaneTable | None:
-        """SUMO's lane of a lane of the route, None where there is none."""
+        """SUMO's lane of a lane of the route at a station, or None."""
         return self._lanes.covering(lane, station) or self._lanes.find(lane, station)
 
     def opposite(self, station: float, edges: Iterable[float]) -> LaneTable | None:
-        """The oncoming lane that a body reaches into, None where it does not; see `second`."""
+        """The oncoming lane that a vehicle reaches into, or None; see `second`."""
         for edge in edges if self._opposite else ():
             # Most of the time the side is in a lane of the route.
             if self._route.lane_at(station, edge) < 0 and (found := self._at(station, edge)):
@@ -77,23 +82,12 @@ class LaneOverlap:
         return None
 
 
-# --- A vehicle of SUMO that somebody else drives: the truck, its shadow, a replayed vehicle ---
-
-EGO_TYPE = "ego"  # the type of all of them; SUMO needs their size only
-# moveToXY: 2 keeps the exact pose, 0 and 1 would snap it to the lane's centre.
-EXACT_POSE = 2
-FASTEST = 60.0  # [m/s]: one that is farther away has been moved, not driven
-ROLLBACK = 0.3  # [m] that one may roll back before it is moved
-END = 1.0  # [m] before the end of the route: SUMO would let a vehicle arrive and forget it
-MATCH_RADIUS = 30.0  # [m] in which SUMO looks for its lane; SUMO's default of 100 costs more
-
-
 class TeleportedVehicle:
-    """A vehicle of SUMO that is where it is told to be.
+    """A vehicle of SUMO that is moved to a given place in every step.
 
-    SUMO's search for the place of a point of the map costs more than all else in a step, and is not
+    SUMO's search for the lane of a point costs more than everything else in a step, and is not
     exact in bends. So the vehicle is driven along its lane, at the speed that takes it to its place
-    in one step, and set over where it changes lanes. Only beside the lanes a point is searched.
+    in one step, and moved where it changes lanes. Only off the lanes SUMO searches.
 
     Args:
       session: the running SUMO.
@@ -101,7 +95,7 @@ class TeleportedVehicle:
       name: of the vehicle.
       step: length of a step [s].
       size: length and width [m]; default: those of the ego's type.
-      way: name of the SUMO route that it is on.
+      way: name of its SUMO route.
     """
 
     def __init__(
@@ -129,11 +123,11 @@ class TeleportedVehicle:
             vehicle.setWidth(name, size[1])
 
     def remove(self) -> None:
-        """Takes it out of the traffic."""
+        """Removes it from SUMO."""
         self._api.vehicle.remove(self.name)
 
     def cut(self, length: float, hidden: float) -> None:
-        """Leaves out the front part of it, which is beyond the end of the route.
+        """Shortens the vehicle by its front part that is beyond the end of the route.
 
         Args:
           length: of the whole vehicle [m].
@@ -144,7 +138,7 @@ class TeleportedVehicle:
             self._api.vehicle.setLength(self.name, length - hidden)
 
     def put(self, table: LaneTable, position: float, side: float, speed: float) -> None:
-        """Has it at a place on a lane after the coming step.
+        """Moves it to a position on a lane at the end of the coming step.
 
         Args:
           table: the lane.
@@ -155,7 +149,7 @@ class TeleportedVehicle:
         vehicle = self._api.vehicle
         here = self._get_lane(self.name)
         way = None
-        # What is cut does not advance in SUMO, but has its speed for those behind.
+        # A shortened vehicle does not advance in SUMO, but has its speed for those behind.
         if here and not self._cut:
             way = self._lanes.distance(here, self._get_position(self.name), table, position)
         if way is None or not -ROLLBACK <= way <= FASTEST * self._step:
@@ -165,7 +159,7 @@ class TeleportedVehicle:
         vehicle.setLateralLanePosition(self.name, side)
 
     def move(self, x: float, y: float, yaw: float, speed: float) -> None:
-        """Has it at a point beside the lanes after the coming step, in SUMO's coordinates."""
+        """Moves it to a point off the lanes, in SUMO's coordinates, at the end of the step."""
         angle = 90.0 - math.degrees(yaw)
         vehicle = self._api.vehicle
         vehicle.moveToXY(self.name, "", -1, x, y, angle, EXACT_POSE, MATCH_RADIUS)

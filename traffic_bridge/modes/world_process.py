@@ -1,4 +1,4 @@
-"""One traffic simulation in a process of its own: the process's side and the caller's handle."""
+"""One traffic simulation in its own process: the code of the process, and the caller's handle."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from iits_mj.core.errors import Error, InputError, TrafficError
 if TYPE_CHECKING:
     from traffic_bridge.modes.sumo_modes import PureSim
 
-# What starting a process may raise; an assertion in a daemon, which may have no children.
+# Exceptions when a process is started; AssertionError in a daemon, which may have no children.
 _NOT_STARTED = (
     OSError,
     RuntimeError,
@@ -38,12 +38,12 @@ _TERMINATED = 128 + signal.SIGTERM  # exit code, as shells have it
 
 @dataclass(frozen=True)
 class Failure:
-    """What went wrong in a world.
+    """An error in a world.
 
     Attributes:
-      kind: our exception that says it.
+      kind: class of our exception.
       text: its message.
-      trace: where in the process it came up, for errors that are not ours; else empty.
+      trace: traceback in the process, for errors that are not ours; else empty.
     """
 
     kind: type[Error]
@@ -59,11 +59,7 @@ class Failure:
 
 
 def message_of(content: tuple[Any, ...], what: str) -> bytes:
-    """A message to a world, ready to be sent.
-
-    Raises:
-      InputError: what it holds cannot be handed to another process.
-    """
+    """A message to a world as bytes; InputError if its content cannot be pickled."""
     try:
         return bytes(ForkingPickler.dumps(content))
     except Exception as error:  # pickling runs code of what is pickled
@@ -73,8 +69,8 @@ def message_of(content: tuple[Any, ...], what: str) -> bytes:
 class WorldProcess:
     """Handle of a process in which one traffic simulation runs.
 
-    The process keeps its temporary files, SUMO's too, in a folder of its own. Both sides remove it,
-    so that nothing is left when one of them is killed.
+    The process has its own folder for temporary files, also of SUMO. Both sides remove it, so that
+    nothing is left if one of them is killed.
 
     Args:
       make: makes the simulation, in the process; must be picklable.
@@ -84,7 +80,7 @@ class WorldProcess:
     """
 
     def __init__(self, make: Callable[[], PureSim]) -> None:
-        # A forked process would inherit a loaded SUMO, and threads of MuJoCo and torch half-way.
+        # A forked process would inherit a loaded SUMO, and broken threads of MuJoCo and torch.
         context = multiprocessing.get_context("spawn")
         try:
             self._folder = tempfile.mkdtemp(prefix="iits_mj_world_")
@@ -102,7 +98,7 @@ class WorldProcess:
             raise TrafficError(f"the process of a world cannot be started: {error}") from error
         finally:
             far.close()
-        self._working = True  # it says when it is ready
+        self._working = True  # until its ready message
 
     @property
     def alive(self) -> bool:
@@ -111,25 +107,25 @@ class WorldProcess:
 
     @property
     def pid(self) -> int | None:
-        """The process's number, None when it has ended."""
+        """The process id, None if it has ended."""
         return None if self._ended else self._process.pid
 
     def send(self, message: bytes) -> None:
-        """Asks the world, see `message_of`; `receive` gives the answer.
+        """Sends a message of `message_of`; `receive` returns the answer.
 
         Raises:
-          TrafficError: an answer is still to be received.
+          TrafficError: the last answer was not received yet.
         """
         if self._working:
             raise TrafficError("a step is under way: receive_step() comes first")
         self._working = True
-        # Who has died is told by the answer.
+        # `receive` reports a process that has died.
         with contextlib.suppress(OSError):
             if not self._ended:
                 self._link.send_bytes(message)
 
     def receive(self, timeout: float) -> Any:
-        """The answer, or a `Failure`; a process that does not answer in time is ended [s]."""
+        """The answer or a `Failure`; ends a process that does not answer in time [s]."""
         if self._ended:
             self._working = False
             return Failure(TrafficError, self._ended)
@@ -138,24 +134,24 @@ class WorldProcess:
                 answer = self._link.recv_bytes()
                 self._working = False
                 return _read(answer, TrafficError, "its answer")
-            self.end(f"gave no answer for {timeout:g} s and was ended; reset it to start it anew")
+            self.end(f"gave no answer for {timeout:g} s and was ended; reset it to start it again")
         except (EOFError, OSError):
             self._process.join(1.0)
-            self.end(f"its process ended by itself ({self._cause()}); reset it to start it anew")
+            self.end(f"its process ended by itself ({self._cause()}); reset it to start it again")
         return Failure(TrafficError, self._ended)
 
     def ask_to_end(self) -> None:
-        """Lets the process close SUMO and end; `end` waits for it."""
+        """Asks the process to close SUMO and end; `end` waits for it."""
         with contextlib.suppress(OSError):
             if not self._ended:
                 self._link.send_bytes(b"")
 
     def end(self, why: str = "was ended", patience: float = 0.0) -> None:
-        """Ends the process, at once or after some time to end by itself [s]."""
+        """Ends the process, at once or after `patience` seconds to end by itself."""
         if self._ended:
             return
         self._ended = why
-        self._working = False  # nobody answers
+        self._working = False
         if patience > 0.0:
             self._process.join(patience)
         if self._process.is_alive():
@@ -177,10 +173,10 @@ class WorldProcess:
 
 
 def serve(link: Connection, make: Callable[[], PureSim], folder: str) -> None:
-    """Runs in the process: answers one message after the other until told to end."""
-    # Ctrl-C reaches the whole group; the caller decides what becomes of its worlds.
+    """The code of the process: answers one message after the other until the end."""
+    # Ctrl-C reaches the whole process group; the caller decides about its worlds.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # Python ends a daemon so whose owner did not, and so does `timeout`: SUMO is closed before.
+    # Python (for daemons) and `timeout` end a process so; SUMO is closed before.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(_TERMINATED))
     tempfile.tempdir = folder
     traffic: PureSim | None = None
@@ -217,7 +213,7 @@ def _answer(link: Connection, action: Callable[[], Any]) -> None:
 
 
 def _read(message: bytes, kind: type[Error], what: str) -> Any:
-    """What was sent, or a `Failure`: what one process can write another may not know."""
+    """The content of a message, or a `Failure` if this process cannot unpickle it."""
     try:
         return pickle.loads(message)
     except Exception as error:
@@ -253,5 +249,5 @@ def _do(traffic: PureSim, message: bytes) -> Any:
     except TypeError as error:
         raise InputError(f"{path!r} is called with wrong arguments: {error}") from error
     answer = value(*args, **options)
-    # A function, such as one that takes a change back, belongs to the simulation of this process.
+    # A function, such as one that undoes a change, stays in this process.
     return None if callable(answer) else answer

@@ -1,1 +1,1 @@
-"""Map network: from a RoadMap to SUMO's net, and where its lanes lie on map and route."""
+"""The roads of a map as SUMO sees them: nets, lanes, graphs and positions."""

@@ -1,1 +1,1 @@
-"""Recordings: what a drive's traffic did, in memory and in files."""
+"""Records drives to files and replays them."""

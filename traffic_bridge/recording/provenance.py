@@ -1,4 +1,4 @@
-"""On what a traffic depends beside its settings: versions and the content of its SUMO net."""
+"""Versions and net on which a traffic depends besides its settings."""
 
 from __future__ import annotations
 
@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 
 from iits_mj.core.errors import InputError
-from traffic_bridge.recording.recording import SCHEMA
-
-# --- On what a traffic depends beside its settings: versions and the content of its SUMO net ---
+from traffic_bridge.recording.rows import SCHEMA
 
 # netconvert writes the date and its command line into comments.
 _COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
@@ -36,12 +34,12 @@ def net_hash(net: Path) -> str:
 
 
 def demand_same(found: Any, here: dict[str, str], what: str, advice: str = "") -> None:
-    """Refuses to go on where something is not as it was.
+    """Checks that stored versions are the present ones.
 
     Args:
-      found: names and versions of then, as they were stored; what is no mapping knows none.
-      here: those of now; each must be the same then.
-      what: whose they are, the beginning of the message.
+      found: the stored names and versions; anything but a mapping counts as empty.
+      here: the present ones.
+      what: beginning of the message.
       advice: end of the message.
 
     Raises:
@@ -57,6 +55,6 @@ def demand_same(found: Any, here: dict[str, str], what: str, advice: str = "") -
 
 
 def _short(version: Any) -> str:
-    """A hash by its first digits, everything else as it is."""
+    """The first digits of a hash; any other text unchanged."""
     text = str(version or "unknown")
     return text[:12] if re.fullmatch(r"[0-9a-f]{40,}", text) else text

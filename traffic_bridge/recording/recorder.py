@@ -1,4 +1,4 @@
-"""Recorder: runs a traffic and notes it, with the truck's way through it, for a file."""
+"""Recorder: runs a traffic and records it together with the truck's states and commands."""
 
 from __future__ import annotations
 
@@ -15,17 +15,28 @@ from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.modes.sumo_modes import Mode, PureSim
 from traffic_bridge.network.nets import build_network
 from traffic_bridge.recording.provenance import net_hash, versions
-from traffic_bridge.recording.recording import COLUMNS, SCHEMA, SIZE_COLUMNS, PoseDigest, Recording
-from traffic_bridge.recording.rows import COMMAND_COLUMNS, EGO_COLUMNS, command_row, ego_row
+from traffic_bridge.recording.recording import PoseDigest, Recording
+from traffic_bridge.recording.rows import (
+    COLUMNS,
+    COMMAND_COLUMNS,
+    EGO_COLUMNS,
+    SCHEMA,
+    SIZE_COLUMNS,
+    command_row,
+    ego_row,
+)
 from traffic_bridge.signals.controller import TrafficController
 
-# --- A table that grows for hours in a bounded part of the memory: full pieces go to a file ---
-
-PIECE = 1 << 20  # bytes held in memory
+PIECE = 1 << 20  # bytes of a table that are held in memory
+GROWTH = 256  # number of vehicles by which the tables of vehicles grow
+_FRAME = np.dtype([("time", "f8"), ("count", "i8"), ("ego", "f8", (len(EGO_COLUMNS),))])
+_ROW = np.dtype([("vehicle", "i4"), ("lane", "i2"), ("figures", "f8", (len(COLUMNS),))])
+_COMMAND = np.dtype([("time", "f8"), ("figures", "f8", (len(COMMAND_COLUMNS),))])
+_HASH = np.dtype([("hash", "u8")])
 
 
 class SpillTable:
-    """Rows of one record type, appended one after the other and read as one array.
+    """A growing array of one record type that keeps full pieces in a temporary file.
 
     Args:
       dtype: of a row, a structured type.
@@ -45,7 +56,7 @@ class SpillTable:
         return self._written + self._used
 
     def room(self, count: int) -> NDArray[Any]:
-        """The next `count` rows, zeroed, to be filled in place before the next call."""
+        """The next `count` rows, zeroed; the caller fills them in place before the next call."""
         if self._used + count > len(self._piece):
             self._flush()
             if count > len(self._piece):
@@ -55,21 +66,21 @@ class SpillTable:
         return rows
 
     def append(self, row: tuple[Any, ...]) -> None:
-        """Adds one row; an interrupt leaves it out or has it in whole."""
+        """Adds one row; after an interrupt it is either complete or missing."""
         if self._used == len(self._piece):
             self._flush()
         self._piece[self._used] = row
         self._used += 1
 
     def array(self) -> NDArray[Any]:
-        """All rows so far, shape (n,); those in the file are mapped, not read."""
+        """All rows, shape (n,); those in the file are memory-mapped."""
         if self._written == 0:
             return self._piece[: self._used].copy()
         self._flush()
         return np.memmap(self._file, dtype=self.dtype, mode="r", shape=(self._written,))
 
     def clear(self) -> None:
-        """Forgets all rows; arrays that were handed out stay."""
+        """Drops all rows; arrays that were returned before stay valid."""
         self._piece[:] = 0
         self._used = self._written = 0
         if self._file is not None:
@@ -92,25 +103,16 @@ class SpillTable:
         self._used = 0
 
 
-# --- Recorder: runs a traffic and notes it, with the truck's way through it, for a file ---
-
-GROWTH = 256  # vehicles for which room is made at once
-_FRAME = np.dtype([("time", "f8"), ("count", "i8"), ("ego", "f8", (len(EGO_COLUMNS),))])
-_ROW = np.dtype([("vehicle", "i4"), ("lane", "i2"), ("figures", "f8", (len(COLUMNS),))])
-_COMMAND = np.dtype([("time", "f8"), ("figures", "f8", (len(COMMAND_COLUMNS),))])
-_HASH = np.dtype([("hash", "u8")])
-
-
 class Recorder(Mode):
-    """Runs another mode and notes everything for a file.
+    """Runs another mode and records everything.
 
-    Hours take little memory: full pieces go to a temporary file.
+    Long drives need little memory: the data are kept in a temporary file.
 
     Args:
       traffic: a PureSim or InterSim.
 
     Attributes:
-      drive: of a whole drive, what its re-run needs beside the traffic; stored as it is (JSON).
+      drive: data (JSON) that the re-run of a whole drive needs besides the traffic.
     """
 
     def __init__(self, traffic: PureSim) -> None:
@@ -119,13 +121,10 @@ class Recorder(Mode):
         self.drive: dict[str, Any] | None = None
         self._net = ""
         self._tables = {
-            name: SpillTable(dtype)
-            for name, dtype in (
-                ("frame", _FRAME),
-                ("row", _ROW),
-                ("command", _COMMAND),
-                ("truck", _HASH),
-            )
+            "frame": SpillTable(_FRAME),
+            "row": SpillTable(_ROW),
+            "command": SpillTable(_COMMAND),
+            "truck": SpillTable(_HASH),
         }
         self._clear()
 
@@ -146,7 +145,7 @@ class Recorder(Mode):
         return self.traffic.time
 
     def reset(self, ego: EgoState | None = None) -> VehicleFrame:
-        """Resets the traffic and forgets what was noted before."""
+        """Resets the traffic and drops the recorded data."""
         self._clear()
         truck = ego_row(ego)
         frame = self._note(truck, self.traffic.reset(ego))
@@ -154,7 +153,7 @@ class Recorder(Mode):
         return frame
 
     def step(self, ego: EgoState | None = None) -> VehicleFrame:
-        """Steps the traffic and notes truck and vehicles."""
+        """Steps the traffic and records truck and vehicles."""
         truck = ego_row(ego)
         return self._note(truck, self.traffic.step(ego))
 
@@ -163,19 +162,19 @@ class Recorder(Mode):
         return self.traffic.signal_controller()
 
     def note_command(self, time: float, command: VehicleCommand) -> None:
-        """Notes what the truck gets.
+        """Records a command that reaches the truck.
 
         Args:
-          time: since the reset, later than that of the command before [s].
-          command: what reaches the truck.
+          time: since the reset, later than that of the last command [s].
+          command: to record.
 
         Raises:
-          InputError: a figure is not finite.
+          InputError: a value is not finite.
         """
         self._tables["command"].append((time, command_row(command)))
 
     def note_truck(self, state_hash: int) -> None:
-        """Notes the hash of the truck's physics at the last frame, below 2^64."""
+        """Records the hash of the truck's physics at the last frame, below 2^64."""
         self._tables["truck"].append((state_hash,))
 
     def _note(self, truck: tuple[float, ...], vehicles: VehicleFrame) -> VehicleFrame:
@@ -189,12 +188,12 @@ class Recorder(Mode):
         return frame
 
     def _indices(self, frame: VehicleFrame) -> NDArray[np.intp]:
-        """Where the vehicles of a frame stand in the list of vehicles; new ones are added."""
+        """Indices of a frame's vehicles in the list of vehicles; adds the new ones."""
         sizes = frame.values[:, len(COLUMNS) :]
         if frame.ids == self._last_ids and np.array_equal(sizes, self._sizes[self._last]):
             return self._last
         known = np.array([self._index.get(name, -1) for name in frame.ids], dtype=np.intp)
-        # A name that comes again with another size is another vehicle.
+        # The same name with another size is another vehicle.
         new = (known < 0) | (self._sizes[known] != sizes).any(axis=1)
         for k in np.flatnonzero(new).tolist():
             known[k] = self._index[frame.ids[k]] = len(self._ids)
@@ -213,11 +212,11 @@ class Recorder(Mode):
 
     @property
     def recording(self) -> Recording:
-        """What was noted so far."""
+        """The data recorded so far."""
         frame, row, command, truck = (table.array() for table in self._tables.values())
         counts = np.asarray(frame["count"])
         start = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
-        # An interrupt can have cut off the noting of the last frame.
+        # After an interrupt the last frame may be incomplete.
         row = row[: start[-1]]
         made = Recording(
             meta=self._meta(),
@@ -257,5 +256,5 @@ class Recorder(Mode):
         return self.recording.save(path)
 
     def close(self) -> None:
-        """Ends the traffic; what was noted stays."""
+        """Ends the traffic; the recorded data stay."""
         self.traffic.close()

@@ -1,13 +1,13 @@
-"""Stored configurations and trajectories: columns in SI units, the same in memory and in the file.
+"""Recorded drives: configuration and trajectories as columns in SI units, in memory and in files.
 
-Schema (version 2) of the `.npz` file. n frames, m vehicles, k rows (one a vehicle and frame, sorted
-by frame and within it by the vehicle's name), c commands:
+Schema (version 2) of the `.npz` file. n frames, m vehicles, k rows (one per vehicle and frame,
+sorted by frame, then by the vehicle's name), c commands:
 
 | array | shape | content |
 |---|---|---|
 | `meta` | () | JSON text, see below |
 | `time` | (n,) | traffic time of the frames [s], increasing; the first is the reset |
-| `ego` | (n, e) | the truck's state as given, a column per name in `ego_columns`; NaN: none |
+| `ego` | (n, e) | the truck's state, a column per name in `ego_columns`; NaN: no truck |
 | `ego_columns` | (e,) | names of `EgoState`'s fields, its brake pressures one by one |
 | `vehicle_id`, `vehicle_kind` | (m,) | name and kind |
 | `vehicle_size` | (m, 3) | length, width, height [m] |
@@ -16,13 +16,13 @@ by frame and within it by the vehicle's name), c commands:
 | `lane` | (k,) | index from the right on the ego route, -1 off it |
 | `x y z yaw pitch roll yaw_rate speed acceleration lateral_speed station offset` | (k,) | as in |
 | | | `TrackedVehicle` |
-| `command_time` | (c,) | when the truck got a command [s] |
-| `command` | (c, 10) | what it got, a column per field of `VehicleCommand` |
-| `truck_hash` | (h,) | of the physics' whole state at each frame, chained; empty without a truck |
+| `command_time` | (c,) | time of the truck's commands [s] |
+| `command` | (c, 10) | the commands, a column per field of `VehicleCommand` |
+| `truck_hash` | (h,) | of the full physics state at each frame, chained; empty without a truck |
 
 `meta` holds `schema`, `mode` ("PureSim", "InterSim"; others cannot be re-run), `seed`, `config`
 (`TrafficConfig`), `map_hash`, `map_name`, `net_hash`, `versions`, `digest` (see `PoseDigest`) and,
-of a whole drive, `drive`: its options and the versions of the truck.
+for a whole drive, `drive`: its options and the versions of the truck.
 
 Version 1 had neither `pitch`, `roll`, `yaw_rate` nor the arrays after `offset`. Such files are read
 for replay (see `traffic_bridge.modes.repsim`); they cannot be re-run.
@@ -42,19 +42,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, TrackedVehicle, VehicleCommand
-from traffic_bridge import frame as frames
 from traffic_bridge.frame import VehicleFrame
-from traffic_bridge.recording.rows import COMMAND_COLUMNS, EGO_COLUMNS, command_of, ego_of, ego_row
+from traffic_bridge.recording import file
+from traffic_bridge.recording.rows import (
+    COLUMNS,
+    COMMAND_COLUMNS,
+    EGO_COLUMNS,
+    SCHEMA,
+    SIZE_COLUMNS,
+    command_of,
+    ego_of,
+    ego_row,
+)
+from traffic_bridge.vehicles.types import KINDS
 
-SCHEMA = 2
-SIZE_COLUMNS = ("length", "width", "height")
-COLUMNS = tuple(name for name in frames.COLUMNS if name not in SIZE_COLUMNS)
+PIECE = 1 << 18  # rows that are checked at a time, so that a mapped file is not read whole
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Recording:
-    """A recorded drive: what was asked for, what the truck did, what the others did.
+    """A recorded drive: its settings, the truck's states and commands, and the other vehicles.
 
     Attributes:
       meta: see the module's schema.
@@ -63,12 +72,12 @@ class Recording:
       start: rows of frame i are start[i] to start[i + 1], shape (n + 1,).
       vehicle: index of the vehicle of each row, shape (k,).
       lane: of each row, shape (k,).
-      columns: figures named by `COLUMNS`, shape (len(COLUMNS), k).
-      ego: figures of the truck named by `EGO_COLUMNS`, shape (n, len(EGO_COLUMNS)); NaN: none.
+      columns: the values named by `COLUMNS`, shape (len(COLUMNS), k).
+      ego: the truck's values named by `EGO_COLUMNS`, shape (n, len(EGO_COLUMNS)); NaN: no truck.
       command_time: [s], shape (c,); commands: shape (c, len(COMMAND_COLUMNS)).
       truck_hash: of the truck's physics at the frames, shape (h,), h at most n.
 
-    The arrays may be mapped from a file. See `of_rows` and `of_frames` for making one.
+    The arrays may be mapped from a file. `of_rows` and `of_frames` make recordings.
     """
 
     meta: dict[str, Any]
@@ -106,7 +115,7 @@ class Recording:
         """A recording of rows in any order.
 
         Args:
-          meta: what is known; `schema` and `digest` are added.
+          meta: see the module's schema; `schema` and `digest` are added.
           time: of the frames, increasing, shape (n,) [s].
           ids: names of the m vehicles.
           kinds: of each, see `TrackedVehicle`.
@@ -114,11 +123,11 @@ class Recording:
           frame: index of the frame of each row, shape (k,).
           vehicle: index of the vehicle of each row, shape (k,).
           lane: from the right on the route, -1 off it, shape (k,).
-          columns: figures named by `COLUMNS`, shape (len(COLUMNS), k).
-          ego: figures of the truck, shape (n, len(EGO_COLUMNS)); default: no truck.
+          columns: the values named by `COLUMNS`, shape (len(COLUMNS), k).
+          ego: the truck's values, shape (n, len(EGO_COLUMNS)); default: no truck.
 
         Raises:
-          InputError: shapes do not fit, a vehicle is twice in a frame, a figure is not finite.
+          InputError: shapes do not fit, a vehicle is twice in a frame, a value is not finite.
         """
         frame, vehicle = np.asarray(frame, dtype=np.int64), np.asarray(vehicle, dtype=np.int64)
         order = np.lexsort((ranks(ids)[vehicle], frame))
@@ -147,7 +156,7 @@ class Recording:
         vehicles: Sequence[Iterable[TrackedVehicle]],
         egos: Sequence[EgoState | None] | None = None,
     ) -> Recording:
-        """A recording of frames, one a time; see `of_rows`."""
+        """A recording of frames, one for each time; see `of_rows`."""
         given = [VehicleFrame.of(each) for each in vehicles]
         index: dict[tuple[str, tuple[float, ...]], int] = {}
         rows = [
@@ -183,20 +192,20 @@ class Recording:
 
     @cached_property
     def frames(self) -> Frames:
-        """The vehicles per frame, made when asked for."""
+        """The vehicles of each frame."""
         return Frames(self)
 
     @property
     def egos(self) -> tuple[EgoState | None, ...]:
-        """The truck's state per frame, None where there was none."""
+        """The truck's state of each frame, None without a truck."""
         return tuple(self.ego_at(k) for k in range(len(self)))
 
     def ego_at(self, k: int) -> EgoState | None:
-        """The truck's state at frame k, None where there was none."""
+        """The truck's state at frame k, None without a truck."""
         return ego_of(self.ego[k])
 
     def command_at(self, k: int) -> VehicleCommand:
-        """The k-th command that the truck got."""
+        """The k-th command."""
         return command_of(self.commands[k])
 
     def digest(self) -> str:
@@ -207,22 +216,81 @@ class Recording:
         return digest.hexdigest()
 
     def check(self, name: str) -> None:
-        """Holds the arrays against each other; see `traffic_bridge.recording.file`."""
-        from traffic_bridge.recording.file import check_arrays
+        """Checks that the arrays fit together and all values are finite.
 
-        check_arrays(self, name)
+        Raises:
+          InputError: says which array of the recording `name` is wrong and where.
+        """
+        n, m, k = len(self.time), len(self.ids), self.columns.shape[-1]
+        for array, shape, what in (
+            (self.time, (n,), "time"),
+            (self.kinds, (m,), "vehicle_kind"),
+            (self.sizes, (m, 3), "vehicle_size"),
+            (self.start, (n + 1,), "frame_start"),
+            (self.vehicle, (k,), "vehicle"),
+            (self.lane, (k,), "lane"),
+            (self.columns, (len(COLUMNS), k), "columns"),
+            (self.ego, (n, len(EGO_COLUMNS)), "ego"),
+            (self.commands, (len(self.command_time), len(COMMAND_COLUMNS)), "command"),
+        ):
+            found = np.shape(array)
+            if found != shape:
+                raise InputError(f"{name}: {what} has the shape {found}, wanted is {shape}")
+        _check_finite(self.time, name, "time")
+        _check_finite(self.sizes, name, "vehicle_size")
+        _check_finite(self.command_time, name, "command_time")
+        _check_finite(self.commands, name, "command")
+        for times, what in ((self.time, "time"), (self.command_time, "command_time")):
+            if (np.diff(times) <= 0.0).any():
+                place = int(np.argmax(np.diff(times) <= 0.0)) + 1
+                raise InputError(
+                    f"{name}: {what} does not increase: [{place}] = {times[place]:g} s after "
+                    f"{times[place - 1]:g} s"
+                )
+        if (self.sizes <= 0.0).any():
+            raise InputError(f"{name}: vehicle_size has values that are not positive")
+        unknown = sorted(set(self.kinds) - set(KINDS))
+        if unknown:
+            raise InputError(f"{name}: vehicle_kind {unknown[0]!r}: allowed are {', '.join(KINDS)}")
+        self._check_rows(name, m, k)
+        absent, infinite = np.isnan(self.ego), np.isinf(self.ego).any(axis=1)
+        wrong = (absent.any(axis=1) & ~absent.all(axis=1)) | infinite
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise InputError(f"{name}: ego has values that are not finite in frame {row}")
+
+    def _check_rows(self, name: str, m: int, k: int) -> None:
+        start = self.start
+        if len(start) and (start[0] != 0 or start[-1] != k or (np.diff(start) < 0).any()):
+            raise InputError(f"{name}: frame_start does not fit the other arrays")
+        for column, values in zip(COLUMNS, self.columns, strict=True):
+            _check_finite(values, name, column)
+        rank, first = ranks(self.ids), np.zeros(k + 1, dtype=bool)
+        first[start] = True
+        before = -1
+        for low in range(0, k, PIECE):
+            vehicle = np.asarray(self.vehicle[low : low + PIECE])
+            if vehicle.min() < 0 or vehicle.max() >= m:
+                raise InputError(f"{name}: vehicle has an index that is not 0 to {m - 1}")
+            place = np.concatenate(([before], rank[vehicle]))
+            bad = (np.diff(place) <= 0) & ~first[low : low + len(vehicle)]
+            if bad.any():
+                row = int(np.argmax(bad))
+                raise InputError(
+                    f"{name}: vehicle {self.ids[vehicle[row]]!r} is twice in a frame, or a frame "
+                    f"is not sorted by name (row {low + row})"
+                )
+            before = int(place[-1])
 
     def save(self, path: str | Path) -> Path:
-        """Writes the file; the ending `.npz` is added where it is missing.
+        """Writes a file and returns its path; a missing ending `.npz` is added.
 
-        The file takes its place when it is complete.
+        An existing file is replaced when the new one is complete.
 
         Raises:
           InputError: the file cannot be written.
         """
-        from traffic_bridge.recording.file import write
-
-        return write(self, Path(path))
+        return file.write(vars(self), Path(path))
 
     @classmethod
     def load(cls, path: str | Path) -> Recording:
@@ -231,9 +299,9 @@ class Recording:
         Raises:
           InputError: it is missing, damaged, of an unknown schema, or has unusable values.
         """
-        from traffic_bridge.recording.file import read
-
-        return read(Path(path))
+        made = cls(**file.read(Path(path)))
+        made.check(f"recording {path}")
+        return made
 
 
 class Frames(Sequence[VehicleFrame]):
@@ -274,18 +342,21 @@ class Frames(Sequence[VehicleFrame]):
 
 
 def ranks(ids: Sequence[str]) -> NDArray[np.int64]:
-    """Place of each name in the sorted list of names, shape (m,); one name has one rank."""
+    """Rank of each name in the sorted list of names, shape (m,); equal names have equal ranks."""
     places = {name: place for place, name in enumerate(sorted(set(ids)))}
     return np.array([places[name] for name in ids], dtype=np.int64)
 
 
-# --- The hash of a traffic's course: two runs with one hash had every vehicle at the same places
+def _check_finite(values: NDArray[Any], name: str, what: str) -> None:
+    for low in range(0, len(values), PIECE):
+        if not np.isfinite(values[low : low + PIECE]).all():
+            raise InputError(f"{name}: column {what!r} has values that are not finite")
 
 
 class PoseDigest:
-    """SHA-256 over every vehicle's name, kind, lane and figures, frame after frame.
+    """SHA-256 over every vehicle's name, kind, lane and values, frame after frame.
 
-    Bits count, not values: a difference in the last place of one number gives another hash.
+    Two runs with the same hash are bit-identical.
 
     Attributes:
       count: frames added.

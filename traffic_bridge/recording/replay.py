@@ -1,4 +1,4 @@
-"""Recorded vehicles at any time, by interpolation between the recorded frames."""
+"""Recorded vehicles at any time, interpolated between the recorded frames."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from iits_mj.core.errors import InputError
 from traffic_bridge.frame import COLUMNS, VehicleFrame
 from traffic_bridge.recording.recording import Recording, ranks
 
-EXACT = 1e-6  # [s]: this near a recorded frame the frame itself is given
-# Columns whose rate is continuous; all others but the sizes go straight from frame to frame.
+EXACT = 1e-6  # [s]: this near to a recorded frame the frame itself is returned
+# Columns with a continuous rate; the others, except the sizes, are interpolated linearly.
 SMOOTH = ("x", "y", "z", "yaw", "station", "offset")
 _SMOOTH = [COLUMNS.index(name) for name in SMOOTH]
-_PLACE = 3  # the first three of them are the place
+_PLACE = 3  # the first three of them are the position
 _YAW = SMOOTH.index("yaw")
 _FULL_YAW = COLUMNS.index("yaw")
-# Steepest rate at a frame, in chords beside it, with which a cubic does not go back: F. N. Fritsch
+# Steepest rate at a frame, relative to the chords beside it, of a monotone cubic: F. N. Fritsch
 # and R. E. Carlson, "Monotone piecewise cubic interpolation", SIAM J. Numer. Anal. 17 (1980).
 STEEPEST = 3.0
 
@@ -43,12 +43,11 @@ class _Segment(NamedTuple):
 class InterpolatedRecording:
     """The frames of a recording as functions of time.
 
-    At a recorded time the recorded values are returned unchanged. Between two frames a vehicle of
-    both moves on a cubic Hermite curve through both places, whose rate at a frame is that of the
-    parabola through it and its neighbors (of uneven steps too; at constant acceleration it is
-    exact), limited after Fritsch and Carlson so that a standing vehicle does not swing. Place, yaw,
-    station and offset so have a continuous rate. A vehicle that enters or leaves is there from or
-    until the recorded frame.
+    At a recorded time the recorded values are returned unchanged. Between two frames a vehicle that
+    is in both moves on a cubic Hermite curve. Its rate at a frame is that of the parabola through
+    the frame and its neighbors (exact at constant acceleration, also with uneven steps), limited
+    after Fritsch and Carlson so that a standing vehicle does not oscillate. So position, yaw,
+    station and offset have a continuous rate. A vehicle appears and disappears at a recorded frame.
 
     Args:
       recording: with at least one frame, times increasing.
@@ -75,7 +74,7 @@ class InterpolatedRecording:
         return float(self._times[-1])
 
     def at(self, time: float) -> VehicleFrame:
-        """The vehicles at a time since the first frame [s]; none outside the recording.
+        """The vehicles at a time since the first frame [s]; an empty frame outside the recording.
 
         Raises:
           InputError: the time is not finite.
@@ -123,9 +122,9 @@ class InterpolatedRecording:
     def _chords(
         self, k: int, who: NDArray[np.int32], here: FloatArray, otherwise: FloatArray, sign: int
     ) -> FloatArray:
-        """Mean rates from frame k to the present values (sign -1) or the other way round.
+        """Mean rates from frame k to the values `here` (sign -1), or from them to frame k (+1).
 
-        Who is not in that frame, or where there is no such frame, has the rate of the segment.
+        A vehicle that is not in that frame has the rate `otherwise`.
         """
         chords = otherwise.copy()
         if not 0 <= k < len(self._times):
@@ -140,14 +139,14 @@ class InterpolatedRecording:
 
 
 def _step(start: FloatArray, goal: FloatArray) -> FloatArray:
-    """Differences of the smooth columns, the yaw the short way round."""
+    """Differences of the smooth columns; that of the yaw is within half a turn."""
     step = goal - start
     step[_YAW] = np.remainder(step[_YAW] + math.pi, 2.0 * math.pi) - math.pi
     return step
 
 
 def _rate(before: FloatArray, after: FloatArray, early: float, late: float) -> FloatArray:
-    """Rates at a frame between two steps, of which the mean rates and the durations are given."""
+    """Rates at a frame between two steps with the given mean rates and durations."""
     rate = (late * before + early * after) / (early + late)
     least = np.minimum(_length(before), _length(after))
     length = _length(rate)

@@ -1,4 +1,4 @@
-"""The truck's state and its commands as rows of figures, for recordings."""
+"""Columns of recordings, and the truck's states and commands as rows of numbers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,11 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, TransmissionMode, VehicleCommand, XbrEbiMode, XbrMode
+from traffic_bridge import frame
 
+SCHEMA = 2  # version of the file format
+SIZE_COLUMNS = ("length", "width", "height")
+COLUMNS = tuple(name for name in frame.COLUMNS if name not in SIZE_COLUMNS)
 PRESSURES = tuple(
     f"brake_pressure_{place}"
     for place in ("front_left", "front_right", "rear_left", "rear_right", "trailer")
@@ -25,10 +29,10 @@ _ABSENT = (math.nan,) * len(EGO_COLUMNS)
 
 
 def ego_row(ego: EgoState | None) -> tuple[float, ...]:
-    """The figures of a truck's state in the order of `EGO_COLUMNS`; NaN without a truck.
+    """A truck's state in the order of `EGO_COLUMNS`; NaN without a truck.
 
     Raises:
-      InputError: a figure is not finite.
+      InputError: a value is not finite.
     """
     if ego is None:
         return _ABSENT
@@ -42,7 +46,7 @@ def ego_row(ego: EgoState | None) -> tuple[float, ...]:
 
 
 def ego_of(row: FloatArray) -> EgoState | None:
-    """The inverse of `ego_row`."""
+    """The truck's state of a row; the inverse of `ego_row`."""
     if np.isnan(row).any():
         return None
     values: dict[str, Any] = dict(zip(EGO_COLUMNS, row.tolist(), strict=True))
@@ -53,23 +57,15 @@ def ego_of(row: FloatArray) -> EgoState | None:
 
 
 def command_row(command: VehicleCommand) -> tuple[float, ...]:
-    """The figures of a command in the order of `COMMAND_COLUMNS`.
-
-    Raises:
-      InputError: a figure is not finite.
-    """
+    """A command in the order of `COMMAND_COLUMNS`; InputError if a value is not finite."""
     row = tuple(float(getattr(command, name)) for name in COMMAND_COLUMNS)
     if not all(map(math.isfinite, row)):
-        raise InputError(f"{command}: every figure must be finite to be recorded")
+        raise InputError(f"{command}: every value must be finite to be recorded")
     return row
 
 
 def command_of(row: FloatArray) -> VehicleCommand:
-    """The inverse of `command_row`.
-
-    Raises:
-      InputError: a mode is not one of those there are.
-    """
+    """The command of a row, the inverse of `command_row`; InputError if a mode is unknown."""
     values: dict[str, Any] = dict(zip(COMMAND_COLUMNS, row.tolist(), strict=True))
     try:
         for name, modes in (

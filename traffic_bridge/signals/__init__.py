@@ -1,1 +1,1 @@
-"""Traffic controller: lights, limits, closures and what else a script does to the traffic."""
+"""Traffic lights, speed limits, closures and scripted events."""

@@ -1,45 +1,51 @@
-"""Traffic controller: lights, limits, closed lanes and scripted vehicles of a running traffic."""
+"""Traffic controller: lights, limits, obstructions, events and departures of a running traffic."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
 
 from iits_mj.core.errors import InputError
-from traffic_bridge.config import TrafficConfig
+from traffic_bridge.config import Departure, TrafficConfig
 from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.overrides import Undo
 from traffic_bridge.session import Session
-from traffic_bridge.signals.event_runner import EventRunner
-from traffic_bridge.signals.events import LONGEST
-from traffic_bridge.signals.lights import LightAhead, LightPhase, TrafficLights
+from traffic_bridge.signals.events import (
+    Event,
+    LaneClosure,
+    LightOverride,
+    LightProgramRun,
+    SlowConvoy,
+    SpeedLimit,
+    StoppedVehicle,
+    VehicleChange,
+)
+from traffic_bridge.signals.lights import LightPhase, TrafficLights
 from traffic_bridge.signals.limits import SpeedLimits
 from traffic_bridge.signals.merging import MergeGuide
-from traffic_bridge.signals.obstructions import (
-    CLOSURE_NOTICE,
-    HAZARD_NOTICE,
-    SCRIPTED,
-    Obstructions,
-)
+from traffic_bridge.signals.obstructions import SCRIPTED, Obstructions
 from traffic_bridge.vehicles.demand import MOBIL_MODE
-from traffic_bridge.vehicles.departures import Departure
 from traffic_bridge.vehicles.registry import Vehicles
 from traffic_bridge.vehicles.scripted import SUMO_MODE, Manner, ScriptedVehicle, ScriptedVehicles
 
+ROUNDING = 1e-9  # [s]: times of steps are sums of tenths
+
 
 class TrafficController:
-    """Lights, limits, closures and scripts; PureSim and InterSim offer it as `traffic.signals`.
+    """Lights, limits, closures and events; PureSim and InterSim offer it as `traffic.signals`.
 
     Args:
       session: the running SUMO.
       lanes: of the route.
-      vehicles: where scripted vehicles are noted.
+      vehicles: the registry for scripted vehicles.
       config: step length, lane-change model, events and departures.
 
     Attributes:
-      traffic_lights, limits, obstructions: the parts that do the work; the methods here are the
-        short way to them.
+      traffic_lights, limits, obstructions: the parts that do the work.
+      lights, state, set_state, programs, phases, phase, set_phase, define_program, run_program,
+        light_ahead: methods of `TrafficLights`; lights is `names`, light_ahead is `ahead`.
+      set_speed_limit, lift_speed_limit, reset_speed_limits, speed_limit: `set`, `lift`, `reset` and
+        `at` of `SpeedLimits`.
+      close_lane, open_lane, stop_vehicle, convoy, release: methods of `Obstructions`.
     """
 
     def __init__(
@@ -49,30 +55,40 @@ class TrafficController:
         self._vehicles = vehicles
         self._config = config
         mode = MOBIL_MODE if config.lane_change == "mobil" else SUMO_MODE
-        self.traffic_lights = TrafficLights(session, lanes)
-        self.limits = SpeedLimits(session, lanes, vehicles, config.step_length)
-        self._guide = MergeGuide(session, lanes, vehicles, config.step_length)
         self._scripted = ScriptedVehicles(session, lanes, vehicles, mode)
-        self.obstructions = Obstructions(lanes, self._scripted, self._guide, config)
+        self._guide = MergeGuide(session, lanes, vehicles, config.step_length)
+        lights = self.traffic_lights = TrafficLights(session, lanes)
+        limits = self.limits = SpeedLimits(session, lanes, vehicles, config.step_length)
+        parts = self.obstructions = Obstructions(lanes, self._scripted, self._guide, config)
         self._departures = sorted(config.departures, key=lambda departure: departure.time)
         self._departed = 0
-        self._events = EventRunner(config.events, self)
-
-    # The run -----------------------------------------------------------------------------------
+        self._events = EventRunner(config.events, lights, limits, parts, vehicles)
+        self.lights, self.light_ahead = lights.names, lights.ahead
+        self.state, self.set_state = lights.state, lights.set_state
+        self.phase, self.set_phase, self.phases = lights.phase, lights.set_phase, lights.phases
+        self.programs, self.define_program = lights.programs, lights.define_program
+        self.run_program = lights.run_program
+        self.set_speed_limit, self.lift_speed_limit = limits.set, limits.lift
+        self.reset_speed_limits, self.speed_limit = limits.reset, limits.at
+        self.close_lane, self.open_lane = parts.close_lane, parts.open_lane
+        self.stop_vehicle, self.convoy, self.release = (
+            *(parts.stop_vehicle, parts.convoy),
+            parts.release,
+        )
 
     def begin(self, ego_station: float | None) -> None:
-        """Checks all events and departures against net and route; begins what is due at once.
+        """Checks all events and departures against net and route; begins those due at time zero.
 
         Raises:
-          InputError: an event or departure names a lane, light or type that is not there.
+          InputError: an event or departure names a lane, light or type that does not exist.
         """
         for number, departure in enumerate(self._departures):
-            self._scripted.check(self._scripted_vehicle(number, departure))
+            self._scripted.check(self._departing(number, departure))
         self._events.check()
         self._events.step(0.0, ego_station)
 
     def step(self, time: float, ego_station: float | None) -> None:
-        """Everything that is due before a step of the traffic.
+        """Carries out everything that is due before a step of the traffic.
 
         Args:
           time: of the traffic [s].
@@ -81,140 +97,17 @@ class TrafficController:
         self._events.step(time, ego_station)
         while (
             self._departed < len(self._departures)
-            and self._departures[self._departed].time <= time + 1e-9
+            and self._departures[self._departed].time <= time + ROUNDING
         ):
             departure = self._departures[self._departed]
-            self._scripted.place([self._scripted_vehicle(self._departed, departure)])
+            self._scripted.place([self._departing(self._departed, departure)])
             self._departed += 1
         self._scripted.step()
-        self._vehicles.dress()
+        self._vehicles.apply_type_overrides()
         self._guide.step()
         self.limits.step()
 
-    # Traffic lights ----------------------------------------------------------------------------
-
-    def lights(self) -> tuple[str, ...]:
-        """Names of the traffic lights of the net, sorted."""
-        return self.traffic_lights.names()
-
-    def state(self, light: str) -> str:
-        """State of a light, one letter a link, see `LightPhase`."""
-        return self.traffic_lights.state(light)
-
-    def set_state(self, light: str, state: str) -> None:
-        """Sets a light by hand, see `TrafficLights.set_state`."""
-        self.traffic_lights.set_state(light, state)
-
-    def programs(self, light: str) -> tuple[str, ...]:
-        """Names of a light's programs."""
-        return self.traffic_lights.programs(light)
-
-    def phases(self, light: str, program: str | None = None) -> tuple[LightPhase, ...]:
-        """The phases of a program, of the running one by default."""
-        return self.traffic_lights.phases(light, program)
-
-    def define_program(self, light: str, program: str, phases: Sequence[LightPhase]) -> None:
-        """Adds a program of one's own, see `TrafficLights.define_program`."""
-        self.traffic_lights.define_program(light, program, phases)
-
-    def run_program(self, light: str, program: str = "0") -> None:
-        """Lets a light run by one of its programs."""
-        self.traffic_lights.run_program(light, program)
-
-    def phase(self, light: str) -> int:
-        """Index of the running phase of a light's program, see `TrafficLights.phase`."""
-        return self.traffic_lights.phase(light)
-
-    def set_phase(self, light: str, phase: int, duration: float | None = None) -> None:
-        """Goes to a phase of the running program at once, see `TrafficLights.set_phase`."""
-        self.traffic_lights.set_phase(light, phase, duration)
-
-    def light_ahead(self, station: float, lane: int | None = None) -> LightAhead | None:
-        """The next light on the ego's route, see `TrafficLights.ahead`."""
-        return self.traffic_lights.ahead(station, lane)
-
-    # Speed limits ------------------------------------------------------------------------------
-
-    def set_speed_limit(
-        self, limit: float, start: float = 0.0, end: float = LONGEST, lane: int | None = None
-    ) -> int:
-        """Sets a limit on a stretch of the route; a number for `lift_speed_limit` comes back.
-
-        See `SpeedLimits.set` for arguments and errors.
-        """
-        return self.limits.set(limit, start, end, lane)
-
-    def lift_speed_limit(self, number: int) -> None:
-        """Takes a limit away."""
-        self.limits.lift(number)
-
-    def reset_speed_limits(self) -> None:
-        """Gives every lane back the limit it had on the map."""
-        self.limits.reset()
-
-    def speed_limit(self, station: float, lane: int = 0) -> float:
-        """The limit that holds at a station of a lane [m/s]."""
-        return self.limits.at(station, lane)
-
-    # Obstructions ------------------------------------------------------------------------------
-
-    def close_lane(
-        self, lane: int, start: float, end: float, notice: float = CLOSURE_NOTICE
-    ) -> int:
-        """Closes a lane, see `Obstructions.close_lane`; a number for `open_lane` comes back."""
-        return self.obstructions.close_lane(lane, start, end, notice)
-
-    def open_lane(self, number: int) -> None:
-        """Takes a closure away."""
-        self.obstructions.open_lane(number)
-
-    def stop_vehicle(
-        self,
-        station: float,
-        lane: int = 0,
-        type: str = "car",
-        notice: float | None = HAZARD_NOTICE,
-    ) -> int:
-        """Lets a vehicle stand, see `Obstructions.stop_vehicle`; a number for `release`."""
-        return self.obstructions.stop_vehicle(station, lane, type, notice)
-
-    def convoy(
-        self, station: float, speed: float, lane: int = 0, count: int = 3, type: str = "truck"
-    ) -> int:
-        """Puts a convoy on a lane, see `Obstructions.convoy`; a number for `release`."""
-        return self.obstructions.convoy(station, speed, lane, count, type)
-
-    def release(self, number: int) -> None:
-        """Lets a stopped vehicle or a convoy drive on as others do."""
-        self.obstructions.release(number)
-
-    def has_vehicles(self, target: str) -> bool:
-        """Whether there is a type, or a vehicle on the road, of this name."""
-        if target in self._vehicles:
-            self._vehicles.drop_lost()
-        return target in self._vehicles or any(t.name == target for t in self._vehicles.types())
-
-    def check_target(self, target: str) -> None:
-        """Refuses the name of what can be changed when it is no type's and can be no vehicle's.
-
-        Raises:
-          InputError: no type is called so, and names of vehicles begin otherwise.
-        """
-        types = [kind.name for kind in self._vehicles.types()]
-        family, dot, _ = target.partition(".")
-        if target not in types and not (dot and family in (*types, *SCRIPTED)):
-            raise InputError(
-                f"target {target!r}: allowed are the types {', '.join(types)}, and names of "
-                f"vehicles, which begin with their type's, {', '.join(SCRIPTED)}, and a dot"
-            )
-
-    def change_vehicles(self, target: str, values: dict[str, Any]) -> Undo:
-        """Changes vehicles; what comes back undoes it, see `Vehicles.change`."""
-        return self._vehicles.change(target, **values)
-
-    # Inside ------------------------------------------------------------------------------------
-
-    def _scripted_vehicle(self, number: int, departure: Departure) -> ScriptedVehicle:
+    def _departing(self, number: int, departure: Departure) -> ScriptedVehicle:
         kind = self._config.type_of(departure.type)
         station = departure.station
         if station is None:
@@ -227,3 +120,170 @@ class TrafficController:
         return ScriptedVehicle(
             f"{kind.name}.d{number:05d}", kind.name, departure.lane, station, speed, Manner.FREE
         )
+
+
+class EventRunner:
+    """Begins and ends the events of a configuration in a running traffic.
+
+    Args:
+      events: of the configuration.
+      lights: of the net.
+      limits: speed limits.
+      obstructions: closures, stopped vehicles and convoys.
+      vehicles: the traffic's vehicles.
+    """
+
+    def __init__(
+        self,
+        events: tuple[Event, ...],
+        lights: TrafficLights,
+        limits: SpeedLimits,
+        obstructions: Obstructions,
+        vehicles: Vehicles,
+    ) -> None:
+        self._lights = lights
+        self._limits = limits
+        self._obstructions = obstructions
+        self._vehicles = vehicles
+        self._to_come = list(events)
+        # Changes of vehicles that have not appeared yet: the event and its end [s].
+        self._waiting: list[tuple[VehicleChange, float]] = []
+        self._active: list[tuple[float, Undo]] = []
+
+    def check(self) -> None:
+        """Checks every event against the net and the route, before the drive begins.
+
+        Raises:
+          InputError: a lane, light, program or type does not exist; the message names the event.
+        """
+        for event in self._to_come:
+            try:
+                self._check(event)
+            except InputError as error:
+                raise InputError(f"event {event.name}: {error}") from error
+
+    def step(self, time: float, ego_station: float | None) -> None:
+        """Ends the events that are over and begins those that are due.
+
+        Args:
+          time: of the traffic [s].
+          ego_station: of the truck's steer axle [m]; None without a truck.
+        """
+        if self._active:
+            over = [undo for until, undo in self._active if until <= time + ROUNDING]
+            self._active = [entry for entry in self._active if entry[0] > time + ROUNDING]
+            for undo in over:
+                undo()
+        if self._waiting:
+            self._waiting = [entry for entry in self._waiting if entry[1] > time + ROUNDING]
+            there = [entry for entry in self._waiting if self._has_vehicles(entry[0].target)]
+            self._waiting = [entry for entry in self._waiting if entry not in there]
+            for change, last in there:
+                self._begin_at(change, time, last)
+        if not self._to_come:
+            return
+        due = [event for event in self._to_come if _is_due(event, time, ego_station)]
+        if not due and not any(event.until is not None for event in self._to_come):
+            return
+        self._to_come = [
+            event for event in self._to_come if event not in due and not _is_past(event, time)
+        ]
+        for event in due:
+            if _is_past(event, time):
+                continue
+            end = event.until
+            if end is None:
+                end = math.inf if event.duration is None else time + event.duration
+            if isinstance(event, VehicleChange) and not self._has_vehicles(event.target):
+                self._waiting.append((event, end))
+            else:
+                self._begin_at(event, time, end)
+
+    def _begin_at(self, event: Event, time: float, end: float) -> None:
+        try:
+            undo = self._begin(event)
+        except InputError as error:
+            raise InputError(f"event {event.name} at {time:.1f} s: {error}") from error
+        if end < math.inf:
+            self._active.append((end, undo))
+
+    def _check(self, event: Event) -> None:
+        parts = self._obstructions
+        match event:
+            case LightOverride():
+                links = len(self._lights.state(event.light))
+                if len(event.state) not in (1, links):
+                    raise InputError(
+                        f"state {event.state!r} of traffic light {event.light!r}: "
+                        f"1 or {links} letters"
+                    )
+            case LightProgramRun(phases=()):
+                self._lights.phases(event.light, event.program)
+            case LightProgramRun():
+                phases = [LightPhase(*phase) for phase in event.phases]
+                self._lights.define_program(event.light, event.program, phases)
+            case SpeedLimit():
+                self._limits.check(event)
+            case LaneClosure():
+                parts.check_closure(event)
+            case StoppedVehicle():
+                vehicle = (event.type, event.lane, event.station)
+                parts.check(ScriptedVehicle("", *vehicle, 0.0, Manner.STANDING))
+            case SlowConvoy():
+                for member in parts.convoy_group(0, event):
+                    parts.check(member)
+            case VehicleChange():
+                self._check_target(event.target)
+
+    def _begin(self, event: Event) -> Undo:
+        """Carries out an event; returns a function that undoes it."""
+        parts, limits = self._obstructions, self._limits
+        match event:
+            case LightOverride():
+                return self._lights.hold_state(event.light, event.state)
+            case LightProgramRun():
+                return self._lights.hold_program(event.light, event.program)
+            case SpeedLimit():
+                limit = limits.set(event.limit, event.start, event.end, event.lane)
+                return lambda: limits.lift(limit)
+            case LaneClosure():
+                closure = parts.close_lane(event.lane, event.start, event.end, event.notice)
+                return lambda: parts.open_lane(closure)
+            case StoppedVehicle():
+                notice = event.notice if event.hazard else None
+                standing = parts.stop_vehicle(event.station, event.lane, event.type, notice)
+                return lambda: parts.release(standing)
+            case SlowConvoy():
+                group = parts.convoy(
+                    event.station, event.speed, event.lane, event.count, event.type
+                )
+                return lambda: parts.release(group)
+            case VehicleChange():
+                return self._vehicles.change(event.target, **dict(event.parameters))
+        raise InputError(f"event {event!r}: unknown kind of event")
+
+    def _has_vehicles(self, target: str) -> bool:
+        """Whether there is a type, or a vehicle on the road, of this name."""
+        if target in self._vehicles:
+            self._vehicles.drop_lost()
+        return target in self._vehicles or any(t.name == target for t in self._vehicles.types())
+
+    def _check_target(self, target: str) -> None:
+        """Refuses a target that is neither a type's name nor a possible vehicle's name."""
+        types = [kind.name for kind in self._vehicles.types()]
+        family, dot, _ = target.partition(".")
+        if target not in types and not (dot and family in (*types, *SCRIPTED)):
+            raise InputError(
+                f"target {target!r}: allowed are the types {', '.join(types)}, and names of "
+                f"vehicles, which begin with their type's, {', '.join(SCRIPTED)}, and a dot"
+            )
+
+
+def _is_due(event: Event, time: float, ego_station: float | None) -> bool:
+    if event.at_station is not None:
+        return ego_station is not None and ego_station >= event.at_station
+    return (event.at_time or 0.0) <= time + ROUNDING
+
+
+def _is_past(event: Event, time: float) -> bool:
+    return event.until is not None and event.until <= time + ROUNDING

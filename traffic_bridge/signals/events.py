@@ -1,9 +1,8 @@
-"""Scripted events of the traffic: what happens, when it begins and when it ends.
+"""Scripted events of the traffic: settings that are stored in recordings and files.
 
 An event begins once: at a traffic time, when the truck reaches a station of its route, or, with
-neither, at the beginning. It ends at a traffic time (`until`) or some time after it began
-(`duration`); without either it stays. Events are settings, stored in recordings and run again;
-what they do is in `traffic_bridge.signals.event_runner`.
+neither, at the beginning. It ends at a traffic time (`until`) or some time after its beginning
+(`duration`), or never. `traffic_bridge.signals.controller` carries the events out.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from typing import Any, ClassVar
 
 from iits_mj.core.checks import in_range, is_whole, make_plain, plain
 from iits_mj.core.errors import InputError
-from traffic_bridge.vehicles.changes import check_changes
+from traffic_bridge.vehicles.types import check_changes
 
 LONGEST = 1e6  # [m], [s]
 LIGHT_LETTERS = "rRyYgGuoOs"
@@ -25,11 +24,11 @@ LIGHT_LETTERS = "rRyYgGuoOs"
 
 @dataclass(frozen=True, kw_only=True)
 class Event:
-    """When something happens; what, says the subclass.
+    """Begin and end of an event; subclasses define what happens.
 
     Attributes:
       at_time: traffic time at which it begins [s].
-      at_station: it begins when the truck's steer axle has reached this station [m], once.
+      at_station: station of the truck's steer axle at which it begins [m].
       until: traffic time at which it ends [s].
       duration: time after which it ends [s].
 
@@ -45,7 +44,7 @@ class Event:
     duration: float | None = None
 
     def __post_init__(self) -> None:
-        """Checks the times, then what the subclass adds."""
+        """Checks the times, then the subclass's values."""
         for field in ("at_time", "at_station", "until", "duration"):
             if getattr(self, field) is not None:
                 self._number(field, 0.0, LONGEST)
@@ -82,21 +81,20 @@ class Event:
             raise InputError(f"{self.name}: {field} = {value!r}: must be a name")
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for a file, without what was not given; `event_of` is the inverse."""
+        """Values for a file, without those that are None; `event_of` is the inverse."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         return {"event": self.name} | {n: v for n, v in values.items() if v is not None}
 
 
 @dataclass(frozen=True, kw_only=True)
 class LightOverride(Event):
-    """Sets a traffic light by hand; when it ends, the program that ran before runs on.
+    """Overrides the state of a traffic light; then the program that ran before continues.
 
-    Of several events of one light the newest that has not ended holds; one by one they end, and
-    each time the newest one left goes on.
+    Of several events of one light the newest one that has not ended holds.
 
     Attributes:
       light: its name.
-      state: a letter a link, or one for all, see `TrafficLights.set_state`.
+      state: one letter per link, or one for all, see `TrafficLights.set_state`.
     """
 
     name: ClassVar[str] = "light_state"
@@ -113,11 +111,11 @@ class LightOverride(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class LightProgramRun(Event):
-    """Switches a traffic light to another program; when it ends, back as `LightOverride`.
+    """Runs another program of a traffic light; it ends as `LightOverride` does.
 
     Attributes:
       light: its name; program: of the light.
-      phases: with them, the program is a new one: duration [s] and state of each phase.
+      phases: of a new program: duration [s] and state of each phase; empty: it exists already.
     """
 
     name: ClassVar[str] = "light_program"
@@ -140,10 +138,10 @@ class LightProgramRun(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedLimit(Event):
-    """A variable speed limit on a stretch of the route; when it ends, it is lifted.
+    """A variable speed limit on a stretch of the route.
 
     Attributes:
-      limit: [m/s]; start, end: stations [m]; lane: from the right, None for all lanes.
+      limit: [m/s]; start, end: stations [m]; lane: from the right, None: all lanes.
     """
 
     name: ClassVar[str] = "speed_limit"
@@ -162,11 +160,11 @@ class SpeedLimit(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class LaneClosure(Event):
-    """A lane closed by standing safety trucks; when it ends, they are gone.
+    """A lane closed by standing safety trucks, which disappear at the end.
 
     Attributes:
       lane: from the right; start, end: stations [m].
-      notice: distance before it from which on drivers are told to leave the lane [m].
+      notice: distance before the closure at which drivers begin to leave the lane [m].
     """
 
     name: ClassVar[str] = "lane_closure"
@@ -184,14 +182,14 @@ class LaneClosure(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class StoppedVehicle(Event):
-    """A vehicle that stands on a lane; when it ends, it drives on.
+    """A vehicle that stands on a lane; at the end it drives on.
 
-    It appears as soon as its place is free and who comes from behind can still stop.
+    It appears as soon as its place is free and vehicles behind can still stop.
 
     Attributes:
       station: of its front bumper [m]; lane: from the right; type: name of its type.
-      hazard: with hazard lights, which others see from `notice` [m] on; without, they treat it
-        as any vehicle that stands.
+      hazard: with hazard lights, which others see at the distance `notice` [m]; without them, they
+        treat it as any standing vehicle.
     """
 
     name: ClassVar[str] = "stopped_vehicle"
@@ -213,10 +211,10 @@ class StoppedVehicle(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class SlowConvoy(Event):
-    """Vehicles that drive one behind the other and keep their lane; then they drive as others do.
+    """Slow vehicles in one lane, which they keep; at the end they drive as others do.
 
     Attributes:
-      station: where the first one's front bumper appears [m]; lane: from the right.
+      station: of the first one's front bumper at the beginning [m]; lane: from the right.
       count: number of vehicles; type: name of their type; speed: [m/s].
     """
 
@@ -238,10 +236,10 @@ class SlowConvoy(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleChange(Event):
-    """Changes parameters of one vehicle or of a class; when it ends, they are put back.
+    """Changes parameters of a vehicle or a type until the end.
 
-    Of several events that change a parameter the newest that has not ended holds. An event for a
-    vehicle that is not on the road waits for it until its end; the end does not wait.
+    Of several events that change a parameter the newest one that has not ended holds. An event for
+    a vehicle that is not on the road waits for it, but not beyond the event's end.
 
     Attributes:
       target: name of a type or a vehicle; parameters: name and value, see `Vehicles.change`.
@@ -275,7 +273,7 @@ EVENTS: dict[str, type[Event]] = {
 
 
 def event_of(values: Mapping[str, Any]) -> Event:
-    """The event of plain values: `event` is its name, everything else a field of its class.
+    """The event of a mapping: `event` is its name, everything else a field of its class.
 
     Raises:
       InputError: the name or a field is unknown or missing, or a value is not allowed.
@@ -304,23 +302,16 @@ def _check_stretch(event: SpeedLimit | LaneClosure) -> None:
         )
 
 
-# --- Events of a TOML file ---
-# [[events]]
-#     event = "lane_closure"
-#     lane = 0
-#     start = 900.0
-#     end = 1100.0
-#     at_time = 20.0
-#     until = 120.0
-#
-# The fields are those of the classes in `traffic_bridge.signals.events`.
-
-
 def read_events(path: str | Path) -> tuple[Event, ...]:
-    """The events of a file, in its order; the fields are those of the events' classes.
+    """The events of a TOML file, in its order; the fields are those of the events' classes.
 
-    Args:
-      path: of a TOML file with one table `[[events]]` an event, each with its name as `event`.
+        [[events]]
+        event = "lane_closure"
+        lane = 0
+        start = 900.0
+        end = 1100.0
+        at_time = 20.0
+        until = 120.0
 
     Raises:
       InputError: the file cannot be read or is not TOML, or an event is not usable; the message

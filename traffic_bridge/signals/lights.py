@@ -13,7 +13,9 @@ from traffic_bridge.overrides import Overrides, Undo
 from traffic_bridge.session import Guard, Session
 from traffic_bridge.signals.events import LIGHT_LETTERS
 
-# --- What is told of the next traffic light on the route, and where stop lines are ---
+BY_HAND = "online"  # SUMO's name of the program after a state was set by hand
+SAME_STOP_LINE = 5.0  # [m]
+FIXED_TIME = 0  # SUMO's number of the program type with fixed durations
 
 
 @dataclass(frozen=True)
@@ -25,9 +27,9 @@ class LightAhead:
       letter: state of that link now, see `LightPhase`.
       station: of its stop line [m].
       lane: from the right, whose link it is.
-      next_switch: time until the letter changes [s]; None where nobody can know it: set by hand,
-        a program that follows the traffic, or one in which the letter never changes.
-      next_letter: what it changes to; None where the time is.
+      next_switch: time until the letter changes [s]; None if it is unknown: a state set by hand, a
+        program that depends on the traffic, or one in which the letter never changes.
+      next_letter: the letter after that; None if the time is.
     """
 
     name: str
@@ -44,80 +46,28 @@ class LightAhead:
         return self.letter in "gGoO"
 
 
-def next_letter(
-    phases: Sequence[Any], index: int, wait: float, link: int
-) -> tuple[float | None, str | None]:
-    """When a link's letter changes in a program of fixed times [s], and to what; None: never.
-
-    Args:
-      phases: SUMO's, of the program.
-      index: of the running one.
-      wait: time until the running one ends [s].
-      link: index of the letter.
-    """
-    letter = phases[index].state[link]
-    for _ in range(len(phases)):
-        # A phase may name its successor; else it is the next, and after the last the first.
-        following = phases[index].next
-        index = following[0] if following else (index + 1) % len(phases)
-        if phases[index].state[link] != letter:
-            return max(wait, 0.0), str(phases[index].state[link])
-        wait += float(phases[index].duration)
-    return None, None
-
-
-def stop_lines(
-    lights_api: Any, names: Sequence[str], lanes: RouteLanes
-) -> tuple[tuple[float, int, str, int], ...]:
-    """Station [m], lane, light and link of every stop line on the route, in driving order.
-
-    Args:
-      lights_api: libsumo's domain of traffic lights.
-      names: of the lights.
-      lanes: of the route.
-    """
-    onward = dict(zip(lanes.edges, lanes.edges[1:], strict=False))
-    stops = []
-    for light in names:
-        for link, ways in enumerate(lights_api.getControlledLinks(light)):
-            for before, after, _ in ways:
-                table = lanes.tables.get(before)
-                if table is None or table.lane < 0 or table.direction < 0:
-                    continue
-                if onward.get(table.edge) == after.rpartition("_")[0]:
-                    stops.append((table.at(table.length)[0], table.lane, light, link))
-    return tuple(sorted(stops))
-
-
-# --- Traffic lights of a running simulation: states, phases, programs, and the next one ahead ---
-
-BY_HAND = "online"  # SUMO's name of what runs after a state was set by hand
-SAME_STOP_LINE = 5.0  # [m]
-FIXED_TIME = 0  # SUMO's number of the program type in which phases last as long as they say
-
-
 @dataclass(frozen=True)
 class LightPhase:
     """One phase of a program.
 
     Attributes:
       duration: [s].
-      state: a letter a link: r red, u red-yellow, y yellow, g green that yields, G green, s stop
-        and go when free, o blinking, O off.
+      state: one letter per link: r red, u red-yellow, y yellow, g green that yields, G green,
+        s stop, then go when free, o blinking, O off.
     """
 
     duration: float
     state: str
 
     def __post_init__(self) -> None:
-        """Checks both."""
+        """Checks both values."""
         in_range("a phase's duration", self.duration, 0.1, 3600.0)
         _check_state("a phase", self.state, len(str(self.state)))
 
 
 @dataclass(frozen=True)
 class _Setting:
-    """What a light does: it runs a program by its name, or shows a state set by hand."""
+    """What a light does: it runs a named program, or shows a state set by hand."""
 
     program: str = ""
     state: str = ""
@@ -137,7 +87,7 @@ class TrafficLights:
         self._simulation = session.api.simulation
         self._names = tuple(sorted(self._api.getIDList()))
         self._stops = stop_lines(self._api, self._names, lanes)
-        # What is to hold for some time, and what each light did before the first of that.
+        # Temporary settings, and what each light did before the first of them.
         self._overrides = Overrides()
         self._before: dict[str, _Setting] = {}
 
@@ -146,17 +96,17 @@ class TrafficLights:
         return self._names
 
     def state(self, light: str) -> str:
-        """State of a light, one letter a link, see `LightPhase`."""
+        """State of a light, one letter per link, see `LightPhase`."""
         self._check(light)
         with self._reading(light):
             return str(self._api.getRedYellowGreenState(light))
 
     def set_state(self, light: str, state: str) -> None:
-        """Sets a light by hand; it stays until something else is set, whatever was held before.
+        """Sets a light by hand until something else is set; ends all temporary settings.
 
         Args:
           light: its name.
-          state: one letter a link as `state` gives them, or a single letter for all links.
+          state: one letter per link as returned by `state`, or a single letter for all links.
 
         Raises:
           InputError: no such light, a wrong letter or a wrong number of letters.
@@ -166,16 +116,17 @@ class TrafficLights:
         self._set(light, setting)
 
     def hold_state(self, light: str, state: str) -> Undo:
-        """Sets a light by hand for some time.
+        """Sets a light by hand temporarily.
 
-        Of several states and programs that are held the newest one is in force.
+        Of several temporary states and programs the newest one is in force.
 
         Args:
           light: its name.
           state: as of `set_state`.
 
         Returns:
-          A function that ends it: what else is held goes on then, or what was before all of it.
+          A function that ends it. Then the newest other temporary setting holds, or else what the
+          light did before all of them.
 
         Raises:
           InputError: as `set_state`.
@@ -183,7 +134,7 @@ class TrafficLights:
         return self._hold(light, _Setting(state=self._whole_state(light, state)))
 
     def hold_program(self, light: str, program: str) -> Undo:
-        """Runs a program for some time, see `hold_state`.
+        """Runs a program temporarily, see `hold_state`.
 
         Raises:
           InputError: no such light or program.
@@ -196,17 +147,17 @@ class TrafficLights:
         return tuple(name for name in self._logics(light) if name != BY_HAND)
 
     def program(self, light: str) -> str | None:
-        """Name of the program that runs; None after a state was set by hand."""
+        """Name of the running program; None after a state was set by hand."""
         self._check(light)
         with self._reading(light):
             name = str(self._api.getProgram(light))
         return None if name == BY_HAND else name
 
     def phases(self, light: str, program: str | None = None) -> tuple[LightPhase, ...]:
-        """The phases of a program, of the running one by default, in their order.
+        """The phases of a program, by default of the running one, in their order.
 
         Raises:
-          InputError: no such light or program, or none runs.
+          InputError: no such light or program, or no program runs.
         """
         logic = self._logic(light, self._running(light) if program is None else program)
         return tuple(LightPhase(float(p.duration), str(p.state)) for p in logic.phases)
@@ -222,12 +173,12 @@ class TrafficLights:
             return int(self._api.getPhase(light))
 
     def set_phase(self, light: str, phase: int, duration: float | None = None) -> None:
-        """Goes to a phase of the running program at once.
+        """Switches to a phase of the running program at once.
 
         Args:
           light: its name.
-          phase: index, in `phases`; the program goes on from there.
-          duration: of this phase this time [s]; None as the program says.
+          phase: index in `phases`; the program continues from there.
+          duration: of this phase this time [s]; None: as in the program.
 
         Raises:
           InputError: no such light or phase, no program runs, or the duration is not allowed.
@@ -245,15 +196,15 @@ class TrafficLights:
                 self._api.setPhaseDuration(light, duration)
 
     def define_program(self, light: str, program: str, phases: Sequence[LightPhase]) -> None:
-        """Adds a program of one's own with fixed times; `run_program` starts it.
+        """Adds a fixed-time program; `run_program` starts it.
 
         Args:
           light: its name.
           program: a name that the light does not have yet.
-          phases: in their order; after the last comes the first.
+          phases: in their order; they repeat.
 
         Raises:
-          InputError: no such light, a name that is taken, no phase, or a state of a wrong length.
+          InputError: no such light, a name in use, no phase, or a state of a wrong length.
         """
         links = len(self.state(light))
         if not isinstance(program, str) or not program or program == BY_HAND:
@@ -269,11 +220,11 @@ class TrafficLights:
             make = self._api
             steps = [make.Phase(p.duration, p.state, p.duration, p.duration) for p in phases]
             make.setProgramLogic(light, make.Logic(program, FIXED_TIME, 0, steps))
-            # SUMO switches to what it is given; it is to run when asked for.
+            # SUMO switches to a new program at once; it shall run only when asked for.
             make.setProgram(light, running)
 
     def run_program(self, light: str, program: str = "0") -> None:
-        """Lets a light run by one of its programs, whatever was held before.
+        """Runs one of a light's programs; ends all temporary settings.
 
         Raises:
           InputError: no such light or program.
@@ -283,14 +234,11 @@ class TrafficLights:
         self._set(light, _Setting(program))
 
     def ahead(self, station: float, lane: int | None = None) -> LightAhead | None:
-        """The next light on the ego's route at or after a station.
+        """The next light on the ego's route at or after a station; None if there is none.
 
         Args:
           station: of the front bumper [m].
-          lane: from the right; None for the rightmost lane that leads on along the route.
-
-        Returns:
-          None when there is no light to come.
+          lane: from the right; None: the rightmost lane that leads on along the route.
 
         Raises:
           InputError: the station is not finite, or the lane is no whole number from 0.
@@ -302,7 +250,7 @@ class TrafficLights:
         to_come = [stop for stop in self._stops if stop[0] >= station and lane in (None, stop[1])]
         if not to_come:
             return None
-        # Lanes of one stop line end within metres of each other: the rightmost speaks for them.
+        # Lanes of one stop line end within meters of each other; the rightmost one is reported.
         first = to_come[0][0]
         near = [stop for stop in to_come if stop[0] < first + SAME_STOP_LINE]
         line, own_lane, light, link = min(near, key=lambda stop: stop[1])
@@ -316,14 +264,14 @@ class TrafficLights:
         return self._session.guard(f"reading traffic light {light}")
 
     def _whole_state(self, light: str, state: str) -> str:
-        """A state with a letter for each link, of one or of as many letters."""
+        """A state with one letter per link; a single letter is repeated."""
         links = len(self.state(light))
         whole = state * links if isinstance(state, str) and len(state) == 1 else state
         _check_state(f"traffic light {light!r}", whole, links)
         return whole
 
     def _running(self, light: str) -> str:
-        """The program that runs."""
+        """The running program; InputError if the light was set by hand."""
         name = self.program(light)
         if name is None:
             raise InputError(f"traffic light {light!r} was set by hand: no program runs")
@@ -337,9 +285,9 @@ class TrafficLights:
         return undo
 
     def _go_on(self, light: str) -> None:
-        """Puts into force what is held now."""
+        """Applies the newest temporary setting, or else the one before all of them."""
         setting = self._overrides.newest("setting", light) or self._before[light]
-        # What goes on already is not begun anew.
+        # A setting that is in force already is not started again.
         if setting != self._present(light):
             self._set(light, setting)
 
@@ -392,3 +340,45 @@ def _check_state(what: str, state: object, links: int) -> None:
         or any(letter not in LIGHT_LETTERS for letter in state)
     ):
         raise InputError(f"state {state!r} of {what}: {links or 1} letters of {LIGHT_LETTERS!r}")
+
+
+def next_letter(
+    phases: Sequence[Any], index: int, wait: float, link: int
+) -> tuple[float | None, str | None]:
+    """Time until a link's letter changes in a fixed-time program [s], and the new letter.
+
+    Args:
+      phases: SUMO's, of the program.
+      index: of the running phase.
+      wait: time until the running phase ends [s].
+      link: index of the letter.
+
+    Returns:
+      None, None if the letter never changes.
+    """
+    letter = phases[index].state[link]
+    for _ in range(len(phases)):
+        # A phase may name its successor; otherwise the next phase follows, cyclically.
+        following = phases[index].next
+        index = following[0] if following else (index + 1) % len(phases)
+        if phases[index].state[link] != letter:
+            return max(wait, 0.0), str(phases[index].state[link])
+        wait += float(phases[index].duration)
+    return None, None
+
+
+def stop_lines(
+    lights_api: Any, names: Sequence[str], lanes: RouteLanes
+) -> tuple[tuple[float, int, str, int], ...]:
+    """Station [m], lane, light and link of every stop line on the route, in driving order."""
+    onward = dict(zip(lanes.edges, lanes.edges[1:], strict=False))
+    stops = []
+    for light in names:
+        for link, ways in enumerate(lights_api.getControlledLinks(light)):
+            for before, after, _ in ways:
+                table = lanes.tables.get(before)
+                if table is None or table.lane < 0 or table.direction < 0:
+                    continue
+                if onward.get(table.edge) == after.rpartition("_")[0]:
+                    stops.append((table.at(table.length)[0], table.lane, light, link))
+    return tuple(sorted(stops))

@@ -1,11 +1,11 @@
 """Variable speed limits on stretches of the route, exact to the station.
 
-SUMO knows one limit a lane; its lanes end where the map's roads or lane sections do, and vehicles
-brake as hard as they can when it is lowered. So every vehicle is held, by its own maximum speed,
-to what the stretch allows where it is, and before the stretch to the speed from which it reaches
-the limit at the sign with a part of its comfortable deceleration, as drivers do who see it. A
-vehicle on a stretch whose limit comes into force slows down with that deceleration. SUMO's own
-limit is raised where a stretch allows more than the map.
+SUMO has one limit per lane; its lanes end where the map's roads or lane sections do, and vehicles
+brake as hard as they can when it is lowered. So each vehicle gets a maximum speed of its own: on
+the stretch the limit, before the stretch the speed from which it reaches the limit at the sign with
+a part of its comfortable deceleration, as drivers who see the sign do. A vehicle that is on a
+stretch when its limit comes into force slows down with that deceleration. SUMO's own limit is
+raised where a stretch allows more than the map.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from traffic_bridge.session import Session
 from traffic_bridge.signals.events import LONGEST, SpeedLimit
 from traffic_bridge.vehicles.registry import Vehicles
 
-# Part of the comfortable deceleration that drivers take before a sign (judgement).
+# Part of the comfortable deceleration that drivers use before a sign (judgement).
 APPROACH = 0.75
 SIGHT = 400.0  # [m] before a sign in which drivers may begin to brake
 SEAM = 10.0  # [m] between SUMO's lanes, at most
@@ -42,10 +42,10 @@ class LimitPiece:
 
 @dataclass(frozen=True, eq=False)
 class _Watch:
-    """A SUMO lane whose vehicles are held by station.
+    """A SUMO lane whose vehicles are limited by station.
 
     Attributes:
-      lane: its id; pieces: what holds on it and ahead of it.
+      lane: its id; pieces: limits on it and ahead of it.
       positions, stations: of its samples [m], shape (n,).
     """
 
@@ -61,14 +61,7 @@ class _Watch:
 
 
 class SpeedLimits:
-    """The limits that were set in the run; the traffic controller has one.
-
-    Args:
-      session: the running SUMO.
-      lanes: of the route.
-      vehicles: whose speeds are held.
-      step_length: [s].
-    """
+    """The variable speed limits of a running traffic."""
 
     def __init__(
         self, session: Session, lanes: RouteLanes, vehicles: Vehicles, step_length: float
@@ -88,16 +81,16 @@ class SpeedLimits:
     def set(
         self, limit: float, start: float = 0.0, end: float = LONGEST, lane: int | None = None
     ) -> int:
-        """Sets a limit on a stretch; of two that overlap, the later one holds.
+        """Sets a limit on a stretch; of overlapping limits the one set last holds.
 
         Args:
           limit: [m/s].
-          start: station [m]; drivers are at the limit there.
+          start: station [m] at which drivers have reached the limit.
           end: station [m].
-          lane: index from the right; None for all lanes.
+          lane: index from the right; None: all lanes.
 
         Returns:
-          A number to give to `lift`.
+          The number for `lift`.
 
         Raises:
           InputError: a value is not allowed (see `SpeedLimit`), or no lane lies in the interval.
@@ -110,11 +103,7 @@ class SpeedLimits:
         return number
 
     def check(self, rule: SpeedLimit) -> None:
-        """Refuses a stretch on which there is no lane.
-
-        Raises:
-          InputError: no lane lies between its stations.
-        """
+        """Raises InputError if no lane lies between the stations of a limit."""
         if not self._tables(rule):
             which = "no lane" if rule.lane is None else f"no lane {rule.lane}"
             raise InputError(
@@ -122,28 +111,24 @@ class SpeedLimits:
             )
 
     def lift(self, number: int) -> None:
-        """Takes a limit away.
-
-        Raises:
-          InputError: there is no such limit.
-        """
+        """Removes a limit; InputError if there is no such limit."""
         if number not in list(self._rules):
             raise InputError(f"speed limit {number!r}: there are {sorted(self._rules)}")
         del self._rules[number]
         self._apply()
 
     def reset(self) -> None:
-        """Gives every lane back the limit it had on the map."""
+        """Removes all limits; every lane has the limit of the map again."""
         self._rules.clear()
         self._apply()
 
     @property
     def rules(self) -> tuple[SpeedLimit, ...]:
-        """What was set and not lifted, in this order: where two overlap the later one holds."""
+        """The limits in force, in the order in which they were set."""
         return tuple(self._rules.values())
 
     def at(self, station: float, lane: int = 0) -> float:
-        """The limit that holds at a station of a lane [m/s].
+        """The limit at a station of a lane [m/s].
 
         Raises:
           InputError: the lane does not exist there.
@@ -160,12 +145,12 @@ class SpeedLimits:
             return float(self._api.lane.getMaxSpeed(table.id)) if own is None else own
 
     def entering(self, table: LaneTable, position: float, deceleration: float) -> float:
-        """Highest speed for a vehicle that appears on a SUMO lane [m/s]; infinite: any.
+        """Highest speed of a vehicle that is inserted on a SUMO lane [m/s]; infinite: no limit.
 
         Args:
           table: of the lane.
           position: of the front bumper along the lane [m].
-          deceleration: the vehicle's comfortable one [m/s2].
+          deceleration: comfortable one of the vehicle [m/s2].
         """
         watch = next((watch for watch in self._watched if watch.lane == table.id), None)
         if watch is None:
@@ -174,7 +159,7 @@ class SpeedLimits:
         return float(_allowed(watch.pieces, station, np.array([slowing]))[0])
 
     def step(self) -> None:
-        """Holds the vehicles on and before stretches that begin or end inside a lane."""
+        """Limits the vehicles on and before the stretches."""
         if not self._watched and not self._held:
             return
         held: set[str] = set()
@@ -194,17 +179,17 @@ class SpeedLimits:
     # Inside ------------------------------------------------------------------------------------
 
     def _allowed(self, names: list[str], watch: _Watch) -> FloatArray:
-        """Highest speeds at the end of the coming step [m/s], shape (n,); infinite: any."""
+        """Highest speeds at the end of the coming step [m/s], shape (n,); infinite: no limit."""
         vehicle, of = self._api.vehicle, self._vehicles
         position = np.array([vehicle.getLanePosition(name) for name in names])
         speed = np.array([vehicle.getSpeed(name) for name in names])
         slowing = APPROACH * np.array([of.type_of(name).deceleration for name in names])
         station = np.interp(position, watch.positions, watch.stations) + speed * self._step
-        # Who is faster, because the limit has just come into force, slows down as for a sign.
+        # Vehicles above a limit that has just come into force slow down as before a sign.
         return np.maximum(_allowed(watch.pieces, station, slowing), speed - slowing * self._step)
 
     def _apply(self) -> None:
-        """Sets the limits of the SUMO lanes, and notes which vehicles must be held by station."""
+        """Sets the limits of the SUMO lanes, and notes the lanes whose vehicles are limited."""
         lane_api = self._api.lane
         with self._session.guard("setting speed limits"):
             for lane_id, limit in self._of_map.items():
@@ -229,21 +214,21 @@ class SpeedLimits:
     def _watch_before(
         self, table: LaneTable, pieces: list[LimitPiece], watched: dict[str, list[LimitPiece]]
     ) -> None:
-        """Lets the lanes that lead onto one know the signs on it, as far as they are seen."""
+        """Adds the signs of a lane to the lanes before it, as far as the signs are seen."""
         begin = float(table.station[0])
         signs = [piece for piece in pieces if begin - SEAM < piece.start < begin + SIGHT]
         for before in upstream(self._lanes, [table], SIGHT) if signs else ():
             watched.setdefault(before.id, []).extend(signs)
 
     def _raise_lane(self, table: LaneTable, over: list[LimitPiece]) -> list[LimitPiece]:
-        """Raises SUMO's limit of a lane to the highest that holds anywhere on it.
+        """Raises SUMO's limit of a lane to the highest limit on it.
 
         Returns:
-          Where the map's limit holds on the rest of the lane and is below SUMO's now.
+          The map's limit on the rest of the lane, where it is now below SUMO's.
         """
         own = self._of_map.setdefault(table.id, float(self._api.lane.getMaxSpeed(table.id)))
         ceiling = max((piece.limit for piece in over), default=own)
-        # A turn inside a junction keeps the low speed that its bend asks for.
+        # A turn inside a junction keeps the low speed that its bend requires.
         if ceiling <= own or table.id.startswith(":"):
             return []
         self._api.lane.setMaxSpeed(table.id, ceiling)
@@ -256,7 +241,7 @@ class SpeedLimits:
         return between
 
     def _cut(self, lane: int) -> list[LimitPiece]:
-        """The stretches of a lane without overlap, in driving order."""
+        """The limits of a lane as stretches without overlap, in driving order."""
         rules = [r for r in self._rules.values() if r.lane in (None, lane)]
         ends = sorted({r.start for r in rules} | {r.end for r in rules})
         pieces = []
@@ -278,7 +263,7 @@ def _allowed(pieces: Sequence[LimitPiece], station: FloatArray, slowing: FloatAr
     """Highest speeds at stations: v^2 = limit^2 + 2 b distance before a sign, shape (n,) [m/s].
 
     Args:
-      pieces: what holds there and ahead.
+      pieces: limits there and ahead.
       station: of the front bumpers [m], shape (n,).
       slowing: b, the decelerations before signs [m/s2], shape (n,).
     """

@@ -1,10 +1,10 @@
-"""Drivers leave a lane before it is closed: what signs, arrows and hazard lights tell them.
+"""Drivers leave a lane before it is closed, and let waiting vehicles merge.
 
-In the stretch before an obstacle of which drivers are warned, nobody overtakes, and who is on the
-lane of the obstacle is asked to leave it for the nearest open lane, as soon as others leave the
-room. Who waits at the end of the lane is let in by one driver after the other, as at a zip (see
-`courtesy`). This holds with both lane-change models: the vehicles are under these orders until they
-are past the obstacle, then they go back to their model.
+In the stretch before an obstacle with a warning (signs, arrows, hazard lights) vehicles do not
+overtake, and those on the obstacle's lane change to the nearest open lane as soon as there is a
+gap. A vehicle that waits at the end of its lane is let in by `ZipperMerge`. This applies to both
+lane-change models: the vehicles are guided until they are past the obstacle, then they return to
+their model.
 """
 
 from __future__ import annotations
@@ -18,18 +18,16 @@ from traffic_bridge.network.route_lanes import LaneTable, RouteLanes, upstream
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles.registry import Vehicles
 
-# --- Drivers let in who waits at the end of a lane: one each, like the teeth of a zip ---
-# Without it a dense flow on the open lane leaves no gap that others' braking allows, and the closed
-# lane waits for minutes. The driver chosen is the first on the lane beside who can stop behind the
-# waiting vehicle with an easy deceleration; it is held to v^2 = 2 b distance until the other one
-# is in.
-
 WAITING_SPEED = 3.0  # [m/s] below which a vehicle before an obstacle waits for a gap
 EASY_BRAKING = 1.5  # [m/s2]
 SPACE = 4.0  # [m] left behind the waiting vehicle
-DELAY = 10.0  # [s] that one waits for a gap that comes by itself: stopping others costs flow
-PATIENCE = 20.0  # [s] after which a driver drives on, and lets nobody in again here
+DELAY = 10.0  # [s] that a vehicle waits for a natural gap: stopping others costs flow
+PATIENCE = 20.0  # [s] after which a driver drives on, and does not let in another one here
 REASON = "zipper merge"
+PERIOD = 0.5  # [s] between rounds of requests
+# SUMO's lane-change mode in the stretch: leave lanes that end, cooperate, follow our requests if
+# the gap is safe, adapt the speed to a gap; no overtaking, no keeping right.
+MERGING = 0b10_0000_0101
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,7 @@ class Waiting:
     """A vehicle that waits before an obstacle.
 
     Attributes:
-      name: of the vehicle; station: of its front bumper [m]; beside: the lane that it wants.
+      name: of the vehicle; station: of its front bumper [m]; target: the lane that it wants.
     """
 
     name: str
@@ -47,7 +45,7 @@ class Waiting:
 
 @dataclass
 class _Yield:
-    """Who is let in by whom, and for how long already [s]."""
+    """A waiting vehicle, the vehicle that makes a gap for it, and since when it does [s]."""
 
     waiting: Waiting
     giver: str
@@ -55,11 +53,11 @@ class _Yield:
 
 
 class ZipperMerge:
-    """Makes gaps for waiting vehicles.
+    """Makes gaps for vehicles that wait at the end of their lane: zipper merge.
 
-    Args:
-      session: the running SUMO.
-      vehicles: who may be slowed down.
+    Without it a dense flow on the open lane leaves no safe gap, and the closed lane waits for
+    minutes. The first vehicle on the target lane that can stop behind the waiting vehicle with an
+    easy deceleration makes the gap: it keeps v^2 <= 2 b distance until the other one is in.
     """
 
     def __init__(self, session: Session, vehicles: Vehicles) -> None:
@@ -70,7 +68,7 @@ class ZipperMerge:
         self._waited: dict[str, float] = {}
 
     def choose(self, waiting: dict[int, Waiting], period: float) -> None:
-        """Begins and ends favors.
+        """Chooses vehicles that make gaps, and ends gaps that are no longer needed.
 
         Args:
           waiting: the foremost waiting vehicle before each obstacle that has one.
@@ -96,11 +94,7 @@ class ZipperMerge:
                     self._gaps[number] = _Yield(one, giver)
 
     def step(self, step_length: float) -> None:
-        """Holds the givers to the speed from which they can still stop behind the other, easily.
-
-        Args:
-          step_length: of the coming step of the traffic [s].
-        """
+        """Limits the speed of vehicles that make gaps; `step_length` is that of the traffic [s]."""
         for number, gap in list(self._gaps.items()):
             if gap.giver not in self._vehicles:
                 del self._gaps[number]
@@ -111,7 +105,7 @@ class ZipperMerge:
             self._vehicles.hold_below(gap.giver, allowed, REASON)
 
     def _choose(self, one: Waiting, taken: set[str]) -> str | None:
-        """The nearest driver behind who can stop easily behind the waiting vehicle."""
+        """The nearest vehicle that can stop behind the waiting one with an easy deceleration."""
         best, nearest = None, math.inf
         vehicle = self._api.vehicle
         for name in self._api.lane.getLastStepVehicleIDs(one.target.id):
@@ -125,17 +119,9 @@ class ZipperMerge:
         return best
 
     def _distance(self, name: str, one: Waiting) -> float:
-        """Way of a vehicle on the lane beside to its place behind the waiting one [m]."""
+        """Distance of a vehicle on the target lane to its place behind the waiting one [m]."""
         front, _ = one.target.at(self._api.vehicle.getLanePosition(name))
         return one.station - float(self._api.vehicle.getLength(one.name)) - SPACE - front
-
-
-# --- Drivers leave a lane before it is closed: what signs, arrows and hazard lights tell them ---
-
-PERIOD = 0.5  # [s] between rounds of requests
-# SUMO's lane-change mode in the stretch: away from lanes that end, room for others, our requests
-# where others' gaps are respected, at a speed that fits a gap; no overtaking, no keeping right.
-MERGING = 0b10_0000_0101
 
 
 @dataclass(frozen=True)
@@ -143,8 +129,8 @@ class Obstacle:
     """A stretch of a lane that cannot be driven.
 
     Attributes:
-      lane: from the right; start, end: stations [m]; notice: distance before the start from which
-        on drivers know [m].
+      lane: from the right; start, end: stations [m]; notice: distance before the start at which
+        the warning begins [m].
     """
 
     lane: int
@@ -154,14 +140,7 @@ class Obstacle:
 
 
 class MergeGuide:
-    """Asks drivers out of the way of obstacles; the traffic controller has one.
-
-    Args:
-      session: the running SUMO.
-      lanes: of the route.
-      vehicles: who may be asked.
-      step_length: [s].
-    """
+    """Guides vehicles past the obstacles on the route."""
 
     def __init__(
         self, session: Session, lanes: RouteLanes, vehicles: Vehicles, step_length: float
@@ -182,11 +161,11 @@ class MergeGuide:
         self._zipper = ZipperMerge(session, vehicles)
 
     def add(self, obstacle: Obstacle) -> int:
-        """Warns of an obstacle; returns a number to give to `remove`."""
+        """Adds a warning of an obstacle; returns the number for `remove`."""
         number = next(self._numbers)
         self._obstacles[number] = obstacle
-        # Lanes are counted from the right, so that the count changes where one begins or ends:
-        # which lanes lead to the obstacle is told by the net.
+        # Lanes are counted from the right, so a lane's number changes where another one begins or
+        # ends; the net tells which lanes lead to the obstacle.
         with self._session.guard("warning of an obstacle"):
             on = self._lanes.within(obstacle.start, obstacle.end, obstacle.lane)
             lanes = on + upstream(self._lanes, on, obstacle.notice)
@@ -201,11 +180,11 @@ class MergeGuide:
         self._steps = 0
 
     def obstacles(self) -> tuple[Obstacle, ...]:
-        """The obstacles of which drivers are warned, in the order in which they came."""
+        """The obstacles with a warning, in the order in which they were added."""
         return tuple(self._obstacles.values())
 
     def step(self) -> None:
-        """A round of requests when it is due."""
+        """One traffic step; sends lane-change requests if a round is due."""
         if not self._obstacles and not self._former_modes:
             return
         due = self._steps % self._every == 0
@@ -234,16 +213,16 @@ class MergeGuide:
     def _guide(
         self, table: LaneTable, number: int, leads: bool, waiting: dict[int, Waiting]
     ) -> set[str]:
-        """Orders to the vehicles on a SUMO lane, out of it where it leads to the obstacle.
+        """Guides the vehicles on a SUMO lane, and out of it if it leads to the obstacle.
 
         Args:
           table: of the lane.
           number: of the obstacle.
           leads: whether the lane leads to it.
-          waiting: the foremost vehicle that waits before each obstacle, to be completed.
+          waiting: the foremost vehicle that waits before each obstacle; updated.
 
         Returns:
-          Who is in the stretch.
+          The vehicles in the stretch.
         """
         vehicle, obstacle = self._api.vehicle, self._obstacles[number]
         first = obstacle.start - obstacle.notice
@@ -264,12 +243,12 @@ class MergeGuide:
             vehicle.changeLane(name, index, self._duration)
             foremost = number not in waiting or waiting[number].station < station
             if foremost and station < obstacle.start and vehicle.getSpeed(name) < WAITING_SPEED:
-                beside = self._lanes.tables[f"{table.edge}_{index}"]
-                waiting[number] = Waiting(name, station, beside)
+                target = self._lanes.tables[f"{table.edge}_{index}"]
+                waiting[number] = Waiting(name, station, target)
         return inside
 
     def _way_out(self, table: LaneTable, station: float, end: float) -> int | None:
-        """SUMO's index of the nearest open lane of the edge, the left one of two; None: none."""
+        """SUMO's index of the nearest open lane of the edge, the left one of two; or None."""
         for distance in range(1, 8):
             for index in (table.index + distance, table.index - distance):
                 other = self._lanes.tables.get(f"{table.edge}_{index}")
@@ -288,11 +267,7 @@ class MergeGuide:
 
 
 def check_obstacle(obstacle: Obstacle, lanes: RouteLanes) -> None:
-    """Refuses an obstacle on a lane that does not exist where it begins and ends.
-
-    Raises:
-      InputError: the lane does not exist there.
-    """
+    """Raises InputError if the obstacle's lane does not exist where it begins or ends."""
     for station in (obstacle.start, obstacle.end):
         if lanes.find(obstacle.lane, station) is None:
             raise InputError(f"lane {obstacle.lane} does not exist at station {station:g}")

@@ -1,4 +1,4 @@
-"""What stands in the way or drives slowly by intent: closed lanes, stopped vehicles, convoys."""
+"""Closed lanes, stopped vehicles and slow convoys in a running traffic."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from traffic_bridge.vehicles.scripted import Manner, ScriptedVehicle, ScriptedVe
 from traffic_bridge.vehicles.types import VehicleType
 
 BLOCKER_SPACING = 80.0  # [m] between the safety trucks of a long closure
-CLOSURE_NOTICE = 400.0  # [m] before a closure in which drivers are told to leave the lane
-HAZARD_NOTICE = 200.0  # [m] from which hazard lights are seen
+CLOSURE_NOTICE = 400.0  # [m] before a closure in which drivers leave the lane
+HAZARD_NOTICE = 200.0  # [m] at which hazard lights are seen
 CONVOY_HEADWAY = 2.0  # [s] between the vehicles of a convoy
-# What the names of vehicles begin with that events put on the road, before a dot.
+# Names of vehicles of events begin with one of these and a dot.
 SCRIPTED = BLOCKER, STOPPED, CONVOY = "blocker", "stopped", "convoy"
 
 
 class Obstructions:
-    """Closes lanes, stops vehicles, sends convoys; the traffic controller has one.
+    """Closes lanes, and adds stopped vehicles and convoys.
 
     Args:
       lanes: of the route.
       scripted: puts the vehicles on the road.
-      guide: tells drivers about obstacles.
+      guide: guides the traffic past obstacles.
       config: types and speed of the traffic.
     """
 
@@ -46,24 +46,24 @@ class Obstructions:
         self._groups: dict[int, tuple[list[str], str, int | None]] = {}
 
     def closed(self) -> tuple[Obstacle, ...]:
-        """The obstacles of which drivers are warned now: closures and hazard lights."""
+        """The obstacles with a warning: closures and vehicles with hazard lights."""
         return self._guide.obstacles()
 
     def close_lane(
         self, lane: int, start: float, end: float, notice: float = CLOSURE_NOTICE
     ) -> int:
-        """Closes a lane by standing safety trucks, which the ego sees as vehicles too.
+        """Closes a lane with standing safety trucks, which the ego also sees as vehicles.
 
-        Each truck appears as soon as its place is free and who comes can still stop.
+        Each truck appears as soon as its place is free and approaching vehicles can still stop.
 
         Args:
           lane: index from the right.
           start: station of the first truck's rear [m].
           end: station [m].
-          notice: distance before the start from which on drivers are told to leave the lane [m].
+          notice: distance before the start at which drivers begin to leave the lane [m].
 
         Returns:
-          A number to give to `open_lane`.
+          The number for `open_lane`.
 
         Raises:
           InputError: the interval is not on the route, or the lane does not exist there.
@@ -84,7 +84,7 @@ class Obstructions:
             )
             for k in range(count)
         ]
-        # All places are found before the first truck waits: a closure is whole or not at all.
+        # All places are checked before the first truck is placed.
         for vehicle in group:
             self._scripted.check(vehicle)
         for vehicle in group:
@@ -94,25 +94,17 @@ class Obstructions:
         return number
 
     def check_closure(self, closure: LaneClosure) -> Obstacle:
-        """The obstacle that a closure is.
-
-        Raises:
-          InputError: the lane does not exist where it begins or ends.
-        """
+        """The obstacle of a closure; InputError if its lane does not exist at start or end."""
         obstacle = Obstacle(closure.lane, closure.start, closure.end, closure.notice)
         check_obstacle(obstacle, self._lanes)
         return obstacle
 
     def check(self, vehicle: ScriptedVehicle) -> None:
-        """Refuses a scripted vehicle for which there is no lane, see `ScriptedVehicles.check`."""
+        """Checks that a vehicle's lane exists, see `ScriptedVehicles.check`."""
         self._scripted.check(vehicle)
 
     def open_lane(self, number: int) -> None:
-        """Takes a closure away.
-
-        Raises:
-          InputError: there is no such closure.
-        """
+        """Ends a closure; InputError if there is no such closure."""
         if number not in list(self._closures):
             raise InputError(f"closure {number!r}: there are {sorted(self._closures)}")
         obstacle, names = self._closures.pop(number)
@@ -126,21 +118,21 @@ class Obstructions:
         type: str = "car",
         notice: float | None = HAZARD_NOTICE,
     ) -> int:
-        """Lets a vehicle stand on a lane, as soon as its place is free.
+        """Puts a standing vehicle on a lane, as soon as its place is free.
 
         Args:
           station: of its front bumper [m].
           lane: from the right.
           type: name of its type.
-          notice: distance from which others see its hazard lights [m]; None: it has none on.
+          notice: distance at which others see its hazard lights [m]; None: they are off.
 
         Returns:
-          A number to give to `release`.
+          The number for `release`.
 
         Raises:
           InputError: the lane does not exist there, or the type is unknown.
         """
-        # The event's class knows what is allowed.
+        # The event's class checks the values.
         StoppedVehicle(
             station=station, lane=lane, type=type, notice=0.0 if notice is None else notice
         )
@@ -157,7 +149,7 @@ class Obstructions:
     def convoy(
         self, station: float, speed: float, lane: int = 0, count: int = 3, type: str = "truck"
     ) -> int:
-        """Puts vehicles on a lane that keep it, as soon as there is room for all of them.
+        """Puts vehicles that keep their lane on it, as soon as there is room for all of them.
 
         Args:
           station: of the first one's front bumper [m].
@@ -167,7 +159,7 @@ class Obstructions:
           type: name of their type.
 
         Returns:
-          A number to give to `release`.
+          The number for `release`.
 
         Raises:
           InputError: the lane does not exist there, or the type is unknown.
@@ -180,7 +172,7 @@ class Obstructions:
         return number
 
     def convoy_group(self, number: int, convoy: SlowConvoy) -> list[ScriptedVehicle]:
-        """The places of a convoy's vehicles, the first one first."""
+        """The vehicles of a convoy, beginning with the first one."""
         kind = self._config.type_of(convoy.type)
         spacing = kind.length + kind.minimum_gap + convoy.speed * CONVOY_HEADWAY
         return [
@@ -196,7 +188,7 @@ class Obstructions:
         ]
 
     def release(self, number: int) -> None:
-        """Lets a stopped vehicle or a convoy drive on as others do.
+        """Makes a stopped vehicle or a convoy drive as others do.
 
         Raises:
           InputError: there is no such vehicle or convoy.
@@ -210,6 +202,6 @@ class Obstructions:
         self._scripted.release(names, kind.desired_speed_mean * self._config.speed_limit)
 
     def _blocker(self) -> VehicleType:
-        """The type of safety trucks: the rigid truck, where there is one."""
+        """The type of safety trucks: "truck", or else the first type."""
         types = self._config.types
         return next((kind for kind in types if kind.name == "truck"), types[0])

@@ -1,1 +1,1 @@
-"""Vehicle meta-information: types and what changes them, who comes when, how they drive."""
+"""Vehicle types, demand, car-following and lane-change models, calibration."""

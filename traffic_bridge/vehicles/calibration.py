@@ -2,10 +2,11 @@
 
 Kesting and Treiber, "Calibrating car-following models by using trajectory data: methodological
 study", Transportation Research Record 2088 (2008), 148-156: the follower is simulated behind the
-recorded leader from its first recorded gap and speed on, and the gap's error is made small. The
-model is carried out step by step as SUMO carries it out, so what is found holds there.
+recorded leader from its first recorded gap and speed on, and the error of the gap is minimized. The
+model is integrated with SUMO's time-stepping scheme, so the result is valid in SUMO.
 
-    from traffic_bridge import calibrate, pairs, read_trajectories, trimmed
+    from traffic_bridge import calibrate, read_trajectories, trimmed
+    from traffic_bridge.datasets import pairs
 
     found = calibrate(trimmed(pairs(read_trajectories(path))))
     found.parameters, found.error
@@ -23,23 +24,23 @@ import numpy as np
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
-from traffic_bridge.datasets.pairs import Pair
+from traffic_bridge.datasets.trajectories import Pair
 from traffic_bridge.vehicles.idm import PARAMETERS, IdmParameters, acceleration
 from traffic_bridge.vehicles.types import VehicleType, read_types
 
 MEASURES = ("mixed", "relative", "absolute")
-# What is searched: v0 [m/s], T [s], s0 [m], a and b [m/s2]. A driver in congestion does not show
-# the desired speed, so its upper bound is that of a freeway; nobody is to stop within 1 m.
+# Search ranges of v0 [m/s], T [s], s0 [m], a and b [m/s2]. The desired speed of a driver in
+# congestion is unknown, so its upper bound is that of a freeway; the least gap is 1 m.
 BOUNDS = ((5.0, 40.0), (0.1, 4.0), (1.0, 8.0), (0.1, 5.0), (0.1, 6.0))
-_STARTS = 128  # sets from which a pair's own search takes the best to begin with
+_STARTS = 128  # parameter sets; the search for a pair begins with the best of them
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What a calibration found.
+    """The result of a calibration.
 
     Attributes:
-      parameters: the one set that fits all pairs best.
+      parameters: the set that fits all pairs best.
       measure: of the error, one of `MEASURES`.
       error: mean over the pairs of their errors with that set, 0.2 is 20 %.
       pair_errors: error of each pair with that set, shape (n,).
@@ -52,10 +53,10 @@ class Calibration:
 
 
 class PairBlock:
-    """Pairs side by side in arrays, so that all are simulated at once.
+    """Pairs in common arrays, so that all are simulated at once.
 
     Raises:
-      InputError: there are none, they have different time steps, or somebody has no gap.
+      InputError: there are none, their time steps differ, or a gap is not positive.
     """
 
     def __init__(self, pairs: Sequence[Pair]) -> None:
@@ -89,7 +90,7 @@ class PairBlock:
           parameters: shape (5, m, 1) for m sets tried on every pair, or (5, m, n) with n pairs.
 
         Returns:
-          Gap [m] and speed [m/s], shape (steps, m, n). After a pair's end they mean nothing.
+          Gap [m] and speed [m/s], shape (steps, m, n), meaningless after a pair's end.
         """
         dt = self.step
         m = parameters.shape[1]
@@ -135,7 +136,7 @@ class PairBlock:
 def trimmed(
     pairs: Sequence[Pair], begin: float = 5.0, end: float = 3.0, least_duration: float = 10.0
 ) -> tuple[Pair, ...]:
-    """Pairs without their first and last seconds, where smoothed trajectories settle.
+    """Pairs without their first and last seconds, where smoothed trajectories are inaccurate.
 
     In the reconstructed NGSIM pairs followers begin some 4 m/s too slow and the gap misses the
     measured one by 3 m; both have passed after 5 s, and 3 s before the end.
@@ -176,7 +177,7 @@ def gap_error(pair: Pair, parameters: IdmParameters | FloatArray, measure: str =
 def evaluate(
     pairs: Sequence[Pair], parameters: IdmParameters, measure: str = "mixed"
 ) -> Calibration:
-    """The errors of a given set on pairs, for instance on those it was not fitted to."""
+    """The errors of a parameter set on pairs, for instance on others than it was fitted to."""
     errors = PairBlock(pairs).errors(parameters.as_array().reshape(5, 1, 1), measure)[0]
     return Calibration(parameters, measure, float(errors.mean()), errors)
 
@@ -188,15 +189,15 @@ def calibrate(
     desired_speed: float | None = None,
     generations: int = 60,
 ) -> Calibration:
-    """The one parameter set whose error, as a mean over all pairs, is least.
+    """The parameter set with the least mean error over all pairs.
 
-    Differential evolution of scipy, all pairs and all candidates simulated at once.
+    It uses scipy's differential evolution; all pairs and candidates are simulated at once.
 
     Args:
       pairs: of one time step.
       measure: "mixed", "relative" or "absolute".
       seed: of the search; one seed gives one result.
-      desired_speed: holds v0 there [m/s]; drivers in congestion do not show it. None fits it too.
+      desired_speed: fixes v0 [m/s], which drivers in congestion do not show; None: fits it too.
       generations: at most.
 
     Raises:
@@ -233,19 +234,19 @@ def calibrate_each(
     desired_speed: float | None = None,
     begin: IdmParameters | None = None,
 ) -> list[Calibration]:
-    """A set of its own for every pair: the spread between drivers.
+    """A parameter set for every pair: the spread between drivers.
 
-    Bounded nonlinear least squares from the best of a Sobol sample (and of `begin`).
+    Bounded nonlinear least squares, started from the best of a Sobol sample and `begin`.
 
     Args:
       pairs: of one time step.
       measure: see `calibrate`.
       seed: of the sample.
       desired_speed: see `calibrate`.
-      begin: a set to try as a beginning too, for instance that of all pairs.
+      begin: a further start, for instance the set of all pairs.
 
     Returns:
-      One `Calibration` a pair, in their order.
+      One `Calibration` per pair, in their order.
     """
     from scipy.stats import qmc
 
@@ -261,10 +262,10 @@ def calibrate_each(
 def calibrate_headways(
     pairs: Sequence[Pair], parameters: IdmParameters, measure: str = "mixed"
 ) -> list[Calibration]:
-    """A time headway of its own for every pair, the other parameters being common.
+    """A time headway for every pair, with common other parameters.
 
-    The one parameter in which drivers differ most clearly; unlike sets of five fitted to half a
-    minute each, these make up a population that can be let loose on another road.
+    Drivers differ most in this parameter. Unlike five parameters fitted to half a minute each, the
+    result is a population of drivers that can be used on another road.
 
     Args:
       pairs: of one time step.
@@ -324,7 +325,7 @@ def _bounds(desired_speed: float | None) -> tuple[tuple[float, float], ...]:
         return BOUNDS
     if not (np.isfinite(desired_speed) and desired_speed > 0.0):
         raise InputError(f"desired_speed {desired_speed!r}: must be positive")
-    # The searches want an interval; a millimeter per second is none that matters.
+    # The searches need an interval; 1 mm/s has no effect.
     return ((desired_speed, desired_speed + 1e-3), *BOUNDS[1:])
 
 
@@ -334,14 +335,11 @@ def _checked(measure: str) -> str:
     return measure
 
 
-# --- The package's vehicle types with the car as fitted to recorded drivers ---
-
-
 @cache
 def calibrated_types() -> tuple[VehicleType, ...]:
-    """The default types with the car of `calibrated_types.toml`, which says where it comes from.
+    """The default types with the car of `calibrated_types.toml`, fitted to recorded drivers.
 
-    Fitted in congestion: for dense traffic, `TrafficConfig(types=calibrated_types())`. Cars then
-    stop within 1 m, nearer than the default ones.
+    They were fitted in congestion: use them for dense traffic, `TrafficConfig(types=
+    calibrated_types())`. Cars stop within 1 m, nearer than the default ones.
     """
     return read_types(Path(__file__).with_name("calibrated_types.toml"))

@@ -1,4 +1,4 @@
-"""Who drives where: flows at the entrances, and vehicles already on the road at the beginning."""
+"""Puts vehicles on the road: random flows at the entrances, and the initial traffic."""
 
 from __future__ import annotations
 
@@ -15,20 +15,24 @@ from traffic_bridge.network.route_lanes import LaneTable, RouteLanes
 from traffic_bridge.session import Session
 from traffic_bridge.signals.limits import SpeedLimits
 from traffic_bridge.vehicles.ego_room import EgoRoom
-from traffic_bridge.vehicles.registry import Vehicles, VehicleType
+from traffic_bridge.vehicles.registry import Vehicles
+from traffic_bridge.vehicles.types import VehicleType
 
-# --- Traffic on the rest of the map: from every entrance to exits drawn by chance ---
+LANE_END = 300.0  # [m] before the end of a lane that closes, without new vehicles
+# SUMO's lane-change mode under MOBIL: SUMO itself only leaves lanes that end (bit 0), and carries
+# out our requests unless they cause an immediate collision (bit 8).
+MOBIL_MODE = 0b01_0000_0001
 
 
 class MapDemand:
-    """Which trips there are beside the ego's route.
+    """Random trips on the rest of the map, from its entrances to its exits.
 
-    A trip begins on a lane that leads where it goes, so that nobody has to cross the road at once.
-    Its exit is drawn evenly among those that can be reached from there.
+    A trip begins on a lane that leads to its exit, so that vehicles need not cross the road at
+    once. Its exit is drawn with equal probability from those that the lane reaches.
 
     Args:
       net: of the map; graph: of its lanes.
-      route_edges: edges of the ego's route, whose flow comes from elsewhere.
+      route_edges: edges of the ego's route, whose flow `Demand` makes.
     """
 
     def __init__(self, net: NetFile, graph: LaneGraph, route_edges: tuple[str, ...]) -> None:
@@ -40,13 +44,13 @@ class MapDemand:
 
     @cached_property
     def entrances(self) -> tuple[NetLane, ...]:
-        """Lanes of every entrance of the map, the route's own beginning left out."""
+        """Lanes of every entrance of the map except the beginning of the route."""
         names = (name for name in self._paths.entrances if name not in self._route_edges)
         return tuple(lane for name in names for lane in self._lanes(name))
 
     @cached_property
     def elsewhere(self) -> tuple[NetLane, ...]:
-        """Lanes with trips on every edge that is not of the route."""
+        """Lanes with trips on every edge off the route."""
         return tuple(
             lane
             for name in self._paths.ids
@@ -55,7 +59,7 @@ class MapDemand:
         )
 
     def trip(self, lane: NetLane, rng: np.random.Generator) -> tuple[str, ...]:
-        """The edges of a trip from a lane; one random number is drawn, whatever the lane."""
+        """The edges of a trip from a lane; draws exactly one random number."""
         ways = self._from(lane)
         return ways[int(rng.random() * len(ways))]
 
@@ -64,7 +68,7 @@ class MapDemand:
         return tuple(lane for lane in lanes if lane.is_driving and self._from(lane))
 
     def _from(self, lane: NetLane) -> tuple[tuple[str, ...], ...]:
-        """The ways from a lane to each exit, in the order of the exits' names."""
+        """The paths from a lane to each exit, in the order of the exits' names."""
         if lane.id not in self._ways:
             self._ways[lane.id] = tuple(self._find(lane))
         return self._ways[lane.id]
@@ -86,27 +90,19 @@ class MapDemand:
                 yield self._paths.path(lane.edge, leave).edges
 
 
-# --- Who drives where: flows at the entrances, and vehicles already on the road at the beginning
-
-LANE_END = 300.0  # [m] before the end of a lane that closes: nobody begins there
-# SUMO's lane-change mode under MOBIL: SUMO itself only leaves lanes that end (bit 0), and carries
-# out our requests where that is not an immediate collision (bit 8).
-MOBIL_MODE = 0b01_0000_0001
-
-
 class Demand:
     """Puts vehicles on the road.
 
-    Every random number comes from one generator, drawn in a fixed order and number per step, so
-    that the flow is the same whatever the ego does, as long as the entrance is free.
+    Random numbers are drawn in a fixed order and number per step, so that the flow does not depend
+    on the ego, as long as the entrance is free.
 
     Args:
       session: the running SUMO.
       lanes: of the route.
-      vehicles: where new vehicles are noted.
+      vehicles: the registry for new vehicles.
       config: density, mix and speeds.
-      rng: the source of randomness.
-      limits: that were set in the run.
+      rng: the random generator.
+      limits: variable speed limits.
     """
 
     def __init__(
@@ -135,7 +131,7 @@ class Demand:
         self._map: MapDemand | None = None
         if config.scope == "map":
             self._map = MapDemand(lanes.net, lanes.graph, lanes.edges)
-            # Its own generator: the flow along the route is the same in every scope.
+            # A generator of its own keeps the flow along the route the same in every scope.
             (self._map_rng,) = rng.spawn(1)
             self._trips: dict[tuple[str, ...], str] = {}
         elif lanes.oncoming_edges:
@@ -143,10 +139,10 @@ class Demand:
             self._define_routes("against", lanes.oncoming_edges)
 
     def fill(self, ego: EgoRoom | None) -> None:
-        """Populates the road as the flow would have in the long run, with room for the ego.
+        """Populates the road with the density of the steady flow, with room for the ego.
 
         Args:
-          ego: where it stands; None where there is none, which fills from the road's beginning.
+          ego: the space that the truck needs; None: no truck, filled from the beginning.
         """
         config = self._config
         here = 0.0 if ego is None else ego.station
@@ -174,7 +170,7 @@ class Demand:
         config = self._config
         if config.probability <= 0.0:
             return
-        # Poisson arrivals of rate p at speed v stand at exponential distances of mean v / p.
+        # Poisson arrivals of rate p at speed v have exponential distances of mean v / p.
         mean_gap = config.speed_limit * 0.92 / config.probability
         position = float(self._rng.exponential(mean_gap))
         edges = self._lanes.edges if direction > 0 else self._lanes.oncoming_edges
@@ -188,12 +184,12 @@ class Demand:
                 route = f"{'along' if direction > 0 else 'against'}.{index}"
                 limit = self._lanes.graph.entry_speed(table.id, position, edges[index:])
                 self._add(kind, desired, route, table, f"{position:.3f}", limit)
-            # The next one far enough that SUMO can insert both at their speeds.
+            # Far enough apart that SUMO can insert both at their speeds.
             least = vehicle.length + vehicle.minimum_gap + 1.5 * config.speed_limit
             position += max(least, float(self._rng.exponential(mean_gap)))
 
     def spawn(self, ego_station: float | None) -> None:
-        """Lets arrive who arrives in one step; nobody appears near the ego."""
+        """Inserts the vehicles that arrive in one step, except near the ego."""
         probability = self._config.probability * self._config.step_length
         if probability <= 0.0:
             return
@@ -214,7 +210,7 @@ class Demand:
                         self._add(kind, desired, route, table, "base")
 
     def entries(self, ego_station: float | None) -> list[str]:
-        """Edges at whose beginnings vehicles may appear now."""
+        """Edges at whose beginnings vehicles may be inserted now."""
         if self._config.probability <= 0.0:
             return []
         open_to = [
@@ -229,14 +225,14 @@ class Demand:
         return open_to
 
     def discard_pending(self) -> None:
-        """Takes back vehicles for which SUMO found no room at once."""
+        """Removes vehicles for which SUMO found no room at once."""
         for name in self._api.simulation.getPendingVehicles():
             if name in self._vehicles:
                 self._api.vehicle.remove(name)
                 self._vehicles.forget(name)
 
     def _is_near(self, ego_station: float | None, station: float, offset: float = 0.0) -> bool:
-        """Whether a place is too near the ego for somebody to appear there."""
+        """Whether a place is too near the ego to insert a vehicle there."""
         clear = self._config.clear_distance + self._config.footprint.length
         return ego_station is not None and math.hypot(ego_station - station, offset) < clear
 
@@ -279,7 +275,7 @@ class Demand:
         if trip not in self._trips:
             self._trips[trip] = f"trip.{len(self._trips)}"
             self._api.route.add(self._trips[trip], list(trip))
-        # As fast as is safe: there may be a queue before the next junction.
+        # As fast as is safe, because there may be a queue before the next junction.
         self._insert(kind, desired, self._trips[trip], lane.index, position, "max")
 
     # One vehicle -------------------------------------------------------------------------------
@@ -287,7 +283,7 @@ class Demand:
     def _draw(self, lane: int, rng: np.random.Generator) -> tuple[str, float]:
         """Type and desired speed of the next vehicle on a lane, counted from the right."""
         kind = self._kinds[int(rng.choice(len(self._kinds), p=self._shares))]
-        # Heavy vehicles keep off the left lane of three, as the law has it in many countries.
+        # Heavy vehicles do not use the left lane of three, as is the law in many countries.
         if lane >= 2 and self._light and self._config.type_of(kind).heavy:
             kind = self._light
         vehicle = self._config.type_of(kind)
@@ -307,7 +303,7 @@ class Demand:
         sign = self._limits.entering(table, front, slowing)
         fastest = self._api.vehicletype.getMaxSpeed(kind)
         limit = min(self._api.lane.getMaxSpeed(table.id), fastest, ahead, sign)
-        # A speed above the lane's limit would inflate the vehicle's speed factor for life.
+        # A speed above the lane's limit would raise the vehicle's speed factor permanently.
         self._insert(kind, desired, route, table.index, position, limit)
 
     def _insert(
@@ -319,7 +315,7 @@ class Demand:
         position: str,
         speed: float | str,
     ) -> None:
-        """Hands a vehicle to SUMO; a speed in m/s is a limit, a word is SUMO's own choice."""
+        """Hands a vehicle to SUMO; a speed is a limit [m/s], or a word of SUMO such as "max"."""
         name = f"{kind}.{self._count:05d}"
         self._count += 1
         desired = self._vehicles.add(name, kind, desired)
@@ -336,13 +332,13 @@ class Demand:
             self._api.vehicle.setLaneChangeMode(name, MOBIL_MODE)
 
     def _define_routes(self, name: str, edges: tuple[str, ...]) -> None:
-        """One SUMO route from every edge on: vehicles begin on the first edge of their route."""
+        """Adds one SUMO route from every edge on: vehicles begin on their route's first edge."""
         for index in range(len(edges)):
             self._api.route.add(f"{name}.{index}", list(edges[index:]))
 
 
 def _meets(ego: EgoRoom | None, table: LaneTable, position: float, vehicle: VehicleType) -> bool:
-    """Whether a vehicle that begins at a position of a lane would be too near the ego."""
+    """Whether a vehicle that is inserted at a position of a lane is too near the ego."""
     if ego is None:
         return False
     if table.direction > 0:

@@ -1,4 +1,4 @@
-"""The room that is left around the truck when the road is populated."""
+"""The space that is kept free around the truck when the road is populated."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import EgoFootprint
 from traffic_bridge.network.route_lanes import LaneTable
 
-# Free road kept around the ego in its own lane at the beginning: a minimum and a time [m], [s].
+# Free road kept around the ego in its own lane: at least a distance [m] and a time [s].
 EGO_GAP = 30.0
 EGO_HEADWAY = 3.0
 NEXT_LANE_GAP = 15.0
-SIDE_GAP = 0.2  # [m] beside the truck for who drives on lanes of another direction
-POINT_SPACING = 1.0  # [m] along the way of such a vehicle
+SIDE_GAP = 0.2  # [m] beside the truck for vehicles on lanes of another direction
+POINT_SPACING = 1.0  # [m] along the path of such a vehicle
 
 
 @dataclass(frozen=True, eq=False)
 class EgoRoom:
-    """Where the truck stands before anybody else is there.
+    """Where the truck is before the road is populated.
 
     Attributes:
       station: of the front bumper [m].
-      lane: -1 beside the route's lanes.
+      lane: of the route, -1 off its lanes.
       speed: [m/s].
       axis: points along the middle of the combination, in the map, shape (n, 2) [m].
       footprint: its size.
@@ -40,7 +40,7 @@ class EgoRoom:
     traffic_speed: float
 
     def takes(self, station: float, length: float, lane: int) -> bool:
-        """Whether a place on a lane of the route is too near, before, behind or beside.
+        """Whether a place on a lane of the route is too near the truck.
 
         Args:
           station: of a vehicle's front bumper [m].
@@ -54,7 +54,7 @@ class EgoRoom:
         return station > rear - clear and station - length < self.station + clear
 
     def blocks(self, table: LaneTable, position: float, length: float, width: float) -> bool:
-        """Whether the truck reaches into the way of a vehicle of another direction or road.
+        """Whether the truck blocks the path of a vehicle of another direction or road.
 
         Args:
           table: the vehicle's lane.
@@ -67,7 +67,7 @@ class EgoRoom:
         x, y, heading = table.pose[0], table.pose[1], table.pose[3]
         grid = np.arange(len(x)) * table.spacing
         places = np.arange(position - length, position + clear, POINT_SPACING)
-        # Beyond the lane's ends its way goes on about as it points there.
+        # Beyond the lane's ends the path continues straight.
         beyond = places - np.clip(places, 0.0, grid[-1])
         toward = np.interp(places, grid, heading)
         way_x = np.interp(places, grid, x) + beyond * np.cos(toward)

@@ -2,8 +2,8 @@
 
 Treiber, Hennecke and Helbing, "Congested traffic states in empirical observations and microscopic
 simulations", Phys. Rev. E 62 (2000), 1805-1824, equations 2 and 3 with exponent 4; stability as in
-Treiber and Kesting, "Traffic Flow Dynamics" (2013), chapter 15, here for the time step in which
-SUMO carries the model out. Everything is an array function: any shapes that broadcast.
+Treiber and Kesting, "Traffic Flow Dynamics" (2013), chapter 15, here for SUMO's time step. All
+functions take arrays of any shapes that broadcast.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 from iits_mj.core.errors import InputError
 
 if TYPE_CHECKING:
-    from traffic_bridge.vehicles.registry import VehicleType
+    from traffic_bridge.vehicles.types import VehicleType
 
 EXPONENT = 4
-LEAST_GAP = 0.1  # [m]: nearer than that the interaction term is cut off
+LEAST_GAP = 0.1  # [m]: smaller gaps count as this one
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class IdmParameters:
 
     @classmethod
     def of_type(cls, vehicle_type: VehicleType, desired_speed: float) -> IdmParameters:
-        """What a type of vehicle drives by, at a desired speed [m/s]."""
+        """The parameters of a vehicle type, with a desired speed [m/s]."""
         return cls(
             desired_speed,
             vehicle_type.time_headway,
@@ -91,7 +91,7 @@ def acceleration(parameters: ArrayLike, gap: Any, speed: Any, leader_speed: Any)
 
 
 def equilibrium_gap(parameters: ArrayLike, speed: ArrayLike) -> Any:
-    """Gap at which all drive at the same constant speed [m]: (s0 + v T) / sqrt(1 - (v / v0)^4).
+    """Gap at which vehicles follow at a constant speed [m]: (s0 + v T) / sqrt(1 - (v / v0)^4).
 
     Raises:
       InputError: a speed is not from zero to below the desired speed.
@@ -125,10 +125,10 @@ def slopes(parameters: IdmParameters, speed: float) -> tuple[float, float, float
 def gain(
     parameters: IdmParameters, speed: float, frequency: ArrayLike, step: float = 0.1
 ) -> NDArray[np.float64]:
-    """How much of its leader's small speed oscillation a follower takes over.
+    """Gain of a follower on small speed oscillations of its leader: string stability.
 
-    Of the model linearized at equilibrium and carried out as SUMO does: v(k+1) = v(k) + dt a(k),
-    x(k+1) = x(k) + dt v(k+1). A string of vehicles is unstable where the gain exceeds one.
+    The model is linearized at equilibrium and integrated as in SUMO: v(k+1) = v(k) + dt a(k),
+    x(k+1) = x(k) + dt v(k+1). A string of vehicles is unstable if the gain exceeds one.
 
     Args:
       parameters: of follower and leader.

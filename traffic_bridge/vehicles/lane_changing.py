@@ -1,4 +1,4 @@
-"""Rounds of MOBIL decisions over a running simulation; the model itself is in `mobil`."""
+"""Lane changes by MOBIL in a running simulation; the model itself is in `mobil`."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ from traffic_bridge.network.net_file import NetLane
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles.demand import MOBIL_MODE
 from traffic_bridge.vehicles.mobil import MARGIN, LaneNeighbors, MobilDriver, incentive
-from traffic_bridge.vehicles.registry import Vehicles, VehicleType
+from traffic_bridge.vehicles.registry import Vehicles
+from traffic_bridge.vehicles.types import VehicleType
 
-# --- Who is before and behind whom: the vehicles on the lanes of a net ---
-# A vehicle's neighbors are those along the lanes it would drive, over the ends of edges and through
-# junctions, so that gaps are the ones SUMO's car-following sees. Nothing here needs SUMO to run.
-
-REACH = 300.0  # [m]: a vehicle farther away does not matter
+REACH = 300.0  # [m]: vehicles farther away do not matter
+PERIOD = 1.0  # [s] between rounds of decisions
+LOOK_AHEAD = 400.0  # [m]: no vehicle changes to a lane that ends within this distance
+ENTRY = 1.0  # [m] from the beginning of a lane to the rear of a vehicle inserted there, at most
+REST = 6.0  # [s] after a lane change before the next
 
 
 @dataclass(slots=True)
 class LanePosition:
-    """A vehicle on a lane: who, which lane, front bumper's position [m], and its way onward."""
+    """A vehicle on a lane: driver, lane, position of the front bumper [m], edges that follow."""
 
     driver: MobilDriver
     lane: NetLane
@@ -37,10 +38,13 @@ class LanePosition:
 class Occupancy:
     """The vehicles of one instant on their lanes.
 
+    A vehicle's neighbors are those along the lanes that it will drive on, past the ends of edges
+    and through junctions, so that gaps are those of SUMO's car-following. SUMO is not needed.
+
     Args:
       graph: of the net.
       places: of the vehicles.
-      duration: in which a lane change is carried out sideways [s].
+      duration: of the sideways motion of a lane change [s].
 
     Attributes:
       places: by vehicle name.
@@ -60,17 +64,11 @@ class Occupancy:
             row.sort()
 
     def note_leaving(self, name: str, lane: str, time: float) -> None:
-        """Notes that a vehicle still has a part of its body in a lane that it has left, for a time.
-
-        Args:
-          name: of the vehicle.
-          lane: id of the lane that it leaves.
-          time: until it is out of it [s].
-        """
+        """Notes that part of a vehicle is still in the lane that it leaves, for a time [s]."""
         self._leaving.append((lane, self.places[name], time))
 
     def is_clear(self, place: LanePosition, lane: NetLane) -> bool:
-        """Whether a vehicle on a lane beside its own would not meet who is still leaving that."""
+        """Whether a vehicle can change to an adjacent lane without touching one that leaves it."""
         for left, other, time in self._leaving:
             if left != lane.id or other is place:
                 continue
@@ -82,7 +80,7 @@ class Occupancy:
         return True
 
     def move(self, name: str, lane: NetLane) -> None:
-        """Puts a vehicle onto another lane of its edge, which it leaves in the time of a change."""
+        """Moves a vehicle to another lane of its edge; it leaves the old lane gradually."""
         place = self.places[name]
         self.note_leaving(name, place.lane.id, self._duration)
         self._rows[place.lane.id].remove((place.position, name))
@@ -90,9 +88,9 @@ class Occupancy:
         place.lane = lane
 
     def neighbors(self, place: LanePosition, lane: NetLane) -> LaneNeighbors:
-        """Who is before and behind a vehicle on a lane of its edge.
+        """The leader and follower of a vehicle on a lane of its edge.
 
-        A vehicle whose front bumper is level with it or before it is ahead.
+        A vehicle whose front bumper is level or farther on is ahead.
         """
         row = self._rows.get(lane.id, [])
         k = bisect_left(row, (place.position, place.driver.name if lane is place.lane else ""))
@@ -104,23 +102,23 @@ class Occupancy:
     def _ahead(
         self, place: LanePosition, lane: NetLane, row: list[tuple[float, str]], k: int
     ) -> tuple[float, float]:
-        way = -place.position  # from the front bumper to the beginning of `lane`
+        distance = -place.position  # from the front bumper to the beginning of `lane`
         while k >= len(row):
-            way += lane.length
-            if way > REACH:
+            distance += lane.length
+            if distance > REACH:
                 return math.inf, 0.0
             after = self._graph.after(lane, place.onward)
             if after is None:
-                # A lane that ends is left by the vehicle, unless its way ends there too.
+                # The end of a lane is a standing leader, unless the vehicle's way ends there too.
                 ends = not lane.internal and place.onward(lane.edge) is None
-                return (math.inf if ends else way), 0.0
+                return (math.inf if ends else distance), 0.0
             lane, k = after, 0
             row = self._rows.get(lane.id, [])
         position, name = row[k]
         leader = self.places[name].driver
         if leader is place.driver:  # all around a roundabout
             return math.inf, 0.0
-        return way + position - leader.type.length, leader.speed
+        return distance + position - leader.type.length, leader.speed
 
     def _behind(
         self, place: LanePosition, lane: NetLane, row: list[tuple[float, str]], k: int
@@ -129,7 +127,7 @@ class Occupancy:
         if k >= 0:
             position, name = row[k]
             return rear - position, self.places[name].driver
-        # Where lanes join, the nearest on any of them counts.
+        # Where lanes join, the nearest vehicle on any of them counts.
         best: tuple[float, MobilDriver | None] = (math.inf, None)
         todo, known = [(rear, lane)], {lane.id}
         while todo:
@@ -152,17 +150,17 @@ class Occupancy:
 def decide(
     graph: LaneGraph, occupancy: Occupancy, may_change: Callable[[LanePosition, NetLane], bool]
 ) -> dict[str, NetLane]:
-    """NetLane changes of one round: name -> the lane to go to.
+    """Decides one round of lane changes: vehicle name -> target lane.
 
-    The vehicles are asked in the order of their names, and each sees the changes decided before
-    it, so the result does not hang on SUMO's order and two never take the same gap. Nobody goes to
-    a place that another one is about to leave. Of two lanes that gain the same the right one is
+    The vehicles decide in the order of their names, and each sees the changes decided before it, so
+    the result does not depend on SUMO's order and two vehicles never take the same gap. No vehicle
+    changes to a place that another one is still leaving. With equal incentives the right lane is
     taken.
 
     Args:
       graph: of the net.
-      occupancy: the vehicles; it has the new lanes afterwards.
-      may_change: whether a vehicle may go to a lane that lies beside its own.
+      occupancy: the vehicles; updated with the new lanes.
+      may_change: whether a vehicle may change to an adjacent lane.
     """
     changes: dict[str, NetLane] = {}
     for name in sorted(occupancy.places):
@@ -188,30 +186,15 @@ def decide(
     return changes
 
 
-# --- Rounds of MOBIL decisions over a running simulation; the model itself is in `mobil` ---
-
-PERIOD = 1.0  # [s] between rounds of decisions
-LOOK_AHEAD = 400.0  # [m]: nobody goes to a lane that ends within this distance
-ENTRY = 1.0  # [m] from the beginning of a lane to the rear of who appears there, at most
-REST = 6.0  # [s] after a lane change before the next
-
-
 class LaneChanger:
     """Decides on the lane changes of all vehicles once a second, by MOBIL.
 
-    Who changes lanes by MOBIL is told by SUMO's lane-change mode, which the demand sets; all other
-    vehicles (the truck and its shadow, standing and replayed vehicles) are there to be minded. SUMO
-    itself only moves vehicles to the lanes from which their way goes on.
+    It moves the vehicles with the lane-change mode `MOBIL_MODE`; all others (the truck and its
+    shadow, standing and replayed vehicles) are obstacles. SUMO itself only moves vehicles to the
+    lanes from which their way continues.
 
-    Where traffic enters nobody changes lanes until the entrance is far enough behind: SUMO, which
-    takes a lane as free as soon as it is left, would put the next vehicle where the last one is
-    still seen.
-
-    Args:
-      session: the running SUMO.
-      graph: the lanes of its net.
-      vehicles: what each vehicle is.
-      config: with the step length and the kinds of vehicles.
+    Near an entrance of the traffic vehicles do not change lanes: SUMO considers a lane free as soon
+    as it is left, and would insert the next vehicle where the last one is still shown.
     """
 
     def __init__(
@@ -221,14 +204,14 @@ class LaneChanger:
         self._graph = graph
         self._vehicles = vehicles
         self._config = config
-        # When a vehicle was told to change lanes, and to which side (+1 left).
+        # Time and side (+1 left) of the last lane change of each vehicle.
         self._changed: dict[str, tuple[float, int]] = {}
         self._until = PERIOD
         self._entries: frozenset[str] = frozenset()
         self._near_entry: dict[str, float] = {}
         longest = max(kind.length for kind in config.types)
         self._entry_zone = ENTRY + longest + config.speed_limit * config.lane_change_duration
-        # The rear of who is in it may still be on the lane before.
+        # The rear of a vehicle in the zone may still be on the lane before.
         self._entry_reach = self._entry_zone + longest
         self._ways: dict[str, Onward] = {}
         self._obstacle = lru_cache(maxsize=64)(self._obstacle_of_length)
@@ -238,11 +221,11 @@ class LaneChanger:
         self._changed.pop(name, None)
 
     def step(self, time: float, entries: Callable[[], Collection[str]] = tuple) -> None:
-        """One traffic step; a round of decisions when it is due.
+        """One traffic step; decides on lane changes if a round is due.
 
         Args:
           time: of the traffic [s].
-          entries: gives the edges at whose beginnings vehicles may appear now.
+          entries: gives the edges at whose beginnings vehicles may be inserted now.
         """
         self._until -= self._config.step_length
         if self._until > 1e-9:
@@ -262,7 +245,7 @@ class LaneChanger:
             return permitted[target.id] and self._goes_on(place, target)
 
         duration = self._config.lane_change_duration
-        occupancy = Occupancy(self._graph, self._places(), duration)
+        occupancy = self.occupancy()
         before = {name: place.lane.index for name, place in occupancy.places.items()}
         for name, (begun, side) in self._changed.items():
             left = begun + duration - time
@@ -272,6 +255,11 @@ class LaneChanger:
             vehicle.changeLane(name, lane.index, PERIOD)
             self._changed[name] = time, lane.index - before[name]
 
+    def occupancy(self) -> Occupancy:
+        """The vehicles that are on lanes now."""
+        duration = self._config.lane_change_duration
+        return Occupancy(self._graph, self._places(), duration)
+
     def _places(self) -> list[LanePosition]:
         vehicle, lanes = self._api.vehicle, self._graph.lanes
         places = []
@@ -280,7 +268,7 @@ class LaneChanger:
             if lane is None:
                 continue
             speed = vehicle.getSpeed(name)
-            # What SUMO's IDM aims at: the vehicle's own desire within the lane's limit.
+            # The target of SUMO's IDM: the desired speed within the lane's limit.
             desired = vehicle.getAllowedSpeed(name)
             if name in self._vehicles:
                 kind = self._vehicles.type_of(name)
@@ -294,13 +282,13 @@ class LaneChanger:
         return places
 
     def _obstacle_of_length(self, length: float) -> VehicleType:
-        """The truck, its shadow or a replayed vehicle: drives like the last of the kinds."""
+        """The type for the truck, its shadow and replayed vehicles: the last one of the config."""
         return dataclasses.replace(self._config.types[-1], length=length)
 
     def _way(self, route: str) -> Onward:
         if route not in self._ways:
             edges = self._api.route.getEdges(route)
-            # On a way that visits an edge twice, the first visit tells where it leads.
+            # If a route visits an edge twice, the first visit counts.
             following = dict(zip(reversed(edges[:-1]), reversed(edges[1:]), strict=True))
             self._ways[route] = following.get
         return self._ways[route]
@@ -319,12 +307,12 @@ class LaneChanger:
         return "passenger" not in closed and "all" not in closed
 
     def _goes_on(self, place: LanePosition, lane: NetLane) -> bool:
-        """Whether the vehicle's way can be driven on a lane for a while."""
-        way = lane.length - place.position
-        while way < LOOK_AHEAD:
+        """Whether a lane leads along the vehicle's way for the distance `LOOK_AHEAD`."""
+        distance = lane.length - place.position
+        while distance < LOOK_AHEAD:
             after = self._graph.after(lane, place.onward)
             if after is None:
                 return not lane.internal and place.onward(lane.edge) is None
             lane = after
-            way += lane.length
+            distance += lane.length
         return True

@@ -1,16 +1,16 @@
-"""MOBIL lane changes on top of the Intelligent Driver Model, as pure functions.
+"""The lane-change model MOBIL with the Intelligent Driver Model, as pure functions.
 
-MOBIL asks whether a change makes the decider (c), the new follower (n) and the old follower (o)
-faster together; `a` is an acceleration as things are, `a~` one after the change:
+MOBIL compares the accelerations of the vehicle that decides (c), its new follower (n) and its old
+follower (o) before (`a`) and after (`a~`) the change:
 
     safety      a~_n >= -b_safe, a~_c >= -b_safe, and room for the vehicle
     symmetric   a~_c - a_c + p (a~_n - a_n + a~_o - a_o) > a_th
     keep right  to the right   a~_c^eur - a_c + p (a~_o - a_o) > a_th - a_bias
                 to the left    a~_c - a_c^eur + p (a~_n - a_n) > a_th + a_bias
 
-a^eur is the acceleration on the right lane where nobody may overtake on the right: the smaller of
-those on both lanes, if v_c > v of the leader on the left lane > v_crit. A vehicle type with
-`keep_right_bias` a_bias of zero follows the symmetric rule, another one the keep-right rule.
+a^eur is the acceleration on the right lane if overtaking on the right is forbidden: the smaller one
+of both lanes, if v_c > v of the leader on the left lane > v_crit. Vehicle types with
+`keep_right_bias` a_bias = 0 follow the symmetric rule, others the keep-right rule.
 
 Kesting, Treiber and Helbing, "General lane-changing model MOBIL for car-following models",
 Transportation Research Record 1999 (2007), 86-94; IDM: Treiber, Hennecke and Helbing, "Congested
@@ -22,11 +22,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from traffic_bridge.vehicles.registry import VehicleType
+from traffic_bridge.vehicles.types import VehicleType
 
-LEAST_GAP = 0.1  # [m]: a gap that is used up counts as this, or the model would have no value
-CRITICAL_SPEED = 60.0 / 3.6  # [m/s]: v_crit of the paper; below it lanes may pass on the right
-MARGIN = 2.0  # [m] before and behind that must be free after a change
+LEAST_GAP = 0.1  # [m]: smaller gaps count as this one, to avoid a division by zero
+CRITICAL_SPEED = 60.0 / 3.6  # [m/s]: v_crit of the paper; below it passing right is allowed
+MARGIN = 2.0  # [m] that must be free ahead and behind after a change
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class MobilDriver:
       name: of the vehicle.
       speed, desired_speed: [m/s].
       type: its behavior and length.
-      movable: False for vehicles that decide elsewhere (the ego, standing vehicles).
+      movable: False for vehicles whose lane changes MOBIL does not decide (ego, standing ones).
     """
 
     name: str
@@ -49,11 +49,11 @@ class MobilDriver:
 
 @dataclass(frozen=True, slots=True)
 class LaneNeighbors:
-    """Who is before and behind a vehicle on one lane, its own or one it may go to.
+    """The leader and follower of a vehicle on its own lane or on one that it may change to.
 
     Attributes:
       gap_ahead: from its front bumper to the leader's rear [m]; inf without a leader.
-      speed_ahead: of the leader [m/s]; the end of a lane is a leader that stands.
+      speed_ahead: of the leader [m/s]; the end of a lane counts as a standing leader.
       gap_behind: from its rear bumper to the follower's front [m]; inf without a follower.
       follower: the vehicle behind.
     """
@@ -87,13 +87,13 @@ def idm_acceleration(driver: MobilDriver, gap: float = math.inf, speed_ahead: fl
 def incentive(
     driver: MobilDriver, here: LaneNeighbors, there: LaneNeighbors, to_right: bool
 ) -> float | None:
-    """What a lane change gains above its threshold [m/s2]; None where it is not safe.
+    """The incentive of a lane change above its threshold [m/s2]; None if it is not safe.
 
     Args:
-      driver: who decides.
+      driver: of the vehicle that decides.
       here: its neighbors on its own lane.
-      there: its neighbors on the lane it would go to.
-      to_right: whether that lane is the one to the right.
+      there: its neighbors on the target lane.
+      to_right: whether the target lane is to the right.
     """
     kind = driver.type
     if there.gap_ahead < MARGIN or there.gap_behind < MARGIN:
@@ -127,14 +127,14 @@ def incentive(
 
 
 def _behind_the_leader(driver: MobilDriver, lane: LaneNeighbors) -> float:
-    """Acceleration of a lane's follower if the driver were not between it and the leader."""
+    """Acceleration of a lane's follower without the driver between it and the leader."""
     assert lane.follower is not None
     gap = lane.gap_behind + driver.type.length + lane.gap_ahead
     return idm_acceleration(lane.follower, gap, lane.speed_ahead)
 
 
 def _european(driver: MobilDriver, right: float, left: float, left_lane: LaneNeighbors) -> float:
-    """Acceleration on the right lane without overtaking the left lane's leader on its right."""
+    """Acceleration on the right lane without overtaking the left lane's leader on the right."""
     if left_lane.gap_ahead < math.inf and driver.speed > left_lane.speed_ahead > CRITICAL_SPEED:
         return min(right, left)
     return right

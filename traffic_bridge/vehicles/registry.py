@@ -1,4 +1,4 @@
-"""The vehicles of a running simulation: what each one is, and how to change it."""
+"""The vehicles of a running simulation: their types and parameters, to read and to change."""
 
 from __future__ import annotations
 
@@ -9,22 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 from iits_mj.core.errors import InputError
 from traffic_bridge.overrides import Overrides, Undo
-from traffic_bridge.vehicles.changes import MOBIL_FIELDS, SUMO_NAMES, changed, check_changes
 from traffic_bridge.vehicles.types import (
-    HEAVY,
-    KINDS,
     LC2013_ATTRIBUTES,
+    MOBIL_FIELDS,
+    SUMO_NAMES,
     Color,
     VehicleType,
+    changed,
+    check_changes,
     check_color,
-    default_types,
-    read_types,
 )
 
 if TYPE_CHECKING:
     from traffic_bridge.session import Session
-
-__all__ = ["HEAVY", "KINDS", "Color", "VehicleType", "Vehicles", "default_types", "read_types"]
 
 
 class Vehicles:
@@ -45,21 +42,21 @@ class Vehicles:
         self._desired: dict[str, float] = {}
         self._ceilings: dict[str, dict[str, float]] = {}
         self._scripted: set[str] = set()
-        self._undressed: list[str] = []
-        self._told: list[Callable[[str], None]] = []
+        self._to_apply: list[str] = []
+        self._listeners: list[Callable[[str], None]] = []
 
-    # Coming and going, called by who puts vehicles on the road ---------------------------------
+    # Adding and removing, called by the modules that put vehicles on the road ------------------
 
     def add(
         self, name: str, vehicle_type: str, desired_speed: float, scripted: bool = False
     ) -> float:
-        """Notes a vehicle that is being put on the road; returns the desired speed to use.
+        """Registers a vehicle that is put on the road; returns the desired speed to use.
 
         Args:
           name: of the vehicle.
           vehicle_type: name of its type.
           desired_speed: [m/s].
-          scripted: it is driven by an event: no lane change of its own, no speed of its class.
+          scripted: an event drives it: it keeps its lane and ignores speed changes of its type.
         """
         self._of_vehicle[name] = self._types[vehicle_type]
         self._drawn[name] = desired_speed
@@ -67,36 +64,36 @@ class Vehicles:
             self._scripted.add(name)
         self._desired[name] = self._wanted(name, "desired_speed")
         if not LC2013_ATTRIBUTES.keys().isdisjoint(self._overrides.fields(vehicle_type)):
-            self._undressed.append(name)
+            self._to_apply.append(name)
         return self._desired[name]
 
-    def dress(self) -> None:
-        """Gives vehicles that were added since what SUMO does not take from their class."""
-        if not self._undressed:
+    def apply_type_overrides(self) -> None:
+        """Applies type overrides to new vehicles that SUMO does not apply by itself."""
+        if not self._to_apply:
             return
-        names, self._undressed = self._undressed, []
+        names, self._to_apply = self._to_apply, []
         for name in names:
             if name in self._of_vehicle:
-                # LC2013's figures of a class: SUMO does not hand them on to who comes later.
-                of_class = self._overrides.fields(self._of_vehicle[name].name)
-                motives = [field for field in of_class if field in LC2013_ATTRIBUTES]
-                self._refresh_vehicle(name, motives)
+                # SUMO does not apply a type's changed LC2013 parameters to later vehicles.
+                of_type = self._overrides.fields(self._of_vehicle[name].name)
+                fields = [field for field in of_type if field in LC2013_ATTRIBUTES]
+                self._refresh_vehicle(name, fields)
 
     def forget(self, name: str) -> None:
-        """Drops a vehicle that has left, and tells who asked for it."""
+        """Drops a vehicle that has left, and calls the listeners."""
         for table in (self._of_vehicle, self._drawn, self._desired, self._ceilings):
             table.pop(name, None)
         self._scripted.discard(name)
         self._overrides.forget(name)
-        for tell in self._told:
-            tell(name)
+        for listener in self._listeners:
+            listener(name)
 
-    def when_forgotten(self, tell: Callable[[str], None]) -> None:
-        """Has a function called with the name of every vehicle that has left."""
-        self._told.append(tell)
+    def when_forgotten(self, listener: Callable[[str], None]) -> None:
+        """Adds a function that is called with the name of every vehicle that has left."""
+        self._listeners.append(listener)
 
     def drop_lost(self) -> None:
-        """Forgets vehicles that SUMO gave up: for some seconds there was no room to depart."""
+        """Forgets vehicles that SUMO dropped because they found no room to depart."""
         with self._session.guard("reading the vehicles"):
             api = self._session.api
             there = {*api.vehicle.getIDList(), *api.simulation.getPendingVehicles()}
@@ -104,7 +101,7 @@ class Vehicles:
             self.forget(name)
 
     def unscript(self, name: str) -> None:
-        """Notes that a vehicle drives as others do from now on."""
+        """Makes a scripted vehicle an ordinary one."""
         self._scripted.discard(name)
 
     # Reading -----------------------------------------------------------------------------------
@@ -115,47 +112,47 @@ class Vehicles:
         return sorted(self._of_vehicle)
 
     def names(self) -> KeysView[str]:
-        """Names of the vehicles, as a set that is always up to date."""
+        """Names of the vehicles, as a set view."""
         return self._of_vehicle.keys()
 
     def __contains__(self, name: object) -> bool:
         return name in self._of_vehicle
 
     def type_of(self, name: str) -> VehicleType:
-        """The vehicle's present type, with the changes made to it."""
+        """The vehicle's type with all changes in force; InputError if there is no such vehicle."""
         try:
             return self._of_vehicle[name]
         except (KeyError, TypeError):
             raise InputError(f"no vehicle {name!r} in the traffic") from None
 
     def types(self) -> tuple[VehicleType, ...]:
-        """The types of vehicles to come, with the changes made to their classes."""
+        """The types of future vehicles, with all changes in force."""
         return tuple(self._types.values())
 
     def is_scripted(self, name: str) -> bool:
-        """Whether an event drives it: a standing or convoy vehicle, which keeps its lane."""
+        """Whether an event drives the vehicle: it stands or is part of a convoy."""
         return name in self._scripted
 
     def desired_speed(self, name: str) -> float:
-        """Desired speed of a vehicle on a road without limits [m/s]."""
+        """Desired speed of a vehicle on a road without speed limits [m/s]."""
         self.type_of(name)
         return self._desired[name]
 
     def present_speed(self, name: str) -> float:
-        """Desired speed where it is: at most what limits by station and courtesy allow [m/s]."""
+        """Desired speed, at most that of the variable limits and zipper merges in force [m/s]."""
         return min(self.desired_speed(name), *self._ceilings.get(name, {}).values(), math.inf)
 
     def color(self, name: str) -> Color:
-        """Paint of a vehicle, red, green, blue from 0 to 1: by its name from its type's colors."""
+        """Color of a vehicle, red, green, blue from 0 to 1; its name picks one of its type's."""
         self.type_of(name)
         color: Color = self._wanted(name, "color")
         return color
 
     def in_force(self, name: str) -> dict[str, Any]:
-        """What holds for a vehicle now, each parameter that `change` takes.
+        """The present value of every parameter that `change` takes, for one vehicle.
 
-        What SUMO acts on is read back from SUMO; `desired_speed` is what SUMO holds, with a limit
-        by station in it.
+        Parameters that SUMO uses are read back from SUMO; `desired_speed` includes variable speed
+        limits.
 
         Raises:
           InputError: no such vehicle.
@@ -177,21 +174,21 @@ class Vehicles:
     # Changing ----------------------------------------------------------------------------------
 
     def change(self, target: str, **values: Any) -> Undo:
-        """Changes parameters of one vehicle, or of every present and future one of a type.
+        """Changes parameters of one vehicle, or of all present and future vehicles of a type.
 
-        Of several changes of one parameter the newest that was not put back holds, those of a
-        vehicle and of its type alike; speeds of types do not hold for vehicles driven by events.
+        Of several changes of one parameter, of the vehicle or of its type, the newest one that was
+        not undone holds. Speeds of types do not apply to vehicles driven by events.
 
         Args:
-          target: a vehicle's name, or a type's ("car", "van", "truck", "articulated", own ones).
+          target: name of a vehicle, or of a type ("car", "van", "truck", "articulated", own ones).
           **values: of `time_headway`, `minimum_gap`, `acceleration`, `deceleration`,
             `emergency_deceleration`, `desired_speed` [m/s], `politeness`, `change_threshold`,
             `keep_right_bias`, `safe_braking`, the `lc_...` of `VehicleType`, and `color`
             (red, green, blue from 0 to 1).
 
         Returns:
-          A function that takes this change back, of vehicles that came since too: what was changed
-          before or in the meantime holds then, else what the type and the vehicle began with.
+          A function that undoes this change, also for vehicles that appeared since. Then the newest
+          other change holds, or else the original value.
 
         Raises:
           InputError: unknown vehicle, unknown parameter or a value that is not allowed.
@@ -209,9 +206,9 @@ class Vehicles:
         return undo
 
     def hold_below(self, name: str, speed: float | None, why: str = "limit") -> None:
-        """Keeps a vehicle at or below a speed [m/s], whatever it desires; None lets it go.
+        """Limits a vehicle to a speed [m/s] for a reason; None removes the limit of that reason.
 
-        Of several reasons the lowest speed holds; each is let go by itself.
+        Of several reasons the lowest speed holds.
         """
         if name not in self._of_vehicle:
             return
@@ -229,9 +226,9 @@ class Vehicles:
     # Inside ------------------------------------------------------------------------------------
 
     def _wanted(self, name: str, field: str) -> Any:
-        """What is to hold for a vehicle: its or its class's newest order, else what it had."""
+        """The value to use for a vehicle: its or its type's newest override, else its original."""
         base = self._base[self._of_vehicle[name].name]
-        # Events set the speed of scripted vehicles, classes do not.
+        # Events set the speed of scripted vehicles, types do not.
         own = field == "desired_speed" and name in self._scripted
         value = self._overrides.newest(field, *((name,) if own else (name, base.name)))
         if value is not None:
@@ -241,11 +238,11 @@ class Vehicles:
         return base.color_of(name) if field == "color" else getattr(base, field)
 
     def _refresh(self, target: str, fields: Iterable[str]) -> None:
-        """Puts into force what is ordered of a vehicle or class now."""
+        """Applies the present overrides of a vehicle or type."""
         if target not in self._types:
             self._refresh_vehicle(target, fields)
             return
-        self._refresh_class(target, fields)
+        self._refresh_type(target, fields)
         for name in [name for name, kind in self._of_vehicle.items() if kind.name == target]:
             scripted = name in self._scripted
             mine = [field for field in fields if field != "desired_speed" or not scripted]
@@ -263,12 +260,12 @@ class Vehicles:
         # A vehicle with a speed of its own has a private copy of its type in SUMO.
         self._apply(self._session.api.vehicle, name, values)
 
-    def _refresh_class(self, target: str, fields: Iterable[str]) -> None:
+    def _refresh_type(self, target: str, fields: Iterable[str]) -> None:
         base = self._base[target]
-        # Each vehicle is given its desired speed when it comes; SUMO's class keeps its highest.
-        ordered = {f: self._overrides.newest(f, target) for f in fields if f != "desired_speed"}
-        color = ordered.pop("color", None)
-        values = {f: getattr(base, f) if v is None else v for f, v in ordered.items()}
+        # Each vehicle gets its own desired speed; SUMO's type keeps the highest one.
+        newest = {f: self._overrides.newest(f, target) for f in fields if f != "desired_speed"}
+        color = newest.pop("color", None)
+        values = {f: getattr(base, f) if v is None else v for f, v in newest.items()}
         kind = changed(self._types[target], values)
         if "color" in fields:
             colors = base.colors if color is None else (color,)

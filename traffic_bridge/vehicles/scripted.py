@@ -1,7 +1,7 @@
-"""Vehicles put on the road by a script: standing ones, convoys, and departures by a list.
+"""Scripted vehicles: standing vehicles, convoys, and departures by a list.
 
-A vehicle appears as soon as its place is free and whoever comes from behind can still stop, so
-that a script never makes a collision; until then it waits.
+A vehicle waits until its place is free and all vehicles behind can still stop, so that a script
+never causes a collision.
 """
 
 from __future__ import annotations
@@ -15,23 +15,22 @@ from traffic_bridge.network.route_lanes import LaneTable, RouteLanes
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles.registry import Vehicles
 
-REACTION = 1.0  # [s] in which a driver does not brake yet (judgement)
-HARD_BRAKING = 3.0  # [m/s2] that a vehicle appearing may ask of others (judgement)
-SIDE_CLEARANCE = 5.0  # [m] before and behind a place that are to be free on the lanes beside it
+REACTION = 1.0  # [s] before a driver brakes (judgement)
+HARD_BRAKING = 3.0  # [m/s2] that others may need when a vehicle appears (judgement)
+SIDE_CLEARANCE = 5.0  # [m] that must be free ahead and behind on the adjacent lanes
 LOOK = 250.0  # [m] behind and ahead of a place in which others matter
 
 # SUMO's lane-change modes (its manual, "lane change mode").
 FIXED = 0  # never changes lanes
-LANE_END = 0b10_0000_0001  # leaves lanes that end, where others leave the room
+LANE_END = 0b10_0000_0001  # leaves lanes that end, if there is a gap
 SUMO_MODE = 0b0110_0101_0101  # SUMO's default: all motives, others' gaps are respected
 
-# SUMO's speed mode in which the car-following model keeps every vehicle safe, and its speed for
-# "as the model says".
+# SUMO's speed mode with all safety checks, and the speed value that returns control to its model.
 SAFE_SPEED, MODEL_SPEED = 31, -1.0
 
 
 class Manner(enum.Enum):
-    """How a scripted vehicle drives: it stands; keeps its lane; or drives as all others do."""
+    """How a scripted vehicle drives: it stands, keeps its lane, or drives as all others do."""
 
     STANDING = "standing"
     KEEPING_LANE = "keeping lane"
@@ -45,7 +44,7 @@ class ScriptedVehicle:
     Attributes:
       name: of the vehicle; type: name of its type.
       lane: of the route, from the right; station: of its front bumper [m].
-      speed: at which it appears and which it desires [m/s].
+      speed: initial and desired speed [m/s].
       manner: see `Manner`.
     """
 
@@ -63,7 +62,7 @@ class ScriptedVehicles:
     Args:
       session: the running SUMO.
       lanes: of the route.
-      vehicles: where the vehicles are noted.
+      vehicles: the registry.
       free_mode: SUMO's lane-change mode of the traffic.
     """
 
@@ -83,7 +82,7 @@ class ScriptedVehicles:
         """Puts a group of vehicles on the road together, as soon as there is room for all.
 
         Raises:
-          InputError: a place is not on the route, or a type is unknown; nothing waits then.
+          InputError: a place is not on the route, or a type is unknown; then none is placed.
         """
         for vehicle in group:
             self.check(vehicle)
@@ -91,7 +90,7 @@ class ScriptedVehicles:
             self._waiting.append(tuple(group))
 
     def check(self, vehicle: ScriptedVehicle) -> None:
-        """Refuses a vehicle for which there is no lane.
+        """Checks that a vehicle's type and lane exist.
 
         Raises:
           InputError: the type is unknown, or the lane does not exist there.
@@ -105,7 +104,7 @@ class ScriptedVehicles:
                 )
 
     def step(self) -> None:
-        """Places what waits and has room."""
+        """Places the waiting groups that have room."""
         self._fresh.clear()
         if not self._waiting:
             return
@@ -118,9 +117,8 @@ class ScriptedVehicles:
                 self._waiting.append(group)
 
     def remove(self, names: Sequence[str]) -> None:
-        """Takes vehicles off the road, or off the waiting list; those that have left are gone."""
-        wanted = set(names)
-        self._waiting = [g for g in self._waiting if not wanted & {p.name for p in g}]
+        """Takes vehicles off the road or the waiting list."""
+        self._stop_waiting(names)
         for name in names:
             if name in self._vehicles:
                 with self._session.guard(f"removing {name}"):
@@ -128,19 +126,22 @@ class ScriptedVehicles:
                 self._vehicles.forget(name)
 
     def release(self, names: Sequence[str], desired_speed: float) -> None:
-        """Lets vehicles drive as others do, at a desired speed [m/s]."""
-        wanted = set(names)
-        self._waiting = [g for g in self._waiting if not wanted & {p.name for p in g}]
+        """Makes vehicles drive as others do, at a desired speed [m/s]."""
+        self._stop_waiting(names)
         for name in names:
             if name in self._vehicles:
                 self._vehicles.unscript(name)
                 with self._session.guard(f"releasing {name}"):
                     self._api.vehicle.setSpeedMode(name, SAFE_SPEED)
                     self._api.vehicle.setSpeed(name, MODEL_SPEED)
-                    self._set_free(name)
+                    self._api.vehicle.setLaneChangeMode(name, self._free_mode)
                 self._vehicles.change(name, desired_speed=desired_speed)
 
     # Inside ------------------------------------------------------------------------------------
+
+    def _stop_waiting(self, names: Sequence[str]) -> None:
+        wanted = set(names)
+        self._waiting = [g for g in self._waiting if not wanted & {p.name for p in g}]
 
     def _length(self, type_name: str) -> float:
         for kind in self._vehicles.types():
@@ -165,7 +166,7 @@ class ScriptedVehicles:
                 other_rear = other_front - api.getLength(name)
                 speed = api.getSpeed(name)
                 if aside:
-                    # It may just have left this lane for SUMO and still be seen on it.
+                    # It may have changed lanes in SUMO and still be shown on this lane.
                     if other_rear < front + SIDE_CLEARANCE and other_front > rear - SIDE_CLEARANCE:
                         return False
                 elif other_front > front:
@@ -184,11 +185,11 @@ class ScriptedVehicles:
         desired = self._vehicles.add(name, vehicle.type, vehicle.speed, scripted)
         with self._session.guard(f"placing {name}"):
             route = self._route(table)
-            # SUMO refuses who departs faster than its type or the limit of the edge, which is the
-            # first lane's.
+            # SUMO refuses a departure faster than its type or the edge's limit, which is that of
+            # the first lane.
             limits = [self._api.lane.getMaxSpeed(lane) for lane in (table.id, f"{table.edge}_0")]
             fastest = self._api.vehicletype.getMaxSpeed(vehicle.type)
-            # A little less: SUMO compares the figure as it is written here.
+            # A little less, because SUMO compares the rounded text.
             speed = min(desired, vehicle.speed, fastest - 1e-3, *(v - 1e-3 for v in limits))
             api.add(name, route, typeID=vehicle.type, departSpeed=f"{speed:.3f}")
             api.moveTo(name, table.id, table.position_of(vehicle.station))
@@ -201,12 +202,9 @@ class ScriptedVehicles:
                 if scripted:
                     api.setLaneChangeMode(name, LANE_END)
                 else:
-                    self._set_free(name)
+                    api.setLaneChangeMode(name, self._free_mode)
         length = self._length(vehicle.type)
         self._fresh.append((vehicle.lane, vehicle.station, vehicle.station - length))
-
-    def _set_free(self, name: str) -> None:
-        self._api.vehicle.setLaneChangeMode(name, self._free_mode)
 
     def _route(self, table: LaneTable) -> str:
         """The SUMO route from an edge on to the end of the ego's route."""
@@ -219,6 +217,6 @@ class ScriptedVehicles:
 
 
 def _room(behind: float, ahead: float) -> float:
-    """Free distance for who drives at `behind` after who drives at `ahead` [m], speeds [m/s]."""
+    """Free distance that a vehicle at speed `behind` needs to one at speed `ahead` [m]."""
     braking = max(behind**2 - ahead**2, 0.0) / (2.0 * HARD_BRAKING)
     return 2.0 + behind * REACTION + braking

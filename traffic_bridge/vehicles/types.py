@@ -1,4 +1,4 @@
-"""What kinds of vehicles there are: dimensions, behavior and colors, read from TOML."""
+"""Vehicle types: dimensions, behavior and colors, read from TOML; which of it may be changed."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from iits_mj.core.assets import VEHICLE_TYPES
 from iits_mj.core.checks import in_range, is_number, make_plain, shown
 from iits_mj.core.errors import InputError
 
@@ -23,7 +24,7 @@ HEAVY = ("truck", "articulated")
 Color = tuple[float, float, float]
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,31}")
-# Names that mean something else in the simulation.
+# Names with another meaning in the simulation.
 _TAKEN = ("ego", "shadow", "blocker", "stopped", "convoy")
 # Fields of `VehicleType` that are SUMO's attributes of its lane-change model LC2013.
 LC2013_ATTRIBUTES = {
@@ -37,7 +38,7 @@ POSITIVE = (
     *("length", "width", "height", "acceleration", "deceleration", "time_headway"),
     *("desired_speed_mean", "lc_assertive"),
 )
-# What a number may be at most, and why; `VehicleType` says what it is.
+# The highest allowed value of each number, and why.
 HIGHEST = {
     "length": 100.0,  # [m] road trains have 53.5 m
     "width": 5.0,  # [m] an escorted load; a lane has 3 to 4 m, and SUMO keeps each in its lane
@@ -61,15 +62,28 @@ HIGHEST = {
     "lc_assertive": 100.0,
 }
 
+# SUMO's names of the parameters that it uses, for vehicles and vehicle types.
+SUMO_NAMES = {
+    "time_headway": "Tau",
+    "minimum_gap": "MinGap",
+    "acceleration": "Accel",
+    "deceleration": "Decel",
+    "emergency_deceleration": "EmergencyDecel",
+    "desired_speed": "MaxSpeed",
+}
+# Parameters that only our own MOBIL uses.
+MOBIL_FIELDS = ("politeness", "change_threshold", "keep_right_bias", "safe_braking")
+CHANGEABLE = (*SUMO_NAMES, *MOBIL_FIELDS, *LC2013_ATTRIBUTES, "color")
+FASTEST = 70.0  # [m/s] as for `TrafficConfig.speed_limit`
+
 
 @dataclass(frozen=True)
 class VehicleType:
-    """One type of vehicle; the four of the package, with sources, are in `types.toml`.
+    """One type of vehicle; `iits_mj/parameters/vehicle_types.toml` has those of the package.
 
-    Numbers are zero or positive and at most `HIGHEST`: there SUMO and IDM still mean something on a
-    road (a vehicle fits on it, tires hold, flows come to more than a vehicle a minute). They are
-    kept as Python's own. Length, width, height, `acceleration`, `deceleration`, `time_headway`,
-    `desired_speed_mean` and `lc_assertive` are positive.
+    Numbers are zero or positive and at most `HIGHEST`, so that the vehicle is physically possible.
+    Length, width, height, `acceleration`, `deceleration`, `time_headway`, `desired_speed_mean` and
+    `lc_assertive` are positive. All are converted to Python's own numbers.
 
     Attributes:
       name: of the type; letters, digits, "_" and "-".
@@ -81,11 +95,11 @@ class VehicleType:
         the desired speed as a fraction of the traffic's maximum speed, cut to [low, 1].
       politeness: MOBIL p; change_threshold: MOBIL a_th [m/s2]; keep_right_bias: MOBIL a_bias
         [m/s2]; safe_braking: MOBIL b_safe [m/s2].
-      look: what it looks like: "car", "van", "truck" (rigid) or "articulated"; "" is the name,
-        which has to be one of them then.
-      colors: its paints, each red, green, blue from 0 to 1; a vehicle has one of them, by its name.
-      lc_strategic, lc_cooperative, lc_speed_gain, lc_keep_right: eagerness of LC2013's four
-        motives; lc_assertive: how much smaller gaps it takes. 1 is SUMO's default.
+      look: appearance: "car", "van", "truck" (rigid) or "articulated"; "" takes the name, which
+        then must be one of them.
+      colors: each red, green, blue from 0 to 1; a vehicle's name picks one of them.
+      lc_strategic, lc_cooperative, lc_speed_gain, lc_keep_right: weights of LC2013's four motives;
+        lc_assertive: by which factor accepted gaps are smaller. 1 is SUMO's default.
 
     Raises:
       InputError: a value is not allowed; the message names what is.
@@ -135,16 +149,16 @@ class VehicleType:
 
     @property
     def kind(self) -> str:
-        """What others see of it (`TrackedVehicle.kind`): its look."""
+        """The kind that others see (`TrackedVehicle.kind`): its look."""
         return self.look
 
     @property
     def heavy(self) -> bool:
-        """A truck by its look: keeps off the left lane of three."""
+        """Whether it is a truck by its look; heavy vehicles avoid the left lane of three."""
         return self.look in HEAVY
 
     def color_of(self, vehicle: str) -> Color:
-        """The paint of a vehicle of this type: always the same one for a name."""
+        """The color of a vehicle of this type: the same name always has the same color."""
         return self.colors[zlib.crc32(vehicle.encode()) % len(self.colors)]
 
     def sample_desired_speed(self, maximum: float, rng: np.random.Generator) -> float:
@@ -156,7 +170,7 @@ class VehicleType:
         """The `vType` element: IDM, LC2013, no random term, every vehicle at its own speed.
 
         Args:
-          maximum_speed: of the type before a vehicle gets its own [m/s].
+          maximum_speed: of the type, until a vehicle gets its own [m/s].
         """
         attributes: dict[str, object] = {
             "id": self.name,
@@ -183,22 +197,22 @@ class VehicleType:
 
 @cache
 def default_types() -> tuple[VehicleType, ...]:
-    """The four kinds as `types.toml` has them."""
-    table = _table(Path(__file__).with_name("types.toml"))
-    return tuple(_made(kind, table[kind]) for kind in KINDS)
+    """The four types of the package."""
+    table = _table(VEHICLE_TYPES)
+    return tuple(VehicleType(name=kind, **table[kind]) for kind in KINDS)
 
 
 def read_types(
     path: str | Path, base: Sequence[VehicleType] | None = None
 ) -> tuple[VehicleType, ...]:
-    """Vehicle types of a TOML file laid over others: what it does not say stays as it is.
+    """Vehicle types changed and added by a TOML file.
 
-    A table has the name of a type. An existing name changes that type; a new name makes a type of
-    its own, for which `look` (or `like`, another type) says where everything else comes from.
+    Each table has the name of a type. An existing name changes that type; a new name adds a type,
+    which takes all other values from the type named by `like`, or else by `look`.
 
     Args:
       path: of the file.
-      base: the types to begin with; the package's four when None.
+      base: the types to start from; None: the package's four.
 
     Raises:
       InputError: the file cannot be read, or has an unknown field or an unusable value.
@@ -228,7 +242,7 @@ def read_types(
 
 
 def type_from_dict(values: Mapping[str, Any]) -> VehicleType:
-    """The type that `dataclasses.asdict` wrote, also of the first recordings (`kind`).
+    """The type that `dataclasses.asdict` wrote; the first recordings have `kind` for `name`.
 
     Raises:
       InputError: a field is missing, unknown or unusable.
@@ -243,11 +257,7 @@ def type_from_dict(values: Mapping[str, Any]) -> VehicleType:
 
 
 def check_parameter(label: str, name: str, value: object) -> None:
-    """Refuses what a parameter of a vehicle type cannot be; `HIGHEST` has its name.
-
-    Raises:
-      InputError: says what is allowed.
-    """
+    """Checks a parameter of a vehicle type, one of `HIGHEST`; InputError if it is not allowed."""
     if not is_number(value):
         raise InputError(f"{label} = {shown(value)}: must be finite and not negative")
     if value < 0.0:  # type: ignore[operator]
@@ -257,12 +267,40 @@ def check_parameter(label: str, name: str, value: object) -> None:
     in_range(label, value, 0.0, HIGHEST[name])
 
 
-def check_color(name: str, color: object) -> Color:
-    """A color as a tuple.
+def check_changes(target: str, values: dict[str, Any]) -> None:
+    """Checks the arguments of `Vehicles.change`.
 
     Raises:
-      InputError: it is not three numbers from 0 to 1.
+      InputError: the target is not a name, no or an unknown parameter is given, or a value is not
+        allowed.
     """
+    if not isinstance(target, str):
+        raise InputError(f"{shown(target)} to change: must be the name of a vehicle or of a type")
+    if not values:
+        raise InputError(f"no parameter of {target} to change: there are {', '.join(CHANGEABLE)}")
+    for name, value in values.items():
+        if name not in CHANGEABLE:
+            raise InputError(f"parameter {shown(name)}: allowed are {', '.join(CHANGEABLE)}")
+        if name == "color":
+            check_color(target, value)
+            continue
+        label = f"{target}.{name}"
+        if name != "desired_speed":
+            check_parameter(label, name, value)
+            continue
+        in_range(label, value, 0.0, FASTEST)
+        if value == 0.0:
+            raise InputError(f"{label} = {value!r}: must be positive")
+
+
+def changed(kind: VehicleType, values: dict[str, Any]) -> VehicleType:
+    """A type with changed fields; desired speed and color belong to the vehicle, not the type."""
+    fields = {n: v for n, v in values.items() if n not in ("desired_speed", "color")}
+    return dataclasses.replace(kind, **fields)
+
+
+def check_color(name: str, color: object) -> Color:
+    """A color as a tuple; InputError unless it is three numbers from 0 to 1."""
     if (
         not isinstance(color, (tuple, list))
         or len(color) != 3
@@ -289,7 +327,3 @@ def _table(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: cannot be read: {reason}") from error
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not TOML: {error}") from error
-
-
-def _made(name: str, values: Mapping[str, Any]) -> VehicleType:
-    return VehicleType(name=name, **values)

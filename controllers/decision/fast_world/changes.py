@@ -1,4 +1,4 @@
-"""MOBIL for all vehicles of the fast world at once; the rule is `traffic_bridge`'s, in arrays.
+"""MOBIL for all vehicles of the fast world at once: the rule of `traffic_bridge`, in arrays.
 
     safety      a~_n >= -b_safe, a~_c >= -b_safe, and room for the vehicle
     for itself  a~_c - a_c > a_th (the symmetric rule with p = 0)
@@ -14,12 +14,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.decision.fast_world.config import Drivers, idm_acceleration
-from iits_mj.core.arrays import FloatArray
-
-IntArray = NDArray[np.int64]
+from iits_mj.core.arrays import FloatArray, IntArray
 
 MARGIN = 2.0  # [m] before and behind that must be free after a change
 CRITICAL_SPEED = 60.0 / 3.6  # [m/s]: below it lanes may pass on the right
@@ -38,7 +35,7 @@ class Vehicles:
 
 
 class Queue:
-    """Who drives behind whom.
+    """Leader and follower of every vehicle in its lane.
 
     Args:
       vehicles: n of them, on any lanes.
@@ -55,7 +52,7 @@ class Queue:
         self.follower[order[1:][same]] = order[:-1][same]
 
     def ahead(self) -> tuple[FloatArray, FloatArray]:
-        """Gap to and speed of each one's leader, (n,); inf and its own speed without one."""
+        """Gap to and speed of each leader, (n,); inf and the own speed without one."""
         everyone = np.arange(self.leader.size)
         return gap_between(self._vehicles, everyone, self.leader)
 
@@ -63,7 +60,7 @@ class Queue:
 def gap_between(
     vehicles: Vehicles, behind: IntArray, leader: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Gap to and speed of leaders, where the index is -1 inf and the follower's own speed."""
+    """Gap to and speed of leaders; inf and the follower's own speed where the index is -1."""
     has = leader >= 0
     gap = (vehicles.front - vehicles.length)[leader] - vehicles.front[behind]
     speed = np.where(has, vehicles.speed[leader], vehicles.speed[behind])
@@ -71,12 +68,12 @@ def gap_between(
 
 
 def gains(vehicles: Vehicles, deciders: IntArray, keeps_right: bool) -> FloatArray:
-    """What a change to the other one of two lanes gains each decider above its threshold [m/s2].
+    """Gain above the threshold of a change to the other of two lanes, for each decider [m/s2].
 
     Args:
       vehicles: all of them.
       deciders: indices, shape (m,).
-      keeps_right: the keep-right rule; else the symmetric one with p = 0, each for itself.
+      keeps_right: the keep-right rule; else the symmetric one with p = 0.
 
     Returns:
       (m,); -inf where the change is not safe.
@@ -118,7 +115,7 @@ def gains(vehicles: Vehicles, deciders: IntArray, keeps_right: bool) -> FloatArr
 
 
 def _beside(vehicles: Vehicles, deciders: IntArray) -> tuple[IntArray, IntArray]:
-    """Who would be leader and follower in the other lane: indices, -1 for nobody."""
+    """Leader and follower in the other lane: indices, -1 for none."""
     leader, follower = np.full(deciders.size, -1), np.full(deciders.size, -1)
     for lane in (0, 1):
         asks = np.flatnonzero(vehicles.lane[deciders] == 1 - lane)

@@ -1,43 +1,31 @@
-"""What the fast world's traffic is: kinds of vehicles, density, the IDM they follow by."""
+"""Road and traffic of the fast world: lanes, kinds of vehicles, density, the IDM."""
 
 from __future__ import annotations
 
 import math
+import tomllib
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from iits_mj.core.arrays import FloatArray
-from iits_mj.core.errors import InputError
-
-# --- The straight two-lane road of the fast world: answers what decision makers ask of a `Route`
+from iits_mj.core.arrays import FloatArray, IntArray
+from iits_mj.core.assets import VEHICLE_TYPES
+from iits_mj.core.checks import in_range, require_positive
+from iits_mj.road import RoadPoint
 
 LANES = 2
 LANE_WIDTH = 4.0
 LENGTH = 15_000.0
 
 
-@dataclass(frozen=True)
-class StraightPoint:
-    """Pose on the straight road; the fields are those of `iits_mj.road.RoadPoint`."""
-
-    x: float
-    y: float
-    z: float
-    heading: float
-    curvature: float
-    grade: float
-    superelevation: float
-
-
 class HighwayRoad:
     """Two lanes of 4 m, 15 km, straight in plan, hilly in profile.
 
-    The reference line is the centre of lane 0, so that a lane's offset is its index times 4 m.
-    Grades are two sine waves with random phases, at most `grade_max`: shaped like the paper's
-    road, whose grades lie within 5 %. Plays the part of `iits_mj.road.Route` for the functions
-    below only.
+    The reference line is the center of lane 0, so that a lane's offset is its index times 4 m.
+    Grades are two sine waves with random phases, at most `grade_max`, like those of the paper's
+    road, whose grades are within 5 %. It has those functions of `iits_mj.road.Route` that decision
+    makers call.
     """
 
     def __init__(
@@ -53,10 +41,12 @@ class HighwayRoad:
         waves = zip(self._amplitude, self._period, self._phase, strict=True)
         return sum(a * math.sin(2.0 * math.pi * station / p + phase) for a, p, phase in waves)
 
-    def evaluate(self, station: float, offset: float = 0.0) -> StraightPoint:
+    def evaluate(self, station: float, offset: float = 0.0) -> RoadPoint:
         """Pose at a station and offset; height is not modeled."""
         grade = self.smoothed_grade(station)
-        return StraightPoint(station, offset, 0.0, 0.0, 0.0, grade, 0.0)
+        # Floats, as those of `Route.evaluate` at one station.
+        values: Any = station, offset, 0.0, 0.0, 0.0, grade, 0.0
+        return RoadPoint(*values)
 
     def lane_count(self, station: float) -> int:
         """Always two."""
@@ -68,7 +58,7 @@ class HighwayRoad:
         return 0 <= lane < LANES and station <= self.length + 1000.0
 
     def lane_offset(self, lane: int, station: float) -> float:
-        """Offset of the lane's centre [m]."""
+        """Offset of the lane's center [m]."""
         del station
         return lane * LANE_WIDTH
 
@@ -89,12 +79,9 @@ class HighwayRoad:
         return 60.0 / 3.6
 
 
-# --- What the fast world's traffic is: kinds of vehicles, density, the IDM they follow by ---
-
-
 @dataclass(frozen=True, kw_only=True)
 class Kind:
-    """A kind of vehicle and its driver: those of the SUMO traffic, by the same names. SI units.
+    """A kind of vehicle and its driver, as in the SUMO traffic. SI units.
 
     Attributes:
       kind: its name; share: of the traffic; length, width, height: of its box.
@@ -112,83 +99,28 @@ class Kind:
     minimum_gap: float
     time_headway: float
     acceleration: float
-    deceleration: float = 2.0
+    deceleration: float
     desired_speed_mean: float
     desired_speed_deviation: float
     desired_speed_low: float
-    politeness: float = 0.25
+    politeness: float
     change_threshold: float
     keep_right_bias: float
-    safe_braking: float = 4.0
+    safe_braking: float
 
 
-# The SUMO traffic's figures, traffic_bridge/vehicles/types.toml; a test holds them to be the same.
-KINDS = (
-    Kind(
-        kind="car",
-        share=0.70,
-        length=4.7,
-        width=1.85,
-        height=1.5,
-        minimum_gap=2.5,
-        time_headway=1.5,
-        acceleration=1.4,
-        desired_speed_mean=0.95,
-        desired_speed_deviation=0.07,
-        desired_speed_low=0.75,
-        change_threshold=0.1,
-        keep_right_bias=0.2,
-    ),
-    Kind(
-        kind="van",
-        share=0.12,
-        length=6.0,
-        width=2.05,
-        height=2.6,
-        minimum_gap=2.5,
-        time_headway=1.5,
-        acceleration=1.1,
-        desired_speed_mean=0.92,
-        desired_speed_deviation=0.06,
-        desired_speed_low=0.75,
-        change_threshold=0.1,
-        keep_right_bias=0.2,
-    ),
-    Kind(
-        kind="truck",
-        share=0.08,
-        length=9.5,
-        width=2.50,
-        height=3.6,
-        minimum_gap=4.0,
-        time_headway=2.0,
-        acceleration=0.7,
-        desired_speed_mean=0.85,
-        desired_speed_deviation=0.05,
-        desired_speed_low=0.70,
-        change_threshold=0.2,
-        keep_right_bias=0.4,
-    ),
-    Kind(
-        kind="articulated",
-        share=0.10,
-        length=16.5,
-        width=2.55,
-        height=4.0,
-        minimum_gap=4.0,
-        time_headway=2.0,
-        acceleration=0.7,
-        desired_speed_mean=0.82,
-        desired_speed_deviation=0.05,
-        desired_speed_low=0.68,
-        change_threshold=0.2,
-        keep_right_bias=0.4,
-    ),
+# Shares of the traffic, those of the SUMO traffic; a test holds them equal.
+_SHARES = {"car": 0.70, "van": 0.12, "truck": 0.08, "articulated": 0.10}
+_NUMBERS = tuple(field.name for field in fields(Kind) if field.name not in ("kind", "share"))
+_TYPES = tomllib.loads(VEHICLE_TYPES.read_text(encoding="utf-8"))
+KINDS = tuple(
+    Kind(kind=kind, share=share, **{name: _TYPES[kind][name] for name in _NUMBERS})
+    for kind, share in _SHARES.items()
 )
 SHARES = tuple(kind.share for kind in KINDS)
-# The truck is minded as a vehicle of this kind, as in the SUMO traffic.
+# The traffic treats the truck as a vehicle of this kind, as in SUMO.
 TRUCK_KIND = len(KINDS) - 1
-# Of the traffic's limit; the SUMO traffic fills the road by the same figure.
+# Share of the traffic's limit with which the road is filled, as in SUMO.
 MEAN_DESIRED_SPEED = 0.92
 
 
@@ -199,7 +131,7 @@ class Drivers:
       kinds: index into `KINDS` of each of the n drivers.
     """
 
-    def __init__(self, kinds: NDArray[np.int64]) -> None:
+    def __init__(self, kinds: IntArray) -> None:
         self._kinds = kinds
 
     def __getattr__(self, name: str) -> FloatArray:
@@ -207,16 +139,12 @@ class Drivers:
         setattr(self, name, values)
         return values
 
-    def of(self, index: NDArray[np.int64]) -> Drivers:
+    def of(self, index: IntArray) -> Drivers:
         """Some of them, in the order of an index."""
         return Drivers(self._kinds[index])
 
 
-_TABLE = {
-    field.name: np.array([getattr(kind, field.name) for kind in KINDS])
-    for field in fields(Kind)
-    if field.name != "kind"
-}
+_TABLE = {name: np.array([getattr(kind, name) for kind in KINDS]) for name in _NUMBERS}
 
 
 @dataclass(frozen=True)
@@ -226,11 +154,11 @@ class HighwayConfig:
     Attributes:
       spawn_probability: of a vehicle appearing, per second and lane.
       traffic_speed: speed limit of the traffic [m/s].
-      keeps_right: whether it keeps right; else each drives for itself, on either lane.
+      keeps_right: whether it keeps right; else vehicles use both lanes.
       window_behind, window_ahead: the simulated stretch about the truck [m]. Slow vehicles side by
-        side gather the others behind them; ahead there must be road enough for that to have
-        happened by the time that the truck arrives.
-      sight_behind, sight_ahead: the stretch whose vehicles are told of [m].
+        side gather the others behind them; the road ahead is long enough for that to have happened
+        before the truck arrives.
+      sight_behind, sight_ahead: the stretch whose vehicles are visible [m].
       timestep: of the traffic and the truck [s].
     """
 
@@ -244,13 +172,8 @@ class HighwayConfig:
     timestep: float = 0.2
 
     def __post_init__(self) -> None:
-        """Refuses values that are not finite or make no traffic."""
-        for name in ("traffic_speed", "window_behind", "window_ahead", "timestep"):
-            value = getattr(self, name)
-            if not math.isfinite(value) or value <= 0.0:
-                raise InputError(f"{name} = {value!r} is not allowed: use a number above 0")
-        if not 0.0 <= self.spawn_probability <= 1.0:
-            raise InputError(f"spawn_probability = {self.spawn_probability!r}: use 0 to 1")
+        require_positive(self, "traffic_speed", "window_behind", "window_ahead", "timestep")
+        in_range("spawn_probability", self.spawn_probability, 0.0, 1.0)
 
     @property
     def mean_headway(self) -> float:
@@ -278,7 +201,7 @@ def idm_acceleration(
 ) -> FloatArray:
     """IDM acceleration [m/s2], Treiber et al. (2000) eq. 3; arrays of one shape, gap inf if free.
 
-    Above the desired speed the free term is bounded at -b, which the original leaves unbounded.
+    The free term is bounded at -b above the desired speed; the original leaves it unbounded.
     """
     a, b = drivers.acceleration, drivers.deceleration
     free = a * np.maximum(1.0 - (speed / desired) ** 4, -b / a)

@@ -1,4 +1,4 @@
-"""Trips of the truck through the fast world."""
+"""Trips of the truck through the fast world, with the truck as a point mass on the grade."""
 
 from __future__ import annotations
 
@@ -16,25 +16,29 @@ from controllers.decision.fast_world.config import (
     HighwayRoad,
     Obstacle,
 )
-from controllers.decision.fast_world.traffic import HighwayTraffic
+from controllers.decision.fast_world.traffic import HighwayTraffic, blended
 from controllers.decision.observation import ObservationHistory, observe_frame
 from controllers.decision.trip import (
-    RewardTerms,
     TripConfig,
+    TripLog,
     TripStep,
     TripSummary,
-    decision_charge,
-    speed_charge,
 )
-from controllers.planning.following import FollowingConfig, follow_acceleration
-from controllers.planning.lane_change import LaneChangeConfig
-from controllers.planning.safety import SafetyConfig, front_gap_needed, rear_gap_needed
+from controllers.planning.config import FollowingConfig, LaneChangeConfig, SafetyConfig
+from controllers.planning.following import follow_acceleration
+from controllers.planning.safety import front_gap_needed, rear_gap_needed
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision, EgoFootprint, EgoState, Scene
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 
-# --- The truck of the fast world: a point mass on the grade with the engine's full-load power ---
+if TYPE_CHECKING:
+    from iits_mj.road import Route
+
+# A full service-brake application of a laden truck [m/s2].
+_HARDEST_BRAKING = 6.0
+# Share of a change during which the truck also occupies the lane that it leaves.
+_LEAVES = 0.7
 
 
 class HighwayTruck:
@@ -68,43 +72,28 @@ class HighwayTruck:
         return (drive - self._drag * self.speed**2) / self.mass - slope
 
     def step(
-        self,
-        dt: float,
-        reference: float,
-        leaders: list[tuple[float, float, float]],
-        grade: float,
+        self, dt: float, reference: float, leaders: list[tuple[float, float, float]], grade: float
     ) -> None:
         """Advances by dt [s]; leaders are (gap [m], speed [m/s], acceleration [m/s2])."""
         config = self.following
-        wanted = follow_acceleration(self.speed, reference, math.inf, 0.0, 0.0, config)
-        for gap, speed, acceleration in leaders:
-            wanted = min(
-                wanted,
-                follow_acceleration(self.speed, reference, gap, speed, acceleration, config),
-            )
-        wanted = min(wanted, self.power_limit(grade))
-        # A full service brake application of a laden truck; the last layer of the planner.
-        wanted = max(wanted, -6.0)
+        wanted = self.power_limit(grade)
+        for leader in ((math.inf, 0.0, 0.0), *leaders):
+            wanted = min(wanted, follow_acceleration(self.speed, reference, *leader, config))
+        wanted = max(wanted, -_HARDEST_BRAKING)
         speed = max(0.0, self.speed + wanted * dt)
         self.front += 0.5 * (self.speed + speed) * dt
         self.acceleration = (speed - self.speed) / dt
         self.speed = speed
 
 
-# --- Trips of the truck through the fast world ---
-
-if TYPE_CHECKING:
-    from iits_mj.road import Route
-
-
 @dataclass(frozen=True)
 class HighwaySettings:
-    """What of the fast world is the same in every trip.
+    """Settings of the fast world that are the same in every trip.
 
     Attributes:
-      traffic: how the others drive; a trip gives its density and speed.
+      traffic: of the others; a trip gives its density and speed.
       change_duration: shortest and longest lane change of the truck, whole seconds; the full chain
-        takes 6 to 9 s by speed, load and road.
+        takes 6 to 9 s, depending on speed, load and road.
       pause: between two changes [s].
       grade_max: greatest grade of the hills; 0 for a flat road.
       safety: gaps without which a change is refused.
@@ -118,7 +107,7 @@ class HighwaySettings:
 
 
 class HighwayEnv:
-    """The fast world with the truck in it. Everything random comes from `reset`'s generator."""
+    """The fast world as a `World`. All randomness comes from the generator given to `reset`."""
 
     def __init__(
         self, settings: HighwaySettings | None = None, parameters: TruckParameters | None = None
@@ -132,7 +121,9 @@ class HighwayEnv:
 
     def reset(self, generator: np.random.Generator, trip: TripConfig | None = None) -> Observation:
         """Starts a trip at the traffic's speed in the right lane; returns the observation."""
-        self.config = trip = trip or TripConfig()
+        trip = trip or TripConfig()
+        self.log = TripLog(trip)
+        self.summary = self.log.summary
         settings = self.settings
         self._end = trip.start_station + trip.length
         self.road = HighwayRoad(generator, self._end, settings.grade_max)
@@ -152,7 +143,6 @@ class HighwayEnv:
         )
         self.traffic = HighwayTraffic(traffic, generator)
         self.traffic.fill(self._obstacles()[0])
-        self.summary = TripSummary()
         self._history.reset()
         self._ready = True
         self._observe()
@@ -162,13 +152,13 @@ class HighwayEnv:
         """Holds nothing."""
 
     def context(self) -> DecisionContext:
-        """What a decision maker is given now."""
+        """Context of a decision now."""
         return DecisionContext(
             scene=self._scene,
             route=cast("Route", self.road),
             lane=self.lane,
             lanes=tuple(range(LANES)),
-            reference_speed=self.config.reference_speed,
+            reference_speed=self.log.trip.reference_speed,
             observation=self._history.observation(),
         )
 
@@ -187,59 +177,53 @@ class HighwayEnv:
         return gap >= rear_gap_needed(truck.speed, float(traffic.speed[follow]), safety)
 
     def step(self, decision: Decision) -> TripStep:
-        """Carries out a decision, or refuses it, until the next decision is due.
+        """Carries out a decision, or refuses it, until the next one is due.
 
         Raises:
           InputError: `reset` was not called.
         """
         if not self._ready:
             raise InputError("the trip has not begun: call reset(generator) first")
-        changes = decision is not Decision.KEEP
         target = self.lane - int(decision)  # LEFT is -1, lanes count from the right
         rested = self.time - self._changed_at >= self.settings.pause - 1e-6
+        changes = decision is not Decision.KEEP
         possible = 0 <= target < LANES and rested
         dangerous = changes and possible and not self.safe(target)
-        reward = decision_charge(changes, dangerous, self.config.reward)
+        refused = changes and (dangerous or not possible)
         seconds = 1.0
-        self.summary.decisions += 1
-        if changes and (dangerous or not possible):
-            self.summary.refused += 1
-            self.summary.dangerous += int(dangerous)
-        elif changes:
-            self.summary.changes += 1
+        if changes and not refused:
             self._source, self.lane = self.lane, target
             shortest, longest = self.settings.change_duration
             seconds = float(self._random.integers(shortest, longest, endpoint=True))
             self._change_left = self._change_lasts = seconds
-        terminated = False
-        elapsed = 0.0
-        while elapsed < seconds - 1e-9 and not terminated and not self._over():
-            terminated = self._second()
-            charge = speed_charge(
-                self.truck.speed, self.config.reference_speed, elapsed, self.config.reward
-            )
-            reward += RewardTerms(speed=charge)
-            elapsed += 1.0
-        if terminated:
-            factor = self.config.reward.discount ** max(elapsed - 1.0, 0.0)
-            reward += RewardTerms(collision=-self.config.reward.collision * factor)
+        log, collided = self.log, False
+        log.begin()
+        while log.elapsed < seconds - 1e-9 and not collided and not self._over():
+            collided = self._second()
+            log.charge_speed(self.truck.speed, 1.0)
         if self._source != self.lane:
             self._source, self._changed_at = self.lane, self.time
         self._change_left = 0.0
-        self.summary.reward += reward
         over = self._over()
-        self._ready = not (terminated or over)
-        observation = self._history.observation()
-        return TripStep(observation, reward, elapsed, terminated, over and not terminated)
+        self._ready = not (collided or over)
+        return log.end(
+            decision,
+            self._history.observation(),
+            changes=int(changes and not refused),
+            refused=int(refused),
+            dangerous=int(dangerous),
+            collision_at=max(log.elapsed - 1.0, 0.0) if collided else None,
+            over=over,
+        )
 
     def _over(self) -> bool:
         station = self.truck.front - self._footprint.front_overhang
-        return station >= self._end or self.time >= self.config.duration
+        return station >= self._end or self.time >= self.log.trip.duration
 
     def _second(self) -> bool:
         """Advances one second and observes; True after a collision."""
         dt = self.settings.traffic.timestep
-        reference = self.config.reference_speed
+        reference = self.log.trip.reference_speed
         collided = False
         for _ in range(round(1.0 / dt)):
             obstacles = self._obstacles()
@@ -249,11 +233,9 @@ class HighwayEnv:
             self.traffic.step(self._obstacles())
             self.time += dt
             self._change_left = max(0.0, self._change_left - dt)
-            self.summary.time += dt
+            self.log.drive(self.truck.speed, dt)
             self.summary.distance += self.truck.speed * dt
-            self.summary.loss_integral += (reference - self.truck.speed) / reference * dt
             collided = collided or self._collided()
-        self.summary.collisions += int(collided)
         self._observe()
         return collided
 
@@ -264,10 +246,10 @@ class HighwayEnv:
         return 1.0 - self._change_left / self._change_lasts
 
     def _obstacles(self) -> list[Obstacle]:
-        """The lanes the truck's body is in: its own, and the one it leaves for 70 % of a change."""
+        """The truck in its own lane, and for 70 % of a change in the one that it leaves."""
         truck, length = self.truck, self._footprint.length
         lanes = [self.lane]
-        if self._source != self.lane and self._phase() < 0.7:
+        if self._source != self.lane and self._phase() < _LEAVES:
             lanes.append(self._source)
         return [Obstacle(truck.front, length, truck.speed, lane) for lane in lanes]
 
@@ -292,11 +274,9 @@ class HighwayEnv:
 
     def _observe(self) -> None:
         """Makes the scene and adds its frame to the history."""
-        phase = self._phase()
-        blend = phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2)
         step = (self.lane - self._source) * LANE_WIDTH
+        blend, rate = blended(self._phase(), self._change_lasts)
         offset = self._source * LANE_WIDTH + step * blend
-        rate = 30.0 * phase**2 * (1.0 - phase) ** 2 / self._change_lasts
         station = self.truck.front - self._footprint.front_overhang
         ego = EgoState(
             time=self.time,
@@ -312,4 +292,6 @@ class HighwayEnv:
         )
         self._scene = Scene(self.time, ego, self.traffic.tracked(self.truck.front), self._footprint)
         route = cast("Route", self.road)
-        self._history.add(self.time, observe_frame(self._scene, route, self.config.reference_speed))
+        self._history.add(
+            self.time, observe_frame(self._scene, route, self.log.trip.reference_speed)
+        )

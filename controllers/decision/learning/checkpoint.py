@@ -1,7 +1,7 @@
-"""The file a training continues from: whole or not there, checked when it is read.
+"""Checkpoint files of a training: written atomically, verified when read.
 
-First line: format and SHA-256 of the rest. Rest: a `torch.save` of tensors and plain values, read
-back without pickled objects. The one before it is kept beside it, for the case of a damaged disk.
+The first line is format and SHA-256 of the rest, a `torch.save` of tensors and plain values that is
+read without unpickling objects. The previous checkpoint is kept, too, in case of a damaged disk.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from controllers.decision.learning.config import CHANGEABLE
 from iits_mj.core.errors import InputError
@@ -24,12 +23,14 @@ FORMAT = "iits_mj.training.1"
 
 
 def write(folder: Path, state: dict[str, Any]) -> None:
-    """Writes the checkpoint beside its place, then moves it there: a kill leaves one whole.
+    """Writes a checkpoint under another name, then moves it in place.
 
     Args:
-      folder: where it lies.
+      folder: of the training.
       state: nested dicts and lists of numbers, texts, tensors and numpy arrays.
     """
+    import torch
+
     stream = io.BytesIO()
     torch.save(_exchange(state, np.ndarray, torch.from_numpy), stream)
     payload = stream.getbuffer()
@@ -51,11 +52,13 @@ def write(folder: Path, state: dict[str, Any]) -> None:
 
 
 def read(folder: Path) -> dict[str, Any]:
-    """What `write` was given, with numpy arrays for tensors, but for those of the learner.
+    """The state given to `write`, with numpy arrays for tensors except the learner's.
 
     Raises:
-      InputError: there is none, or it is of another format or damaged.
+      InputError: there is no checkpoint, or it has another format or is damaged.
     """
+    import torch
+
     path = folder / CHECKPOINT
     if not path.is_file():
         raise InputError(f"resume: there is no checkpoint {str(path)!r}")
@@ -63,9 +66,9 @@ def read(folder: Path) -> dict[str, Any]:
         header, _, payload = path.read_bytes().partition(b"\n")
         kind, _, digest = header.decode().partition(" ")
         if kind != FORMAT:
-            raise ValueError(f"its format is {kind[:40]!r}, {FORMAT!r} is wanted")
+            raise ValueError(f"its format is {kind[:40]!r}, not {FORMAT!r}")
         if hashlib.sha256(payload).hexdigest() != digest:
-            raise ValueError("it is damaged: its checksum is another")
+            raise ValueError("it is damaged: its checksum does not match")
         state: dict[str, Any] = torch.load(io.BytesIO(payload), weights_only=True)
     except Exception as error:  # torch raises many kinds
         before = f"; {PREVIOUS!r} is the one before it" if (folder / PREVIOUS).is_file() else ""
@@ -77,21 +80,21 @@ def read(folder: Path) -> dict[str, Any]:
 
 
 def check_settings(stored: dict[str, Any], wanted: dict[str, Any]) -> None:
-    """Refuses to go on with other settings than those of the checkpoint.
+    """Compares the settings of a resumed training with those of its checkpoint.
 
     Raises:
-      InputError: names the first setting that differs and may not.
+      InputError: a setting outside `CHANGEABLE` differs.
     """
     for name in sorted((stored.keys() | wanted.keys()) - CHANGEABLE):
         if stored.get(name) != wanted.get(name):
             raise InputError(
                 f"resume: {name.replace('_', '-')} is {wanted.get(name)!r}, but the checkpoint's "
-                f"training has {stored.get(name)!r}; give the same, or begin in another folder"
+                f"training has {stored.get(name)!r}; use the same, or begin in another folder"
             )
 
 
 def _exchange(value: Any, kind: type, make: Any) -> Any:
-    """The nested value with everything of a kind made into something else."""
+    """A nested value with all entries of a kind converted by `make`."""
     if isinstance(value, dict):
         return {key: _exchange(inner, kind, make) for key, inner in value.items()}
     if isinstance(value, list | tuple):

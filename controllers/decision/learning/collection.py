@@ -1,9 +1,9 @@
-"""Trips driven by worker processes; what they bring home does not depend on how many there are.
+"""Trips driven by worker processes; the results do not depend on the number of processes.
 
 Each worker is a fresh interpreter on one thread, without torch. It makes a world at the first trip
-in it and keeps it. One thread of this process waits for each worker, so that a worker which has
-brought home a trip gets the next one while the learner learns. When this process is gone, however
-it ended, the workers meet the closed pipe and end too.
+in it and keeps it. One thread of this process serves each worker, so that a free worker gets the
+next trip while the learner learns. When this process ends in any way, the workers find their pipe
+closed and end, too.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from typing import Any
+from types import FrameType
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -31,17 +32,19 @@ from iits_mj.core.errors import Error
 from iits_mj.core.process_pool import single_threaded_workers
 
 WorldFactory = Callable[[], World]
+T = TypeVar("T")
+_POLL = 0.2
 
 
 @dataclass(frozen=True)
 class Drive:
-    """One trip to be driven.
+    """One trip to drive.
 
     Attributes:
       name: for messages; world: index of the factory.
-      trip: what is driven; generator: of everything random in it.
+      trip: its settings; generator: of everything random in it.
       epsilon: share of random decisions; guided: share of those that MOBIL makes instead.
-      steps: n of the n-step transitions that are wanted, 0 for none.
+      steps: n of the wanted n-step transitions, 0 for none.
     """
 
     name: str
@@ -55,7 +58,7 @@ class Drive:
 
 @dataclass(frozen=True)
 class Driven:
-    """What a trip came to; its transitions, None where none were wanted."""
+    """Result of a trip: summary and transitions, None where none were wanted."""
 
     summary: TripSummary
     transitions: Batch | None
@@ -64,8 +67,7 @@ class Driven:
 def drive_trip(world: World, job: Drive, network: QNetwork) -> Driven:
     """Drives one trip, epsilon-greedy on a network.
 
-    Most random changes are senseless, and how a sensible one pays off is what is to be learned:
-    some of the exploration is left to a rule.
+    Most random lane changes are useless, so a rule makes a share of the random decisions.
     """
     exploration = job.generator.spawn(1)[0]
     guide = Mobil()
@@ -84,7 +86,7 @@ def drive_trip(world: World, job: Drive, network: QNetwork) -> Driven:
         step = world.step(ACTIONS[action])
         over = step.terminated or step.truncated
         if job.steps:
-            # Truncation is not termination: the value of what follows still counts.
+            # After a truncation the following value still counts.
             future = 0.0 if step.terminated else job.trip.reward.discount**step.seconds
             reward = step.reward.total
             symmetric = not job.trip.keeps_right
@@ -94,12 +96,51 @@ def drive_trip(world: World, job: Drive, network: QNetwork) -> Driven:
     return Driven(world.summary, Batch.of(transitions) if job.steps else None)
 
 
+class Interrupted(KeyboardInterrupt):
+    """The first Ctrl-C, raised at the next wait, where the state is consistent."""
+
+
+class Interruption(Closing):
+    """Defers Ctrl-C to the next wait until closed; a second one is raised at once.
+
+    It has no effect outside the main thread, which alone receives signals.
+    """
+
+    def __init__(self) -> None:
+        self._asked = False
+        self._main = threading.current_thread() is threading.main_thread()
+        if self._main:
+            self._before = signal.signal(signal.SIGINT, self._ask)
+
+    def wait(self, outcome: Future[T]) -> T:
+        """The outcome, or its error; raises `Interrupted` after Ctrl-C."""
+        while True:
+            if self._asked:
+                raise Interrupted
+            try:
+                return outcome.result(timeout=_POLL)
+            except TimeoutError:
+                if outcome.done():
+                    raise
+
+    def close(self) -> None:
+        """Restores the former handler of Ctrl-C."""
+        if self._main:
+            signal.signal(signal.SIGINT, self._before)
+
+    def _ask(self, number: int, frame: FrameType | None) -> None:
+        del number, frame
+        if self._asked:
+            raise KeyboardInterrupt
+        self._asked = True
+
+
 class TripDrivers(Closing, abc.ABC):
-    """Who drive trips for a training: processes of this machine, or of others."""
+    """Drives trips for a training, in processes of this machine or of others."""
 
     @abc.abstractmethod
     def submit(self, jobs: Sequence[Drive], network: QNetwork) -> list[Future[Driven]]:
-        """Asks for trips on a network; a trip that fails makes its future raise an `Error`."""
+        """Starts trips on a network; the future of a trip that fails raises an `Error`."""
 
 
 # Makes drivers for worlds, by their factories; `Drive.world` chooses among them.
@@ -110,12 +151,12 @@ class Workers(TripDrivers):
     """Processes of this machine that drive trips.
 
     Args:
-      jobs: how many.
+      jobs: number of processes.
       worlds: picklable factories, chosen by `Drive.world`.
     """
 
     def __init__(self, jobs: int, worlds: Sequence[WorldFactory]) -> None:
-        self._queue: queue.SimpleQueue[_Task | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[_TripTask | None] = queue.SimpleQueue()
         context = multiprocessing.get_context("spawn")
         self._processes = []
         self._threads = []
@@ -131,14 +172,14 @@ class Workers(TripDrivers):
                 self._threads.append(thread)
 
     def submit(self, jobs: Sequence[Drive], network: QNetwork) -> list[Future[Driven]]:
-        """Asks for trips on a network; a trip that fails makes its future raise an `Error`."""
-        tasks = [_Task(job, network, Future()) for job in jobs]
+        """Starts trips on a network; the future of a trip that fails raises an `Error`."""
+        tasks = [_TripTask(job, network, Future()) for job in jobs]
         for task in tasks:
             self._queue.put(task)
         return [task.outcome for task in tasks]
 
     def close(self) -> None:
-        """Ends the processes, also in the middle of a trip."""
+        """Ends the processes, even in the middle of a trip."""
         for process in self._processes:
             process.terminate()
         for _ in self._threads:
@@ -149,7 +190,7 @@ class Workers(TripDrivers):
             thread.join()
 
     def _serve(self, pipe: Connection, process: Any) -> None:
-        """Hands tasks to one worker, one after the other."""
+        """Passes tasks to one worker, one after the other."""
         sent: QNetwork | None = None
         while (task := self._queue.get()) is not None:
             try:
@@ -167,17 +208,17 @@ class Workers(TripDrivers):
 
 
 @dataclass(frozen=True)
-class _Task:
+class _TripTask:
     job: Drive
     network: QNetwork
     outcome: Future[Driven]
 
 
 def _work(pipe: Connection, factories: tuple[WorldFactory, ...]) -> None:
-    """A worker's life: answers each trip with a `Driven`, or with the reason of a failure."""
+    """Loop of a worker: answers each trip with a `Driven`, or with the reason of a failure."""
     worlds: dict[int, World] = {}
     network: Any = None
-    with contextlib.suppress(EOFError, OSError):  # the other end is gone: nobody to drive for
+    with contextlib.suppress(EOFError, OSError):  # the other end is closed
         while True:
             job, news = pipe.recv()
             network = network if news is None else news
@@ -193,7 +234,7 @@ def _work(pipe: Connection, factories: tuple[WorldFactory, ...]) -> None:
 
 @contextlib.contextmanager
 def _inherited_by_workers() -> Iterator[None]:
-    """One thread for each worker, and Ctrl-C is for this process alone."""
+    """Starts workers with one thread each and without Ctrl-C, which is for this process alone."""
     main = threading.current_thread() is threading.main_thread()
     handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
     try:

@@ -1,6 +1,6 @@
-"""Settings of training: each a field with its help and bounds, each a flag of `iits-mj train`.
+"""Settings of training: each field, with help and bounds, is a flag of `iits-mj train`.
 
-No torch here: the command line and the driving processes read these settings too.
+This module does not import torch: the command line and the worker processes read it, too.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from iits_mj.core import options as option_fields
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
 
-# What a resumed training may be asked for differently.
+# Settings that may differ when a training is resumed.
 CHANGEABLE = frozenset(
     {"decisions", "jobs", "evaluate_interval", "checkpoint_interval", "checkpoint_seconds"}
 )
@@ -77,13 +77,13 @@ class LearnerConfig:
     )
 
     def __post_init__(self) -> None:
-        """Refuses numbers that cannot work."""
+        """Raises InputError for values out of bounds."""
         option_fields.check(self)
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainConfig(LearnerConfig):
-    """What `train` is asked for. Intervals are counted in decisions of the truck.
+    """Settings of `train`. Intervals are in decisions of the truck.
 
     Raises:
       InputError: a value is out of bounds, or two do not fit; the message names it.
@@ -131,8 +131,7 @@ class TrainConfig(LearnerConfig):
     replay_capacity: int = option(300_000, help="transitions kept", low=1, high=10**8)
     warm_up: int = option(4_000, help="transitions before the first update", low=1, high=10**8)
     mirror: bool = option(
-        True,
-        help="learn from mirror images of transitions too, where traffic does not keep right",
+        True, help="learn from mirror images of transitions too, where traffic does not keep right"
     )
     prioritized: bool = option(False, help="prioritized replay (Schaul et al. 2016)")
     priority_exponent: float = option(
@@ -166,7 +165,7 @@ class TrainConfig(LearnerConfig):
     resume: bool = option(False, help="continue from the checkpoint in --out")
 
     def __post_init__(self) -> None:
-        """Refuses numbers that cannot work."""
+        """Raises InputError for values out of bounds."""
         super().__post_init__()
         if self.warm_up > self.replay_capacity:
             raise InputError(
@@ -174,13 +173,12 @@ class TrainConfig(LearnerConfig):
                 "(replay-capacity) or less"
             )
 
+    @property
+    def reward(self) -> RewardConfig:
+        """Reward of all trips of the training, validations included."""
+        return RewardConfig(change=self.change_charge, discount=self.discount)
 
-def reward(config: TrainConfig) -> RewardConfig:
-    """Of all trips of a training, those of validations too."""
-    return RewardConfig(change=config.change_charge, discount=config.discount)
-
-
-def settings(config: TrainConfig) -> dict[str, Any]:
-    """What makes a training what it is: all fields but `resume`."""
-    names = [field.name for field in dataclasses.fields(TrainConfig) if field.name != "resume"]
-    return {name: getattr(config, name) for name in names}
+    def identity(self) -> dict[str, Any]:
+        """All settings but `resume`, for weights files and checkpoints."""
+        names = (field.name for field in dataclasses.fields(TrainConfig))
+        return {name: getattr(self, name) for name in names if name != "resume"}

@@ -1,20 +1,25 @@
-"""Double DQN in one file, with its two extensions by flag: dueling heads and quantiles.
+"""Double DQN, with dueling heads and quantiles as options.
 
 The online network chooses the next action, the target network values it (van Hasselt, Guez and
 Silver 2016, eq. 4): `Y = R + discount * Q_target(s', argmax_a Q_online(s', a))`. The target network
-is a separate copy that is renewed every `target_interval` updates, or follows slowly. Durations of
-decisions differ (1 s, or a whole lane change), so each transition carries its own discount, which
+is a separate copy that is renewed every `target_interval` updates, or follows slowly. Decisions
+last differently long (1 s, or a whole lane change), so each transition has its own discount, which
 is 0 after a termination only.
 
 - dueling (Wang et al. 2016, eq. 9): `Q = V + A - mean_a A`, two linear heads on one trunk.
 - quantiles (Dabney et al. 2018): each value is the mean of N quantiles of the return, learned with
   the quantile Huber loss; actions are chosen by the means.
 
-The policy that is shipped may be a running average of the online network, which its gradient steps
-shake about; experience is gathered by the online network itself, whose errors only that can mend.
+The shipped policy may be a running average of the online network, which smooths its gradient steps;
+the online network itself gathers experience, as only that corrects its errors.
 
-Heads are linear, so both fold exactly into the one last layer of the network that is shipped, and
-units of the inputs into its first.
+Heads are linear, so both fold exactly into the last layer of the shipped network, and the units of
+the inputs into its first.
+
+Inputs may be standardized: in the observation's units a usual difference of speed is 0.05 and a
+usual lateral speed in a lane change 0.01, where a distance is 0.3. Adam's steps are about equally
+long for all weights, so the network learns slowly what depends on small numbers; in units of their
+spread all inputs are alike (LeCun et al. 1998, "Efficient BackProp", section 4.3).
 """
 
 from __future__ import annotations
@@ -35,13 +40,7 @@ from controllers.decision.observation import FRAME_AGES, ROWS
 from controllers.decision.policy import LAYERS, QNetwork
 from iits_mj.core.errors import Error
 
-# --- What the inputs of the network usually are, and how far they spread in traffic ---
-# In the observation's units a usual difference of speed is 0.05 and a usual lateral speed of who
-# changes lanes 0.01, where a distance is 0.3. Adam's steps are about as long for all weights, so
-# the network is slow to learn what hangs on small numbers; in units of their spread all are alike
-# (LeCun et al. 1998, "Efficient BackProp", section 4.3). The figures are rounded means and
-# deviations of drives in the six cells.
-
+# Rounded means and deviations of the inputs in drives of the six cells:
 # presence, dx, dy, relative speed, lateral speed, reference speed
 _TRUCK_USUAL = (0.0, 1.0, 0.25, 0.4, 0.0, 0.4)
 _TRUCK_SPREAD = (1.0, 0.3, 0.25, 0.05, 0.01, 0.05)
@@ -50,14 +49,12 @@ _OTHERS_SPREAD = (1.0, 0.3, 0.4, 0.05, 0.01, 0.05)
 
 
 def usual_and_spread() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Of each of the 216 inputs; x is standardized as (x - usual) / spread."""
+    """Usual value and spread of the 216 inputs; x is standardized as (x - usual) / spread."""
     others = len(ROWS) - 1
     usual = np.array([_TRUCK_USUAL, *[_OTHERS_USUAL] * others], np.float32)
     spread = np.array([_TRUCK_SPREAD, *[_OTHERS_SPREAD] * others], np.float32)
     return np.tile(usual.ravel(), len(FRAME_AGES)), np.tile(spread.ravel(), len(FRAME_AGES))
 
-
-# --- Double DQN in one file, with its two extensions by flag: dueling heads and quantiles ---
 
 ACTION_COUNT = LAYERS[-1]
 
@@ -74,11 +71,11 @@ class Update(NamedTuple):
 
 
 class ValueNetwork(nn.Module):
-    """The paper's 216-256-512-256-3 with ReLU; its last layer may be two heads of quantiles.
+    """The paper's 216-256-512-256-3 network with ReLU; its last layer may be two quantile heads.
 
     Args:
       dueling: heads for value and advantage; quantiles: of each value, 0 for the value itself.
-      standardized: inputs are seen around their usual values, in units of their spread.
+      standardized: inputs are relative to their usual values, in units of their spread.
     """
 
     def __init__(self, dueling: bool, quantiles: int, standardized: bool = False) -> None:
@@ -104,13 +101,13 @@ class ValueNetwork(nn.Module):
         return self.value(hidden)[:, None] + advantage - advantage.mean(dim=1, keepdim=True)
 
     def layers(self) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
-        """Weights and biases of the four layers, with all that is linear folded in; copies."""
+        """Weights and biases of the four layers with all linear parts folded in; copies."""
         pairs = [_arrays(layer) for layer in self.trunk if isinstance(layer, nn.Linear)]
         if self._inputs is not None:
             usual, spread = self._inputs
             weight = pairs[0][0] / spread
             pairs[0] = weight, pairs[0][1] - weight @ usual
-        # The mean over quantiles is linear, and so is V + A - mean A: one matrix does it all.
+        # The mean over quantiles is linear, and so is V + A - mean A: one matrix suffices.
         last = [a.reshape(ACTION_COUNT, self.width, -1).mean(1) for a in _arrays(self.advantage)]
         if self.value is not None:
             value = [a.reshape(1, self.width, -1).mean(1) for a in _arrays(self.value)]
@@ -133,11 +130,11 @@ def double_q_target(
 
 
 def shortfall(values: Tensor, action: Tensor) -> Tensor:
-    """By how much an action is worth less than the best one, (n,), of values (n, 3, width).
+    """Difference of the best action's value to an action's, (n,), from values (n, 3, width).
 
     Charged in part, it widens the gap between the best action and the others and leaves the best
-    one as it is (Bellemare et al. 2016, eq. 7). Where decisions come often, the gap is small: the
-    next decision may make good for this one, and errors of the values decide.
+    one as it is (Bellemare et al. 2016, eq. 7). With frequent decisions the gap is small, as the
+    next decision can correct this one, and errors of the values decide.
     """
     means = values.mean(dim=2)
     return means.max(dim=1).values - _of_action(means, action)
@@ -169,7 +166,7 @@ def _follow(mine: ValueNetwork, theirs: ValueNetwork, rate: float) -> None:
 
 
 class DoubleDqn:
-    """The learner: online and target network, optimizer, and how often they were updated."""
+    """The learner: online and target network, optimizer, number of updates."""
 
     def __init__(self, config: LearnerConfig, seed: int) -> None:
         self.config = config
@@ -184,7 +181,7 @@ class DoubleDqn:
         self.updates = 0
 
     def update(self, batch: Batch, weight: NDArray[np.float32] | None = None) -> Update:
-        """One gradient step on a batch, whose losses may be weighted, (n,).
+        """Takes one gradient step on a batch, with optional weights of the losses (n,).
 
         Raises:
           Error: the loss is not finite.
@@ -226,29 +223,29 @@ class DoubleDqn:
         return Update(float(loss.item()), float(mean.mean().item()), error)
 
     def set_rate(self, learning_rate: float) -> None:
-        """Another learning rate from now on."""
+        """Sets the learning rate."""
         for group in self.optimizer.param_groups:
             group["lr"] = learning_rate
 
     def _renew_target(self) -> None:
-        """By a copy every so often, or by a small step each time."""
+        """Updates the target network by a copy at intervals, or by a small step each time."""
         if self.config.target_rate > 0.0:
             _follow(self.target, self.online, self.config.target_rate)
         elif self.updates % self.config.target_interval == 0:
             self.target.load_state_dict(self.online.state_dict())
 
     def _renew_average(self) -> None:
-        """The plain mean of all networks at first, in which there is no trace of the first one."""
+        """Updates the average: at first the mean of all networks, without the initial one."""
         if self.average is not None:
             rate = max(self.config.average_rate, 1.0 / self.updates)
             _follow(self.average, self.online, rate)
 
     def network(self) -> QNetwork:
-        """The online network as numpy arrays, a copy: what gathers experience."""
+        """The online network, which gathers experience, as numpy arrays; a copy."""
         return self._in_numpy(self.online)
 
     def policy(self) -> QNetwork:
-        """What is validated and shipped: the running average, or the online network; a copy."""
+        """The policy to validate and ship: the running average, or the online network; a copy."""
         return self._in_numpy(self.online if self.average is None else self.average)
 
     def _in_numpy(self, values: ValueNetwork) -> QNetwork:
@@ -257,7 +254,7 @@ class DoubleDqn:
         return QNetwork(tuple(weights), tuple(biases), margin=margin)
 
     def state(self) -> dict[str, Any]:
-        """Everything that evolves, for a checkpoint; a copy."""
+        """State for a checkpoint; a copy."""
         state = {
             "online": self.online.state_dict(),
             "target": self.target.state_dict(),
@@ -268,7 +265,7 @@ class DoubleDqn:
         return copy.deepcopy(state)
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Takes up what `state` gave."""
+        """Takes up a state."""
         self.online.load_state_dict(state["online"])
         self.target.load_state_dict(state["target"])
         if self.average is not None:

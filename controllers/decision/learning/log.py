@@ -1,71 +1,19 @@
-"""What a training says of itself: `training.csv`, and TensorBoard's event files.
+"""Log of a training: `training.csv` and TensorBoard's event files.
 
-The table has a row for each validation, with means since the row before it; the event files have
-the same figures, those of the learner once a round.
+The table has a row for each validation with means since the previous row; the event files have the
+same figures, those of the learner once a round.
 """
 
 from __future__ import annotations
 
-import signal
-import threading
 from collections.abc import Callable
-from concurrent.futures import Future
 from dataclasses import fields
 from pathlib import Path
-from types import FrameType
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from controllers.decision.trip import RewardTerms, TripSummary
-from iits_mj.core.context import Closing
-
-# --- Ctrl-C where it does no harm: only while waiting, never in the middle of a change of state ---
-
-T = TypeVar("T")
-_POLL = 0.2
-
-
-class Interrupted(KeyboardInterrupt):
-    """The first Ctrl-C, told at the next wait: the state is whole."""
-
-
-class Interruption(Closing):
-    """Takes Ctrl-C over until closed. A second one is told at once, as Python does.
-
-    Python hands signals to the main thread only; in another one, nothing is taken over.
-    """
-
-    def __init__(self) -> None:
-        self._asked = False
-        self._main = threading.current_thread() is threading.main_thread()
-        if self._main:
-            self._before = signal.signal(signal.SIGINT, self._ask)
-
-    def wait(self, outcome: Future[T]) -> T:
-        """The outcome, or its error; `Interrupted` when Ctrl-C was pressed."""
-        while True:
-            if self._asked:
-                raise Interrupted
-            try:
-                return outcome.result(timeout=_POLL)
-            except TimeoutError:
-                if outcome.done():
-                    raise
-
-    def close(self) -> None:
-        """Gives Ctrl-C back."""
-        if self._main:
-            signal.signal(signal.SIGINT, self._before)
-
-    def _ask(self, number: int, frame: FrameType | None) -> None:
-        del number, frame
-        if self._asked:
-            raise KeyboardInterrupt
-        self._asked = True
-
-
-# --- What a training says of itself: `training.csv`, and TensorBoard's event files ---
 
 LOG, EVENTS = "training.csv", "tensorboard"
 TERMS = tuple(field.name for field in fields(RewardTerms))
@@ -75,16 +23,13 @@ TRIPS = (
     *("score_per_s", "speed_loss", "changes_per_trip", "unsafe_per_trip", "collisions"),
     *(f"{name}_per_s" for name in TERMS),
 )
-_GROUPS = (
-    ("training", (*PROGRESS, *LEARNER, *TRIPS)),
-    ("validation", TRIPS),
-)
+_GROUPS = (("training", (*PROGRESS, *LEARNER, *TRIPS)), ("validation", TRIPS))
 COLUMNS = (
     "decisions",
     "wall_s",
     *(f"{group}_{name}" for group, names in _GROUPS for name in names),
 )
-NO_EVENTS = "no event files are written: pip install 'tensorboard>=2.17' brings what does it"
+NO_EVENTS = "no event files are written: pip install 'tensorboard>=2.17' adds them"
 
 
 def trip_figures(summaries: list[TripSummary]) -> dict[str, float]:
@@ -106,27 +51,24 @@ def trip_figures(summaries: list[TripSummary]) -> dict[str, float]:
 
 
 class Means:
-    """Running means by name, to be read and begun anew; a checkpoint keeps them."""
+    """Weighted means by name; a checkpoint keeps their sums."""
 
     def __init__(self, sums: dict[str, list[float]] | None = None) -> None:
         self.sums = sums or {}
 
     def add(self, figures: dict[str, float], weight: float = 1.0) -> None:
-        """Takes up values, counted `weight` times."""
-        for name, value in figures.items():
-            total = self.sums.setdefault(name, [0.0, 0.0])
-            total[0] += weight * value
-            total[1] += weight
+        """Adds values with a weight."""
+        self.join(Means({name: [weight * value, weight] for name, value in figures.items()}))
 
     def join(self, other: Means) -> None:
-        """Takes up what another one has."""
+        """Adds the values of other means."""
         for name, (value, weight) in other.sums.items():
             total = self.sums.setdefault(name, [0.0, 0.0])
             total[0] += value
             total[1] += weight
 
     def take(self) -> dict[str, float]:
-        """The means; begins anew."""
+        """The means so far, which are then cleared."""
         means = {name: total / weight for name, (total, weight) in self.sums.items()}
         self.sums = {}
         return means
@@ -136,8 +78,8 @@ class TrainLog:
     """Writes both files.
 
     Args:
-      out: folder; rows: of the table so far, without header; decisions: so far. What the files of
-        an interrupted training hold beyond these is dropped.
+      out: folder; rows: of the table so far, without header; decisions: so far. Later entries of
+        an interrupted training are dropped.
       note: called with a sentence when TensorBoard's package is missing.
     """
 
@@ -158,7 +100,7 @@ class TrainLog:
             self._events = SummaryWriter(str(out / EVENTS), purge_step=decisions + 1)
 
     def scalars(self, group: str, decisions: int, figures: dict[str, float]) -> None:
-        """Figures for the event files."""
+        """Writes figures to the event files."""
         if self._events is not None:
             for name, value in figures.items():
                 self._events.add_scalar(f"{group}/{name}", value, decisions)
@@ -167,7 +109,7 @@ class TrainLog:
     def row(
         self, decisions: int, wall: float, training: dict[str, float], validation: dict[str, float]
     ) -> None:
-        """A row of the table; a figure that is not there yet is left empty."""
+        """Writes a row of the table, empty where a figure is missing."""
         cells = [str(decisions), f"{wall:.1f}"]
         for (_, names), figures in zip(_GROUPS, (training, validation), strict=True):
             cells += [f"{figures[name]:.6g}" if name in figures else "" for name in names]
@@ -176,6 +118,6 @@ class TrainLog:
             stream.write(self.rows[-1] + "\n")
 
     def close(self) -> None:
-        """Ends the event file."""
+        """Closes the event file."""
         if self._events is not None:
             self._events.close()

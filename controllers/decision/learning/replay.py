@@ -1,4 +1,4 @@
-"""Replay memory of transitions between decisions, with n-step returns over unequal durations."""
+"""Replay memory of transitions, with prioritized draws, n-step returns and mirror images."""
 
 from __future__ import annotations
 
@@ -15,102 +15,12 @@ from controllers.decision.base import Observation
 from controllers.decision.fast_world.config import LANE_WIDTH, LANES
 from controllers.decision.observation import mirrored
 from controllers.decision.policy import ACTIONS
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import IndexArray
 from iits_mj.core.errors import InputError
 
-# --- Which transitions are drawn how often: proportional prioritization (Schaul et al. 2016) ---
-# `P(i) = p_i^alpha / sum_k p_k^alpha` with `p_i = |TD error| + floor` (the paper's eq. 1), and
-# importance weights `w_i = (N P(i))^-beta / max_j w_j` that undo the bias (section 3.4). A new
-# transition gets the greatest priority so far, so that it is drawn soon.
-
-IndexArray = NDArray[np.int64]
-_FLOOR = 1e-3
-
-
-class SumTree:
-    """Non-negative masses in a binary tree of sums; all operations take whole arrays."""
-
-    def __init__(self, size: int) -> None:
-        self._leaves = 1 << max(0, size - 1).bit_length()
-        self._sums = np.zeros(2 * self._leaves)
-
-    @property
-    def total(self) -> float:
-        """Sum of all masses."""
-        return float(self._sums[1])
-
-    def __getitem__(self, index: IndexArray | slice) -> FloatArray:
-        return self._sums[self._leaves :][index]
-
-    def set(self, index: IndexArray, mass: FloatArray | float) -> None:
-        """Replaces masses. Sums are added up anew from below, so no rounding error grows."""
-        node = np.asarray(index) + self._leaves
-        self._sums[node] = mass
-        while node.size and node[0] > 1:
-            node = np.unique(node // 2)
-            self._sums[node] = self._sums[2 * node] + self._sums[2 * node + 1]
-
-    def find(self, mass: FloatArray) -> IndexArray:
-        """The leaf at which the running sum of masses first exceeds `mass`, in [0, total)."""
-        rest = np.array(mass, dtype=float)
-        node = np.ones(rest.shape, dtype=np.int64)
-        while node.size and node[0] < self._leaves:
-            left = self._sums[2 * node]
-            # Rounding may carry the rest past the last leaf that has a mass: stay left of it.
-            right = (rest >= left) & (self._sums[2 * node + 1] > 0.0)
-            rest = np.where(right, rest - left, rest)
-            node = 2 * node + right
-        return node - self._leaves
-
-
-class Priorities:
-    """Draws indices in proportion to `p^alpha` and tells their importance weights."""
-
-    def __init__(self, capacity: int, exponent: float) -> None:
-        self._exponent = exponent
-        self._tree = SumTree(capacity)
-        self._greatest = 1.0
-
-    def add(self, index: IndexArray) -> None:
-        """New transitions, at the greatest priority so far."""
-        self._tree.set(index, self._greatest**self._exponent)
-
-    def draw(
-        self, count: int, stored: int, beta: float, generator: np.random.Generator
-    ) -> tuple[IndexArray, NDArray[np.float32]]:
-        """Indices and weights of a batch, one index from each of `count` equal parts of the sum.
-
-        Args:
-          count: of the batch.
-          stored: transitions in the memory, the N of the weights.
-          beta: exponent of the weights.
-          generator: of the draw.
-        """
-        part = (np.arange(count) + generator.random(count)) / count
-        index = self._tree.find(part * self._tree.total)
-        probability = self._tree[index] / self._tree.total
-        weight = (stored * probability) ** -beta
-        return index, (weight / weight.max()).astype(np.float32)
-
-    def renew(self, index: IndexArray, error: NDArray[np.floating[Any]]) -> None:
-        """Takes up the absolute TD errors of drawn transitions."""
-        priority = np.asarray(error, dtype=float) + _FLOOR
-        self._greatest = max(self._greatest, float(priority.max()))
-        # A transition drawn twice has the same error both times.
-        self._tree.set(index, priority**self._exponent)
-
-    def state(self, stored: int) -> dict[str, Any]:
-        """For a checkpoint."""
-        return {"mass": self._tree[slice(stored)].copy(), "greatest": self._greatest}
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Takes up what `state` gave."""
-        mass = np.asarray(state["mass"], dtype=float)
-        self._tree.set(np.arange(len(mass)), mass)
-        self._greatest = float(state["greatest"])
-
-
-# --- Replay memory of transitions between decisions, with n-step returns over unequal durations ---
+# Width between the middles of the outermost lanes [m]; the built-in road's lanes are as wide.
+_WIDTH = (LANES - 1) * LANE_WIDTH
+_FLOOR = 1e-3  # of a priority
 
 
 class Transition(NamedTuple):
@@ -120,7 +30,7 @@ class Transition(NamedTuple):
       observation, action (0 left, 1 keep, 2 right), reward: discounted sum up to `following`.
       discount: of the value at `following`; 0 after a termination, never after a truncation.
       following: observation at the later decision.
-      symmetric: whether left and right are alike where it was driven.
+      symmetric: whether left and right are equivalent in its traffic.
     """
 
     observation: Observation
@@ -133,10 +43,10 @@ class Transition(NamedTuple):
 
 @dataclass(frozen=True)
 class Batch:
-    """Transitions as arrays: observations (n, 216) float32, the rest (n,)."""
+    """Transitions as arrays: observations (n, 216) float32, the others (n,)."""
 
     observation: NDArray[np.float32]
-    action: NDArray[np.int64]
+    action: IndexArray
     reward: NDArray[np.float32]
     discount: NDArray[np.float32]
     following: NDArray[np.float32]
@@ -160,15 +70,79 @@ class Batch:
 
 
 class Draw(NamedTuple):
-    """A batch from the memory: where it lay (n,), and its importance weights (n,)."""
+    """A batch from the memory with its indices (n,) and importance weights (n,)."""
 
     batch: Batch
-    indices: NDArray[np.int64]
+    indices: IndexArray
     weight: NDArray[np.float32]
 
 
-class Replay:
-    """A ring of transitions; observations are kept as float16, whose error of 5e-4 is harmless.
+def mirror_half(batch: Batch, generator: np.random.Generator) -> Batch:
+    """A batch with a random half of its symmetric transitions mirrored.
+
+    On a road where left and right are equivalent each transition teaches twice.
+    """
+    chosen = batch.symmetric & (generator.random(len(batch)) < 0.5)
+    observation, following = batch.observation.copy(), batch.following.copy()
+    for array in (observation, following):
+        array[chosen] = mirrored(array[chosen], _WIDTH)
+    action = np.where(chosen, len(ACTIONS) - 1 - batch.action, batch.action)
+    return dataclasses.replace(batch, observation=observation, following=following, action=action)
+
+
+class Priorities:
+    """Proportional prioritization of transitions (Schaul et al. 2016).
+
+    `P(i) = p_i^alpha / sum_k p_k^alpha` with `p_i = |TD error| + floor` (eq. 1) and importance
+    weights `w_i = (N P(i))^-beta / max_j w_j` (section 3.4). A new transition gets the greatest
+    priority so far.
+    """
+
+    def __init__(self, capacity: int, exponent: float) -> None:
+        self._exponent, self._greatest = exponent, 1.0
+        self._mass = np.zeros(capacity)
+
+    def add(self, index: IndexArray) -> None:
+        """Gives new transitions the greatest priority so far."""
+        self._mass[index] = self._greatest**self._exponent
+
+    def draw(
+        self, count: int, stored: int, beta: float, generator: np.random.Generator
+    ) -> tuple[IndexArray, NDArray[np.float32]]:
+        """Indices and weights of a batch, one index from each of `count` equal parts of the sum.
+
+        Args:
+          count: of the batch.
+          stored: transitions in the memory, the N of the weights.
+          beta: exponent of the weights.
+          generator: of the draw.
+        """
+        sums = np.cumsum(self._mass[:stored])
+        part = (np.arange(count) + generator.random(count)) / count * sums[-1]
+        # Rounding may carry the last part to the whole sum.
+        index = np.minimum(np.searchsorted(sums, part, side="right"), stored - 1)
+        weight = (stored * self._mass[index] / sums[-1]) ** -beta
+        return index, (weight / weight.max()).astype(np.float32)
+
+    def renew(self, index: IndexArray, error: NDArray[np.floating[Any]]) -> None:
+        """Sets the priorities of drawn transitions from their absolute TD errors."""
+        priority = np.asarray(error, dtype=float) + _FLOOR
+        self._greatest = max(self._greatest, float(priority.max()))
+        # A transition drawn twice has the same error both times.
+        self._mass[index] = priority**self._exponent
+
+    def state(self, stored: int) -> dict[str, Any]:
+        """State for a checkpoint; a copy."""
+        return {"mass": self._mass[:stored].copy(), "greatest": self._greatest}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Takes up a state."""
+        self._mass[: len(state["mass"])] = state["mass"]
+        self._greatest = float(state["greatest"])
+
+
+class ReplayMemory:
+    """A ring of transitions; observations are stored as float16, whose error of 5e-4 is harmless.
 
     Args:
       capacity: transitions kept; size: of an observation.
@@ -225,20 +199,20 @@ class Replay:
             columns[name] = columns[name].astype(np.float32)
         return Draw(Batch(**columns), index, weight)
 
-    def renew(self, index: NDArray[np.int64], error: NDArray[np.floating[Any]]) -> None:
-        """Takes up the absolute TD errors of drawn transitions; nothing where draws are uniform."""
+    def renew(self, index: IndexArray, error: NDArray[np.floating[Any]]) -> None:
+        """Updates priorities from the absolute TD errors of drawn transitions, if there are any."""
         if self._priorities is not None:
             self._priorities.renew(index, error)
 
     def state(self) -> dict[str, Any]:
-        """Everything that is stored, as arrays, for a checkpoint."""
+        """The stored transitions for a checkpoint."""
         state: dict[str, Any] = {n: c[: self._count] for n, c in self._columns.items()}
         if self._priorities is not None:
             state["priorities"] = self._priorities.state(self._count)
         return {**state, "next": self._next}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Takes up what `state` gave."""
+        """Takes up a state."""
         self._count = len(state["action"])
         for field in fields(Batch):
             self._columns[field.name][: self._count] = state[field.name]
@@ -250,7 +224,7 @@ class Replay:
 class Returns:
     """Joins single transitions to n-step ones: `R = r0 + d0 r1 + d0 d1 r2 ...`.
 
-    Sutton and Barto (2018) eq. 7.1, with the discount of each step its own, for its duration.
+    Sutton and Barto (2018) eq. 7.1, with a discount of each step for its duration.
     """
 
     def __init__(self, steps: int) -> None:
@@ -260,14 +234,14 @@ class Returns:
         self._recent: deque[Transition] = deque()
 
     def add(self, transition: Transition, over: bool) -> list[Transition]:
-        """The transitions that are complete now; all of them when the episode is over."""
+        """Adds a transition; returns the complete ones, all of them at the end of the episode."""
         self._recent.append(transition)
         return self._released(0 if over else self._steps - 1)
 
     def cut(self) -> list[Transition]:
-        """The transitions so far, each ending here: what follows is not the policy's choice.
+        """The transitions so far, each ending here.
 
-        After a random decision a return is not that of the greedy policy any more (Watkins 1989).
+        After a random decision a return is not that of the greedy policy (Watkins 1989).
         """
         return self._released(0)
 
@@ -285,22 +259,3 @@ class Returns:
             discount *= step.discount
         first, last = self._recent[0], self._recent[-1]
         return first._replace(reward=reward, discount=discount, following=last.following)
-
-
-# --- Transitions seen in a mirror: on a road where left and right are alike, each teaches twice ---
-
-# Between the middles of the outermost lanes [m]; the built-in road's lanes are as wide.
-_WIDTH = (LANES - 1) * LANE_WIDTH
-
-
-def mirror_half(batch: Batch, generator: np.random.Generator) -> Batch:
-    """A batch of which every second transition, by chance, is seen in a mirror.
-
-    Those from traffic that keeps right stay as they are.
-    """
-    chosen = batch.symmetric & (generator.random(len(batch)) < 0.5)
-    observation, following = batch.observation.copy(), batch.following.copy()
-    for array in (observation, following):
-        array[chosen] = mirrored(array[chosen], _WIDTH)
-    action = np.where(chosen, len(ACTIONS) - 1 - batch.action, batch.action)
-    return dataclasses.replace(batch, observation=observation, following=following, action=action)

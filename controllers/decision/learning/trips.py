@@ -1,4 +1,4 @@
-"""Score of a policy on the validation trips, driven by the workers of a training."""
+"""Trips of training and validation: traffic, load, start, generators; score of a policy on them."""
 
 from __future__ import annotations
 
@@ -8,27 +8,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from controllers.decision.learning.collection import Drive, TripDrivers
-from controllers.decision.learning.config import TrainConfig, reward
-from controllers.decision.learning.log import Interruption, trip_figures
+from controllers.decision.learning.collection import Drive, Interruption, TripDrivers
+from controllers.decision.learning.config import TrainConfig
+from controllers.decision.learning.log import trip_figures
 from controllers.decision.policy import QNetwork
 from controllers.decision.trip import CELLS, TRAINING_SEEDS, VALIDATION_SEEDS, TripConfig, cell_trip
 
-# --- The trips of training and validation: their generators, traffic, load and place on the road
-
 ROAD_LENGTH = 15_000.0
-# Road beyond what the reference speed covers: a trip is over by its duration, not by the road.
-_MARGIN = 200.0
-# Reference speeds of the randomized trips, 50 to 80 km/h: those of predictive cruise control vary.
+_MARGIN = 200.0  # [m] of road beyond the reference speed's, so that the duration ends a trip
+# Reference speeds of the randomized trips [m/s], as those of predictive cruise control.
 _REFERENCES = (50.0 / 3.6, 80.0 / 3.6)
 # Share of the randomized trips in traffic that keeps right.
 _KEEPS_RIGHT = 0.3
 
 
 def sample_trip(config: TrainConfig, generator: np.random.Generator) -> TripConfig:
-    """A trip of the training mixture: one of the six cells, or a randomized traffic and load."""
+    """A trip of the training: one of the six cells, or one with randomized traffic and load."""
     density, speed = CELLS[int(generator.integers(len(CELLS)))]
-    base = TripConfig(duration=config.trip_duration, reward=reward(config))
+    base = TripConfig(duration=config.trip_duration, reward=config.reward)
     trip = cell_trip(density, speed, base)
     if generator.random() < config.random_share:
         trip = replace(
@@ -51,23 +48,20 @@ def start_anywhere(trip: TripConfig, generator: np.random.Generator) -> TripConf
 
 
 def training_generator(config: TrainConfig, round_index: int, trip: int) -> np.random.Generator:
-    """Of one trip of one round, whoever drives it."""
+    """The generator of one trip of one round, for any worker."""
     return np.random.default_rng([config.seed, TRAINING_SEEDS, round_index, trip])
 
 
 def validation_trips(
     config: TrainConfig, count: int
 ) -> Iterator[tuple[str, TripConfig, np.random.Generator]]:
-    """Name, trip and generator of `count` trips in each cell: the same in each validation."""
+    """Name, trip and generator of `count` trips in each cell, equal in each validation."""
     for cell, (density, speed) in enumerate(CELLS):
         for trip in range(count):
             generator = np.random.default_rng(VALIDATION_SEEDS + 1000 * cell + trip)
-            base = TripConfig(duration=config.validation_duration, reward=reward(config))
+            base = TripConfig(duration=config.validation_duration, reward=config.reward)
             name = f"validation trip {trip} in {density} traffic at {speed:g} m/s"
             yield name, start_anywhere(cell_trip(density, speed, base), generator), generator
-
-
-# --- Score of a policy on the validation trips, driven by the workers of a training ---
 
 
 def validate(
@@ -81,10 +75,10 @@ def validate(
 
     Args:
       network: of the policy.
-      config: says how many trips, and how long.
-      workers: who drive.
-      world: which of theirs; the first is the fast one.
-      interruption: of the wait for them.
+      config: number and duration of the trips.
+      workers: that drive the trips.
+      world: index of the world; 0 is the fast one.
+      interruption: of the wait for the trips.
     """
     count = config.truck_validation_trips if world else config.validation_trips
     trips = validation_trips(config, count)

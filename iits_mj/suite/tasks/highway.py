@@ -26,14 +26,15 @@ from iits_mj.simulation.truck_world import TruckWorld
 from iits_mj.suite.physics import INSTRUMENTS, Observed, Physics
 from iits_mj.suite.tasks.base import Observations
 
-# --- `Physics` of the highway task: a step of it is the whole truck's, with stack and traffic ---
+_AHEAD = sum(row.startswith("ahead") for row in ROWS)
+_BEHIND = sum(row.startswith("behind") for row in ROWS)
 
 
 class HighwayPhysics(Physics):
     """The truck, its stack and SUMO's traffic behind the interface of a `Physics`.
 
-    `step` advances all of them, in whole cycles of 100 ms. The truck and its payload stay, the
-    traffic is another one in every episode. Made by `from_world`.
+    `step` advances all of them, in whole cycles of 100 ms. The truck and its payload stay the same,
+    the traffic changes with every episode. Made by `from_world`.
     """
 
     world: TruckWorld
@@ -41,10 +42,10 @@ class HighwayPhysics(Physics):
 
     @classmethod
     def from_world(cls, world: TruckWorld, trip: TripConfig) -> HighwayPhysics:
-        """Begins a first episode, whose model stays."""
+        """Begins the first episode, whose model is kept."""
         world.reset(np.random.default_rng(0), trip)
-        truck = _running(world).truck
-        physics: HighwayPhysics = cls.from_model(wrapper.MjModel(truck.model))
+        model = wrapper.MjModel(world.running.truck.model)
+        physics: HighwayPhysics = cls.from_model(model)
         physics.world, physics.trip = world, trip
         physics._take_over()
         return physics
@@ -52,19 +53,19 @@ class HighwayPhysics(Physics):
     @property
     def simulation(self) -> Simulation:
         """Truck, stack and traffic of the episode."""
-        return _running(self.world)
+        return self.world.running
 
     def begin(self, generator: np.random.Generator) -> None:
-        """Another traffic; the truck is back at its start."""
+        """Begins another episode: new traffic, the truck back at its start."""
         self.world.reset(generator, self.trip)
-        self._reload_from_model(wrapper.MjModel(_running(self.world).truck.model))
+        self._reload_from_model(wrapper.MjModel(self.simulation.truck.model))
         self._take_over()
 
     def step(self, nstep: int = 1) -> None:
-        """Advances by whole cycles of 100 ms; a trip that is over stands still.
+        """Advances by whole cycles of 100 ms; a trip that is over does not go on.
 
         Raises:
-          InputError: `nstep` is no whole number of cycles.
+          InputError: `nstep` is not a whole number of cycles.
         """
         cycles = nstep * self.timestep() / CYCLE_PERIOD
         if abs(cycles - round(cycles)) > 1e-6:
@@ -81,7 +82,7 @@ class HighwayPhysics(Physics):
         return bool(self.simulation.ended)
 
     def decide(self, decision: Decision) -> None:
-        """What the stack is told when it next asks for a decision."""
+        """Sets the answer to the stack's next question for a decision."""
         self.world.tell(decision)
 
     def copy(self, share_model: bool = False) -> Any:
@@ -94,7 +95,7 @@ class HighwayPhysics(Physics):
         raise Error("the highway's physics cannot be copied: its traffic runs in SUMO")
 
     def free(self) -> None:
-        """Ends SUMO, too."""
+        """Ends SUMO as well."""
         self.world.close()
         super().free()
 
@@ -113,18 +114,6 @@ class HighwayEnvironment(control.Environment):
         self.physics.free()
 
 
-def _running(world: TruckWorld) -> Simulation:
-    if world.simulation is None:
-        raise InputError("the trip has not begun: call reset first")
-    return world.simulation
-
-
-# --- The paper's decision task: lane changes in SUMO traffic, by the whole stack ---
-
-_AHEAD = sum(row.startswith("ahead") for row in ROWS)
-_BEHIND = sum(row.startswith("behind") for row in ROWS)
-
-
 class Highway(base.Task):
     """Choose lanes on the built-in highway; planner and tracking drive.
 
@@ -132,9 +121,9 @@ class Highway(base.Task):
     |------------|---------|-------------------------------------------------------------------|
     | `decision` | -1 .. 1 | above 1/3: change to the left; below -1/3: to the right; else keep  |
 
-    The planner refuses a change for which there is no lane or no room. What is seen are the
-    vehicles of the paper's observation, six ahead within 250 m and two behind; those that are not
-    there are shown at the end of sight with the truck's speed.
+    The planner refuses a change without a lane or room. The observation has the vehicles of the
+    paper's, six ahead within 250 m and two behind; missing ones are at the end of sight with the
+    truck's speed.
     """
 
     actions: ClassVar[tuple[str, ...]] = ("decision",)
@@ -169,14 +158,14 @@ class Highway(base.Task):
         return specs.BoundedArray(full.shape, np.float64, -full, full, name="decision")
 
     def initialize_episode(self, physics: HighwayPhysics) -> None:
-        """Another traffic; the truck at the beginning of the road, in its speed."""
+        """New traffic; the truck at the beginning of the road, at its speed."""
         physics.begin(np.random.default_rng(self.random.randint(2**31)))
         self._asked = False
         self._unsafe = physics.simulation.stack.unsafe
         super().initialize_episode(physics)
 
     def before_step(self, action: Any, physics: HighwayPhysics) -> None:
-        """Tells the stack what to do when it next asks.
+        """Sets the answer to the stack's next question.
 
         Raises:
           InputError: not one finite number.

@@ -1,4 +1,4 @@
-"""Drives the truck open loop in steering, holds its speed, and records what the references need."""
+"""Open-loop drives of the truck at a held speed, their records, and measures of time histories."""
 
 from __future__ import annotations
 
@@ -12,36 +12,6 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, VehicleCommand, XbrMode
 from iits_mj.truck import Truck
 
-# --- How well one time history follows another ---
-
-
-def fit(signal: FloatArray, reference: FloatArray) -> float:
-    """`100 (1 - |y - y_ref| / |y_ref - mean(y_ref)|)` [%], NaN for a constant reference."""
-    spread = np.linalg.norm(reference - reference.mean())
-    if spread == 0.0:
-        return float("nan")
-    return float(100.0 * (1.0 - np.linalg.norm(signal - reference) / spread))
-
-
-def peak_ratio(signal: FloatArray, reference: FloatArray) -> float:
-    """Greatest magnitude over the reference's."""
-    return float(np.max(np.abs(signal)) / np.max(np.abs(reference)))
-
-
-def harmonic(time: FloatArray, signal: FloatArray, frequencies: FloatArray) -> FloatArray:
-    """Complex amplitudes (k,) of a signal (n,) at frequencies [Hz] (k,), by least squares.
-
-    A constant and a drift are taken out. The amplitude `c` means `Re(c exp(2 pi i f t))`.
-    """
-    phase = 2.0 * np.pi * np.outer(time, frequencies)
-    basis = np.hstack([np.cos(phase), np.sin(phase), np.ones((len(time), 1)), time[:, None]])
-    found = np.linalg.lstsq(basis, signal, rcond=None)[0]
-    count = len(frequencies)
-    return np.asarray(found[:count] - 1j * found[count : 2 * count])
-
-
-# --- Drives the truck open loop in steering, holds its speed, and records what the references need
-
 # Rate of recording and of the speed hold [s].
 PERIOD = 0.01
 # Pedal per speed error [s/m], and its integral [1/m]: time constants of about 4 and 10 s at 55 t.
@@ -51,6 +21,31 @@ _INTEGRAL = 0.05
 _STEADY_BAND = 0.003
 _STEADY_TIME = 1.0
 _STEADY_LIMIT = 90.0
+
+
+def fit(signal: FloatArray, reference: FloatArray) -> float:
+    """Returns `100 (1 - |y - y_ref| / |y_ref - mean(y_ref)|)` [%], NaN for a constant reference."""
+    spread = np.linalg.norm(reference - reference.mean())
+    if spread == 0.0:
+        return float("nan")
+    return float(100.0 * (1.0 - np.linalg.norm(signal - reference) / spread))
+
+
+def peak_ratio(signal: FloatArray, reference: FloatArray) -> float:
+    """Returns the greatest magnitude over the reference's."""
+    return float(np.max(np.abs(signal)) / np.max(np.abs(reference)))
+
+
+def harmonic(time: FloatArray, signal: FloatArray, frequencies: FloatArray) -> FloatArray:
+    """Returns complex amplitudes (k,) of a signal (n,) at frequencies [Hz] (k,), by least squares.
+
+    A constant and a drift are removed. The amplitude `c` means `Re(c exp(2 pi i f t))`.
+    """
+    phase = 2.0 * np.pi * np.outer(time, frequencies)
+    basis = np.hstack([np.cos(phase), np.sin(phase), np.ones((len(time), 1)), time[:, None]])
+    found = np.linalg.lstsq(basis, signal, rcond=None)[0]
+    count = len(frequencies)
+    return np.asarray(found[:count] - 1j * found[count : 2 * count])
 
 
 @dataclass(frozen=True)
@@ -86,7 +81,7 @@ class Recording:
     side_loads: FloatArray
 
     def after(self, start: float) -> Recording:
-        """The recording from a time [s] on, its time starting at zero there."""
+        """Returns the recording from a time [s] on; its time starts at zero there."""
         keep = self.time >= start - 1e-9
         columns = {name: getattr(self, name)[keep] for name in self.__dataclass_fields__}
         columns["time"] = columns["time"] - columns["time"][0]
@@ -94,13 +89,13 @@ class Recording:
 
 
 class SpeedHold:
-    """Cruise control by pedal and, well above the wanted speed, by light braking."""
+    """Cruise control by pedal and, well above the wanted speed, light braking."""
 
     def __init__(self) -> None:
         self._integral = 0.0
 
     def command(self, error: float, steering_wheel_angle: float) -> VehicleCommand:
-        """What to command at a speed error [m/s], every `PERIOD`, with this steering [rad]."""
+        """Returns the command for a speed error [m/s] and a steering [rad], every `PERIOD`."""
         pedal = _GAIN * error + self._integral
         if 0.0 < pedal < 1.0:  # no wind-up at the pedal's ends
             self._integral += _INTEGRAL * error * PERIOD
@@ -114,12 +109,12 @@ class SpeedHold:
 
 
 def run_straight(truck: Truck, speed: float) -> SpeedHold:
-    """Drives straight on until the speed [m/s] is steady, so that a test starts from rest of it.
+    """Drives straight on until the speed [m/s] is steady; returns the speed hold to continue with.
 
-    Call `truck.reset` before. Returns the speed hold to go on with.
+    Call `truck.reset` before.
 
     Raises:
-      InputError: the truck does not get to this speed and stay there.
+      InputError: the truck does not reach and keep this speed.
     """
     hold = SpeedHold()
     quiet, start = 0.0, truck.time
@@ -145,15 +140,15 @@ def drive(
     stop: Callable[[float], bool] | None = None,
     hold: SpeedHold | None = None,
 ) -> Recording:
-    """Runs a manoeuvre on the truck as it stands (call `truck.reset` before).
+    """Runs a manoeuvre from the truck's present state (call `truck.reset` before).
 
     Args:
-      truck: on a road long enough.
+      truck: on a road of sufficient length.
       steering: steering-wheel angle [rad] by (time [s], yaw [rad]).
-      speed: to be held [m/s]; or a function of time.
+      speed: that is held [m/s], or a function of time.
       duration: at most [s].
       stop: ends the run early when it returns True for the trailer's lateral acceleration [m/s2].
-      hold: the speed hold to go on with, from `run_straight`; a fresh one by default.
+      hold: the speed hold of `run_straight` to continue with; default: a new one.
     """
     hold = hold or SpeedHold()
     wanted = speed if callable(speed) else lambda _: speed
@@ -181,17 +176,17 @@ def sampled(
     duration: float,
     stop: Callable[[EgoState], bool] | None = None,
 ) -> FloatArray:
-    """Drives the truck as it stands and samples it every 10 ms.
+    """Drives the truck from its present state and samples it every 10 ms.
 
     Args:
       truck: call its `reset` before.
       command: by time since the start [s] and state.
-      read: a sample's numbers, k of them.
+      read: the k numbers of a sample.
       duration: at most [s].
       stop: ends the run early.
 
     Returns:
-      Time [s] and what was read, shape (n, 1 + k).
+      Time [s] and the numbers, shape (n, 1 + k).
     """
     steps = round(PERIOD / truck.model.opt.timestep)
     rows: list[list[float]] = []
@@ -206,7 +201,7 @@ def sampled(
 
 
 def wheel_slips(truck: Truck) -> list[float]:
-    """Longitudinal slip of each wheel [1], axle by axle, left before right."""
+    """Returns the longitudinal slip of each wheel [1], axle by axle, left before right."""
     return [
         truck.read(f"{axle.name}_{side}_tire_slip")
         for axle in truck.parameters.axles
@@ -215,7 +210,7 @@ def wheel_slips(truck: Truck) -> list[float]:
 
 
 def trailer_roll(truck: Truck) -> float:
-    """Roll of the trailer [rad], positive to the right."""
+    """Returns the roll of the trailer [rad], positive to the right."""
     attitude = truck.data.body("trailer").xmat
     return float(np.arctan2(attitude[7], attitude[8]))
 
@@ -227,7 +222,7 @@ def _advance(truck: Truck, target: float) -> None:
 
 
 def _row(truck: Truck, state: EgoState) -> list[float]:
-    """One sample at what the truck has just observed, in the order of `Recording` after time."""
+    """Returns a sample of the last observation, in the order of `Recording` after time."""
     data = truck.data
     rear = data.site("trailer_axle_center").xpos
     trailer = data.body("trailer").xmat.reshape(3, 3)

@@ -1,6 +1,6 @@
 """`iits-mj validate planning`: planner, tracking and predictive cruise control, figure by figure.
 
-Each part is a module of its own; this one puts them in order and says what could not be measured.
+Each part is a module; this one runs them in order and reports missing roads.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ PARTS: dict[str, Callable[[ValidateConfig], Results]] = {
 
 
 def run(config: ValidateConfig) -> Results:
-    """Every part in turn.
+    """Runs every part in turn.
 
     Raises:
       InputError: `config.roads` is no folder with roads, or a file in it cannot be read.
     """
-    # What cannot be used is told before anything is measured.
+    # Unusable folders are refused before anything is measured.
     missing = check_folder(config)
     results = Results("validate planning")
     for name, part in PARTS.items():
@@ -43,5 +43,5 @@ def run(config: ValidateConfig) -> Results:
         results.figures |= {f"{name}: {title}": panels for title, panels in found.figures.items()}
         results.notes += [note for note in found.notes if note not in results.notes]
     if missing:
-        results.notes.append(f"not measured, as --roads has them not: {', '.join(missing)}")
+        results.notes.append(f"not measured, as --roads lacks them: {', '.join(missing)}")
     return results

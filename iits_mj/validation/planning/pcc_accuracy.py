@@ -1,4 +1,4 @@
-"""How good a speed plan is: bound, second transcription, finer grid, energy; and what it takes."""
+"""Quality of a speed plan: bound, second transcription, finer grid, energy; and computing time."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ import numpy as np
 import iits_mj.validation.planning.pcc_hermite  # noqa: F401  registers "finite_elements"
 from controllers.pcc import PccConfig, RoadProfile, Solution
 from controllers.pcc import solve as solve_task
-from controllers.pcc.planner import evaluate, on_finer_road
+from controllers.pcc.planner import evaluate
 from controllers.pcc.vehicle import durations
 from iits_mj.core.errors import PlanningError
-from iits_mj.core.results import Check, Line, Panel
+from iits_mj.core.results import Check, Findings, Line, Panel
 from iits_mj.core.units import KMH
-from iits_mj.validation.planning.pcc_bound import certificate
-from iits_mj.validation.planning.pcc_case import Case, balance, bound, solve
+from iits_mj.validation.planning.pcc_bound import below_fit, certificate
+from iits_mj.validation.planning.pcc_case import SolvedPlan, balance, bound, solve
+from iits_mj.validation.planning.pcc_roads import on_finer_road
 
 PAPER_SECONDS = 60.0
 LONG_SECONDS = 5.0  # for 1000 km
@@ -30,13 +31,13 @@ EQUAL_TIME = 1e-4  # relative difference of trip times
 
 @dataclass(frozen=True)
 class Elements:
-    """The finite elements in time of a case, or the reason why there are none."""
+    """Finite elements in time of a case, or the reason why there are none."""
 
     answer: Solution | None
     reason: str = ""
 
 
-def finite_elements(case: Case, length_max: float = ELEMENTS_MAX) -> Elements:
+def finite_elements(case: SolvedPlan, length_max: float = ELEMENTS_MAX) -> Elements:
     """Solves the case by the paper's transcription, from the cruise as first guess."""
     if case.road.length > length_max:
         return Elements(
@@ -53,80 +54,63 @@ def finite_elements(case: Case, length_max: float = ELEMENTS_MAX) -> Elements:
         return Elements(None, f"no finite elements in time: {error}")
 
 
-def bound_checks(case: Case, gap_max: float = 0.1) -> list[Check]:
-    """The convex bound: how far the plan can be from the global optimum, and what can be saved.
+def bound_checks(case: SolvedPlan, gap_max: float = 0.1) -> list[Check]:
+    """Returns the convex bound: the plan's distance from the global optimum, the possible saving.
 
-    By the engine's map a plan burns at least the bound less the trip time times what the map is
-    below the fit at most: a weak bound, but one of every plan and every choice of gears.
+    By the engine's map a plan burns at least the bound less the trip time times the greatest
+    distance of the map below the fit: a weak bound, but one of every plan and every choice of
+    gears.
 
     Args:
       case: the plan.
-      gap_max: what the gap must stay within [%]. Where time is worth little the relaxation, not the
-        plan, leaves some tenths of a per cent.
+      gap_max: bound of the gap [%]. Where time is worth little the relaxation, not the plan, leaves
+        some tenths of a per cent.
     """
-    task, base = case.task, case.solution.baseline
+    task, solution, found = case.task, case.solution, Findings()
     fuel, _ = bound(case, 0.0)
     slowest, fastest = np.sqrt(task.b_low.min()), np.sqrt(task.b_high.max())
-    below = case.fuel_map.below_fit(case.vehicle.fuel, float(slowest), float(fastest))
+    below = below_fit(case.fuel_map, case.vehicle.fuel, float(slowest), float(fastest))
     by_map = max(fuel - below * task.time_max, 0.0)
-    whole, _ = bound(case, case.task.k_a)
-    gap = case.cost(case.solution.plan.speed) / whole - 1.0 if whole > 0.0 else np.inf
-    return [
-        Check("convex lower bound on the fuel, beside the plan's", fuel, "kg", case.solution.fuel),
-        Check(
-            "saving that no plan of this band exceeds, optimizer's fuel model",
-            100.0 * (1.0 - fuel / case.solution.baseline_fuel),
-            "%",
-            case.solution.saving_percent,
-        ),
-        Check(
-            "saving that no plan of this band exceeds, engine map",
-            100.0 * (1.0 - by_map / float(base.map_fuel.sum())),
-            "%",
-            case.solution.map_saving_percent,
-        ),
-        Check("cost of the plan above the bound", 100.0 * gap, "%", 0.0, f"<= {gap_max:g}"),
-    ]
+    saving = 100.0 * (1.0 - fuel / solution.baseline_fuel)
+    map_saving = 100.0 * (1.0 - by_map / float(solution.baseline.map_fuel.sum()))
+    whole, _ = bound(case, task.k_a)
+    gap = case.cost(solution.plan.speed) / whole - 1.0 if whole > 0.0 else np.inf
+    most = "saving that no plan of this band exceeds"
+    found.check("convex lower bound on the fuel, beside the plan's", fuel, "kg", solution.fuel)
+    found.check(f"{most}, optimizer's fuel model", saving, "%", solution.saving_percent)
+    found.check(f"{most}, engine map", map_saving, "%", solution.map_saving_percent)
+    found.check("cost of the plan above the bound", 100.0 * gap, "%", 0.0, f"<= {gap_max:g}")
+    return found.checks
 
 
-def element_checks(case: Case, elements: Elements, must: str = "") -> list[Check]:
-    """The paper's transcription beside the plan; `must` bounds the difference of their fuel [%]."""
-    answer = elements.answer
+def element_checks(case: SolvedPlan, elements: Elements, must: str = "") -> list[Check]:
+    """Returns the paper's transcription beside the plan.
+
+    Args:
+      case: the plan.
+      elements: of the same case.
+      must: bound of the difference of their fuel [%].
+    """
+    answer, solution = elements.answer, case.solution
     if answer is None:
         return []
-    solution = case.solution
+    found = Findings("finite elements")
     saving = 100.0 * (1.0 - answer.fuel / solution.baseline_fuel)
-    difference = answer.speed - solution.plan.speed
-    return [
-        Check("finite elements: saving", saving, "%", solution.saving_percent),
-        Check(
-            "finite elements: fuel above the plan's",
-            100.0 * (answer.fuel / solution.fuel - 1.0),
-            "%",
-            0.0,
-            must,
-        ),
-        Check(
-            "finite elements: speed less the plan's, rms",
-            float(np.sqrt(np.mean(difference**2))),
-            "m/s",
-        ),
-        Check(
-            "finite elements: set-up and solve",
-            answer.solve_time,
-            "s",
-            PAPER_SECONDS,
-        ),
-    ]
+    above = 100.0 * (answer.fuel / solution.fuel - 1.0)
+    rms = float(np.sqrt(np.mean((answer.speed - solution.plan.speed) ** 2)))
+    found.check("saving", saving, "%", solution.saving_percent)
+    found.check("fuel above the plan's", above, "%", 0.0, must)
+    found.check("speed less the plan's, rms", rms, "m/s")
+    found.check("set-up and solve", answer.solve_time, "s", PAPER_SECONDS)
+    return found.checks
 
 
-def convergence_checks(case: Case, fine: RoadProfile, optima: bool = False) -> list[Check]:
-    """The plan against that of a fine grid of the same road, in its time and between its speeds.
+def convergence_checks(case: SolvedPlan, fine: RoadProfile, optima: bool = False) -> list[Check]:
+    """Compares the plan with that of a finer grid of the same road, in its time and end speeds.
 
-    The optimum on the case's own grid, and what its forces burn on the fine road. Where the band
-    lets no plan take as long as the cruise, or the coarse grid knows no drive in the fine plan's
-    time, nothing is bounded: there is no equal trip to compare. Bounded is what the plan burns on
-    the fine road, and with `optima` that both grids have the same least fuel.
+    Bounds apply to the fuel of the plan's forces on the fine road, and with `optima` also to the
+    least fuel of both grids. Without an equal trip to compare, because the band allows no plan as
+    long as the cruise or the coarse grid no drive in the fine plan's time, nothing is bounded.
     """
     road, grids = case.road, f"{case.road.step:g} m grid against {fine.step:g} m"
     other = solve(fine, case.config, case.vehicle.mass, case.parameters)
@@ -155,13 +139,13 @@ def convergence_checks(case: Case, fine: RoadProfile, optima: bool = False) -> l
     ]
 
 
-def equal_times(case: Case) -> bool:
-    """Whether the plan takes as long as the cruise."""
+def equal_times(case: SolvedPlan) -> bool:
+    """Returns whether the plan takes as long as the cruise."""
     solution = case.solution
     return abs(solution.plan.time / solution.baseline.time - 1.0) <= EQUAL_TIME
 
 
-def panels(case: Case, elements: Elements) -> list[Panel]:
+def panels(case: SolvedPlan, elements: Elements) -> list[Panel]:
     """Returns the paper's four panels: road, speed, engine power, accumulated fuel."""
     road, solution = case.road, case.solution
     node = road.station / 1e3
@@ -185,30 +169,21 @@ def panels(case: Case, elements: Elements) -> list[Panel]:
     ]
 
 
-def energy_checks(case: Case) -> list[Check]:
-    """Energy and time of plan and cruise along their exact motion."""
-    rows = []
+def energy_checks(case: SolvedPlan) -> list[Check]:
+    """Returns energy and time of plan and cruise along their exact motion."""
+    checks = []
     for name, drive in (("plan", case.solution.plan), ("cruise", case.solution.baseline)):
-        flow = balance(case.vehicle, case.road, drive.speed)
+        flow, found = balance(case.vehicle, case.road, drive.speed), Findings(name)
         share = 100.0 / flow.engine
-        rows += [
-            Check(f"{name}: braked away, of the engine's work", flow.brakes * share, "%"),
-            Check(
-                f"{name}: energy not accounted for, of the engine's work",
-                abs(flow.residual) * share,
-                "%",
-                0.0,
-                "<= 0.1",
-            ),
-        ]
-    return rows
+        missing = "energy not accounted for, of the engine's work"
+        found.check("braked away, of the engine's work", flow.brakes * share, "%")
+        found.check(missing, abs(flow.residual) * share, "%", 0.0, "<= 0.1")
+        checks += found.checks
+    return checks
 
 
-def cold_seconds(case: Case) -> float:
-    """Set-up and solve of the task from the cruise, a new solver each time [s].
-
-    The least of five counts, which other load on the computer disturbs least.
-    """
+def cold_seconds(case: SolvedPlan) -> float:
+    """Returns the time of set-up and solve from the cruise with a new solver, least of five [s]."""
     seconds = []
     for _ in range(_KEPT):
         began = time.perf_counter()
@@ -218,7 +193,7 @@ def cold_seconds(case: Case) -> float:
 
 
 def long_road(road: RoadProfile, length: float) -> RoadProfile:
-    """The road there and back and there again, to a length [m]; without speed limits."""
+    """Returns the road there and back repeatedly, to a length [m]; without speed limits."""
     count = round(length / road.step)
     rounds = -(-count // road.intervals)
     there, back = road.height[1:], road.height[-2::-1]
@@ -228,35 +203,27 @@ def long_road(road: RoadProfile, length: float) -> RoadProfile:
     return RoadProfile(station, height, np.full(count + 1, np.inf), f"{road.name}, repeated")
 
 
-def cost_checks(case: Case, kilometers: float) -> list[Check]:
-    """What planning takes: this road cold, and a long one; the paper needed about a minute."""
+def cost_checks(case: SolvedPlan, kilometers: float) -> list[Check]:
+    """Returns the time of planning, this road and a long one; the paper needed about a minute."""
     road = long_road(case.road, 1e3 * kilometers)
     config = replace(case.config, mean_speed=False)
     began = time.perf_counter()
     long = solve(road, config, case.vehicle.mass, case.parameters)
     whole = time.perf_counter() - began
     gap = long.cost(long.answer.speed) / certificate(long.task, long.answer) - 1.0
-    return [
-        Check(
-            f"{case.road.length / 1e3:.0f} km at {case.road.step:g} m, set-up and solve, cold",
-            cold_seconds(case),
-            "s",
-            PAPER_SECONDS,
-            "<= 0.05",
-        ),
-        Check(
-            f"{kilometers:.0f} km at {road.step:g} m, set-up and solve, cold",
-            long.answer.solve_time,
-            "s",
-            None,
-            f"<= {LONG_SECONDS * kilometers / 1e3:g}",
-        ),
-        Check(f"{kilometers:.0f} km, with cruise, bounds and engine map, twice", whole, "s"),
-        Check(f"{kilometers:.0f} km, cost above the bound", 100.0 * gap, "%", 0.0, "<= 0.1"),
-    ]
+    found, cold, far = Findings(), cold_seconds(case), f"{kilometers:.0f} km"
+    name = f"{case.road.length / 1e3:.0f} km at {case.road.step:g} m, set-up and solve, cold"
+    found.check(name, cold, "s", PAPER_SECONDS, "<= 0.05")
+    most = f"<= {LONG_SECONDS * kilometers / 1e3:g}"
+    found.check(
+        f"{far} at {road.step:g} m, set-up and solve, cold", long.answer.solve_time, "s", None, most
+    )
+    found.check(f"{far}, with cruise, bounds and engine map, twice", whole, "s")
+    found.check(f"{far}, cost above the bound", 100.0 * gap, "%", 0.0, "<= 0.1")
+    return found.checks
 
 
 def warm_up(config: PccConfig) -> None:
-    """Plans a short level road once, so that what is loaded at first use is not measured."""
+    """Plans a short level road once, so that loading at first use is not measured."""
     station = np.linspace(0.0, 1000.0, 21)
     solve(RoadProfile(station, np.zeros(21), np.full(21, np.inf), "level"), config)

@@ -39,6 +39,7 @@ from typing import Any
 
 import numpy as np
 
+from controllers.pcc.fuel import FuelMap, Willans
 from controllers.pcc.problem import with_room
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.task import Solution, SpeedTask, require_feasible
@@ -51,6 +52,8 @@ _B, _E, _T, _COST = 400.0, 3e5, 2.5, 0.1
 _ROUNDING = 1e-7  # of v^2, relative
 _AT_LIMIT = 1e-3  # relative distance from a limit that counts as on it
 _HALVINGS = 40
+
+Point = tuple[FloatArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -178,32 +181,29 @@ class Relaxation:
         slowness = self.chord[0] + self.chord[1] * (b - self.b_box[0])
         return 0.5 * self.step * (slowness[:-1] + slowness[1:])
 
-    def solve(
-        self,
-    ) -> tuple[tuple[FloatArray, FloatArray, FloatArray], FloatArray, float, bool]:
-        """Point (b, E, t), multipliers, optimum [kg], and whether it converged.
+    def solve(self) -> tuple[Point, FloatArray, float, bool]:
+        """Point (b, E, t), multipliers, optimum [kg], and whether IPOPT converged.
 
         Columns of the multipliers: brakes low, brakes high, power, drag, time (1), chord; the price
-        of the trip time stands in the last row, first column: shape (n + 1, 6).
+        of the trip time is in the last row, first column: shape (n + 1, 6).
         """
         import casadi as ca
 
-        vehicle, n, ds = self.task.vehicle, self.task.road.intervals, self.step
+        task, n, ds = self.task, self.task.road.intervals, self.step
+        vehicle, fuel = task.vehicle, task.vehicle.fuel
         b, work, t = ca.SX.sym("b", n + 1), ca.SX.sym("E", n), ca.SX.sym("t", n)
         b_, work_, t_ = b * _B, work * _E, t * _T
         v = ca.sqrt(b_)
         sums, gain = v[1:] + v[:-1], b_[1:] - b_[:-1]
         scale = vehicle.inertial_mass
         net = gain * scale / (2.0 * ds) + self.slope + 0.5 * vehicle.drag * (b_[1:] + b_[:-1])
-        fuel, task = vehicle.fuel, self.task
         cost = ca.sum1(
             (fuel.f0 + task.price_time) * t_
             + fuel.f1 * work_
             + fuel.f2 * work_**2 / t_
             + task.k_a * gain**2 / (2.0 * ds * sums)
         )
-        cost -= task.price_energy * b_[n]
-        rows = ca.horzcat(
+        rows = (
             (work_ * vehicle.efficiency / ds - net) / scale,
             (work_ - vehicle.power_max * t_) / _E,
             (-work_ - vehicle.power_drag * t_) / _E,
@@ -211,9 +211,9 @@ class Relaxation:
             (t_ - self.most_time(b_)) / _T,
         )
         problem = {
-            "x": ca.vertcat(ca.vec(ca.horzcat(b[:-1], work, t).T), b[n]),
-            "f": cost / _COST,
-            "g": ca.vertcat(ca.vec(rows.T), ca.sum1(t_) / 100.0),
+            "x": ca.vertcat(b, work, t),
+            "f": (cost - task.price_energy * b_[n]) / _COST,
+            "g": ca.vertcat(*rows, ca.sum1(t_) / 100.0),
         }
         options: dict[str, Any] = {
             "print_time": False,
@@ -222,38 +222,26 @@ class Relaxation:
             "ipopt.max_iter": 200,
         }
         solver = ca.nlpsol("bound", "ipopt", problem, options)
-        boxes = (self.b_box, self.e_box, self.t_box)
-        units = (_B, _E, _T)
-        low, high, middle = (
-            _pack(*(pick(box) / unit for box, unit in zip(boxes, units, strict=True)))
-            for pick in (lambda x: x[0], lambda x: x[1], lambda x: 0.5 * (x[0] + x[1]))
-        )
+        boxes = ((self.b_box, _B), (self.e_box, _E), (self.t_box, _T))
+        low, high = (np.concatenate([box[k] / unit for box, unit in boxes]) for k in (0, 1))
+        brakes = np.full(n, vehicle.brake_max / scale)
         result = solver(
-            x0=middle,
+            x0=0.5 * (low + high),
             lbx=low,
             ubx=high,
-            lbg=np.append(np.tile([0.0, *[-np.inf] * 4], n), -np.inf),
-            ubg=np.append(
-                np.tile([vehicle.brake_max / scale, *[0.0] * 4], n), task.time_max / 100.0
-            ),
+            lbg=np.concatenate([np.zeros(n), np.full(4 * n + 1, -np.inf)]),
+            ubg=np.concatenate([brakes, np.zeros(4 * n), [task.time_max / 100.0]]),
         )
         x = np.clip(np.asarray(result["x"]).ravel(), low, high)
-        table = x[:-1].reshape(n, 3)
-        point = (np.append(table[:, 0], x[-1]) * _B, table[:, 1] * _E, table[:, 2] * _T)
+        point = (x[: n + 1] * _B, x[n + 1 : 2 * n + 1] * _E, x[2 * n + 1 :] * _T)
         raw = np.asarray(result["lam_g"]).ravel() * _COST
-        price, raw = max(float(raw[-1]), 0.0) / 100.0, raw[:-1].reshape(n, 5)
-        raw = raw / np.array([scale, _E, _E, _T, _T])
+        price = max(float(raw[-1]), 0.0) / 100.0
+        raw = raw[:-1].reshape(5, n).T / np.array([scale, _E, _E, _T, _T])
         y = np.vstack([np.column_stack([-raw[:, 0], raw]), [price, *[0.0] * 5]])
-        return (
-            point,
-            np.maximum(y, 0.0),
-            float(result["f"]) * _COST,
-            bool(solver.stats()["success"]),
-        )
+        converged = bool(solver.stats()["success"])
+        return point, np.maximum(y, 0.0), float(result["f"]) * _COST, converged
 
-    def dual_value(
-        self, point: tuple[FloatArray, FloatArray, FloatArray], multipliers: FloatArray
-    ) -> float:
+    def dual_value(self, point: Point, multipliers: FloatArray) -> float:
         """Lower bound [kg] of multipliers >= 0, from the Lagrangian's tangent at any point."""
         vehicle, task, ds = self.task.vehicle, self.task, self.step
         b, work, t = point
@@ -339,5 +327,13 @@ def enough_speeds(
     return speed
 
 
-def _pack(b: FloatArray, work: FloatArray, t: FloatArray) -> FloatArray:
-    return np.append(np.column_stack([b[:-1], work, t]).ravel(), b[-1])
+def below_fit(fuel_map: FuelMap, fit: Willans, v_min: float, v_max: float) -> float:
+    """Greatest excess of a fit over the map [kg/s], over a band of speeds [m/s].
+
+    A drive of time T burns by the map at least what it burns by the fit, less T times this.
+    Sampled on a grid of speeds and powers, from overrun to full power.
+    """
+    speed = np.repeat(np.linspace(v_min, v_max, 60), 200)
+    power = np.tile(np.linspace(-fit.overrun_power, fuel_map.full_power(), 200), 60)
+    rate, _ = fuel_map.rate(power * fuel_map.efficiency / speed, speed)
+    return max(float((fit.rate(power) - rate).max()), 0.0)

@@ -1,4 +1,4 @@
-"""A speed plan with what judges it: the problem that it solves, its energy, its exact motion."""
+"""A solved speed plan with the problem that it solves, its bound, its energy and exact motion."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.validation.planning.pcc_bound import certificate, lower_bound
 
 PAPER_SAVING_PERCENT = 21.68
-_TIGHT = 1e-4  # relative gap that is as good as none
+_TIGHT = 1e-4  # relative gap that counts as none
 _RELAXED_MAX = 1_500_000.0  # [m]: IPOPT needs 3 s for the relaxation of 100 km, and memory
 # Gauss points of an interval, for integrals of the exact motion.
 _ROOTS, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 
 @dataclass(frozen=True)
-class Case:
+class SolvedPlan:
     """A solved plan.
 
     Attributes:
@@ -54,7 +54,7 @@ class Case:
         return self.task.road
 
     def cost(self, speed: FloatArray) -> float:
-        """Fuel and term of k_a of node speeds (n + 1,) by the optimizer's model [kg]."""
+        """Returns fuel and term of k_a of node speeds (n + 1,) by the optimizer's model [kg]."""
         return self.task.cost(speed)
 
 
@@ -63,8 +63,8 @@ def solve(
     config: PccConfig,
     mass: float = 55_000.0,
     parameters: TruckParameters | None = None,
-) -> Case:
-    """Plans, and sets the same problem again for those who judge the plan.
+) -> SolvedPlan:
+    """Plans, and solves the same problem again with its multipliers.
 
     Raises:
       PlanningError: there is no plan; the message gives the reason.
@@ -78,11 +78,11 @@ def solve(
     # The trip time by the clock of the cruise, which differs from the plan's task by rounding.
     task = replace(solution.task, time_max=solution.baseline.time)
     answer = solve_task(task, solution.baseline.speed)
-    return Case(solution, task.vehicle, task, answer, config, parameters, FuelMap(parameters))
+    return SolvedPlan(solution, task.vehicle, task, answer, config, parameters, FuelMap(parameters))
 
 
-def bound(case: Case, k_a: float) -> tuple[float, float]:
-    """Lower bound on fuel plus the term of k_a of all plans of the case [kg], and the plan's gap.
+def bound(case: SolvedPlan, k_a: float) -> tuple[float, float]:
+    """Returns a lower bound on fuel plus the term of k_a of all plans of the case, and the gap.
 
     From the multipliers of the optimum; where those leave a gap, from the relaxation's own optimum.
 
@@ -106,26 +106,26 @@ def bound(case: Case, k_a: float) -> tuple[float, float]:
 
 
 def with_rolling(parameters: TruckParameters, coefficient: float) -> TruckParameters:
-    """The truck on tires of another rolling resistance coefficient."""
+    """Returns the truck with another rolling resistance coefficient."""
     common = replace(parameters.tire_common, rolling_resistance=coefficient)
     return replace(parameters, tire_common=common)
 
 
 def with_power(parameters: TruckParameters, share: float) -> TruckParameters:
-    """The truck with a share of its engine's full-load torque; drag and fuel map as they are."""
+    """Returns the truck with a share of its full-load torque, its drag and fuel map unchanged."""
     engine = parameters.engine
     torque = engine.full_load_torque * share
     return replace(parameters, engine=replace(engine, full_load_torque=torque))
 
 
 def scaled_heights(road: RoadProfile, factor: float) -> RoadProfile:
-    """The road with all heights, and so all grades, times a factor."""
+    """Returns the road with all heights, and so all grades, times a factor."""
     return replace(road, height=road.height * factor)
 
 
 @dataclass(frozen=True)
 class Balance:
-    """Where the engine's work of a drive went [J]; `residual` is what is not accounted for.
+    """Balance of the engine's work of a drive [J]; `residual` is the work not accounted for.
 
     Attributes:
       engine: at the wheels, drag of the overrunning engine subtracted; rolling, air, climb: against
@@ -143,17 +143,17 @@ class Balance:
 
     @property
     def residual(self) -> float:
-        """Work that is not accounted for [J]."""
+        """Work not accounted for [J]."""
         used = self.rolling + self.air + self.climb + self.kinetic + self.brakes
         return self.engine - used
 
 
 def balance(vehicle: PointMass, road: RoadProfile, speed: FloatArray) -> Balance:
-    """The energy of a drive along its exact motion, not the grid's.
+    """Returns the energy balance of a drive along its exact motion, not the grid's.
 
     Between nodes the force is constant, so that `d(v^2)/ds = 2 (F - R - k v^2) / m` has v^2
     decaying exponentially to its steady value; air drag and time are integrals of that by five
-    Gauss points, and height is weight times rise: none of them is how the optimizer sums them up.
+    Gauss points, and height is weight times rise. The optimizer computes none of them this way.
     """
     net = vehicle.net_force(speed, road)
     mean = 0.5 * (speed[1:] + speed[:-1])

@@ -1,6 +1,6 @@
 """The paper's transcription of a speed task: cubic Hermite finite elements in time.
 
-Importing this module registers the method `finite_elements` of `controllers.pcc.solver.solve`.
+Importing this module adds the method `finite_elements` to `controllers.pcc.solver.METHODS`.
 
 Unknown are station and speed at the ends of n elements of equal duration h = T / n, the paper's
 
@@ -33,7 +33,7 @@ from typing import Any
 
 import numpy as np
 
-from controllers.pcc.solver import register
+from controllers.pcc.solver import METHODS
 from controllers.pcc.task import Solution, SpeedTask
 from controllers.pcc.vehicle import passing_times
 from iits_mj.core.arrays import FloatArray
@@ -81,7 +81,6 @@ def basis(tau: FloatArray) -> FloatArray:
     return np.array([value, first, second])
 
 
-@register("finite_elements")
 def finite_elements(
     task: SpeedTask,
     guess: FloatArray,
@@ -146,6 +145,9 @@ def finite_elements(
         node_station=station + task.road.station[0],
         node_speed=speed,
     )
+
+
+METHODS["finite_elements"] = finite_elements
 
 
 class ElementsProgram:

@@ -1,8 +1,7 @@
-"""The receding-horizon planner on the point mass: does it drive the plan of the whole trip?
+"""The receding-horizon planner on the point mass, against the plan of the whole trip.
 
-The plant is the optimizer's own point mass that follows each plan for a second, so that what is
-measured is what the short horizon costs, and nothing else. The MuJoCo truck follows in
-`pcc_replay` and `planning_traffic`.
+The optimizer's own point mass follows each plan for a second, so that only the cost of the short
+horizon is measured. The MuJoCo truck drives in `pcc_replay` and `planning_traffic`.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from controllers.pcc import (
 )
 from controllers.pcc.vehicle import PointMass, durations
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.results import Check, Line, Panel, Results
+from iits_mj.core.results import Findings, Line, Panel, Results
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap
@@ -32,7 +31,7 @@ from iits_mj.validation.harness.config import PAPER_ROAD, ValidateConfig, find_r
 MASS = 55_000.0
 STEP = 0.1  # [s] of the plant
 FINE = 10.0  # [m], grid on which drives are compared
-STALL = 0.1  # [m/s]: slower, the drive is over
+STALL = 0.1  # [m/s]: the drive is over below this
 
 
 @dataclass(frozen=True)
@@ -63,13 +62,13 @@ def drive(
     """Drives from start to end [m], planning once a period [s].
 
     Args:
-      planner: that is followed exactly.
+      planner: its plans are followed exactly.
       start: station [m].
       end: station [m].
       speed: at the start [m/s].
       period: between two plans [s].
       held: from and to station [m] where the truck is held to a speed [m/s], as by traffic that
-        the planner does not hear of.
+        the planner does not know.
     """
     station, time, next_plan = start, 0.0, 0.0
     rows, plan_time, plans = [], [], dict[str, int]()
@@ -84,7 +83,7 @@ def drive(
             next_plan += period
         rows.append((station, speed, time, found.lag))
         profile = found.profile
-        # v^2 is linear between the nodes of a plan; the way of the step depends on its end speed.
+        # v^2 is linear between nodes; the distance of a step depends on its end speed.
         after = speed
         for _ in range(2):
             ahead = station + 0.5 * (speed + after) * STEP
@@ -101,7 +100,7 @@ def drive(
 def fuel_on(
     vehicle: PointMass, road: RoadProfile, station: FloatArray, speed: FloatArray, end: float
 ) -> tuple[float, float, float]:
-    """Fuel [kg], time [s] and end speed [m/s] of a drive, on a grid of 10 m up to a station."""
+    """Returns fuel [kg], time [s] and end speed [m/s] of a drive up to a station, on 10 m."""
     first = float(road.station[0])
     count = math.floor((end - first) / FINE + 1e-6) + 1
     grid = np.asarray(first + FINE * np.arange(count), dtype=np.float64)
@@ -114,7 +113,7 @@ def fuel_on(
 
 
 def run_receding(config: ValidateConfig) -> Results:
-    """Holds the receding drive against the offline optimum, on every road there is."""
+    """Compares the receding drive with the offline optimum, on every available road."""
     results = Results("validate planning receding")
     length = 4_000.0 if config.quick else None
     roads = [RoadProfile.from_route(RoadMap.builtin().route(), length=length)]
@@ -122,7 +121,7 @@ def run_receding(config: ValidateConfig) -> Results:
     if paper is not None and not config.quick:
         roads.append(RoadProfile.from_csv(paper, length=15_000.0))
     for road in roads:
-        _compare(results, road, config.quick)
+        results.add(f"receding, {road.name}", _compare(road, config.quick))
     results.notes.append(
         f"receding horizon: point mass of {MASS:.0f} kg that follows each plan exactly, a plan a "
         "second over 5 km; fuel by the optimizer's model on a grid of 10 m, corrected for kinetic "
@@ -131,82 +130,45 @@ def run_receding(config: ValidateConfig) -> Results:
     return results
 
 
-def _compare(results: Results, road: RoadProfile, quick: bool) -> None:
+def _compare(road: RoadProfile, quick: bool) -> Findings:
+    found = Findings(f"receding, {road.name}")
     parameters, settings = TruckParameters.load(), PccConfig(v_ref=20.0)
     solution = plan(road, parameters, MASS, settings)
-    first, last = float(road.station[0]), float(road.station[-1])
-    trip = Appointment(last, solution.plan.time, float(solution.plan.speed[-1]))
-    planner = RecedingPlanner(
-        road,
-        parameters,
-        MASS,
-        settings,
-        RecedingConfig(time_limit=math.inf, power_share=1.0, surplus=0.0, reserve=0.0),
-        trip,
-    )
-    driven = drive(planner, first, last, float(solution.plan.speed[0]))
+    whole, first, last = solution.plan, float(road.station[0]), float(road.station[-1])
+    start, end = float(whole.speed[0]), last - FINE
+    trip = Appointment(last, whole.time, float(whole.speed[-1]))
+    receding = RecedingConfig(time_limit=math.inf, power_share=1.0, surplus=0.0, reserve=0.0)
+    planner = RecedingPlanner(road, parameters, MASS, settings, receding, trip)
     vehicle = planner.vehicle
-    end = last - FINE
-    whole = fuel_on(vehicle, road, road.station, solution.plan.speed, end)
-    found = fuel_on(vehicle, road, driven.station, driven.speed, end)
-    energy = 0.5 * vehicle.inertial_mass * (found[2] ** 2 - whole[2] ** 2)
+    driven = drive(planner, first, last, start)
+    best_fuel, best_time, best_speed = fuel_on(vehicle, road, road.station, whole.speed, end)
+    fuel, time, speed = fuel_on(vehicle, road, driven.station, driven.speed, end)
+    energy = 0.5 * vehicle.inertial_mass * (speed**2 - best_speed**2)
     worth = energy * vehicle.fuel.f1 / vehicle.efficiency
-    fuel = found[0] - worth + (found[1] - whole[1]) * solution.time_price
-    name = f"receding, {road.name}: "
+    fuel = fuel - worth + (time - best_time) * solution.time_price
     took = 1e3 * driven.plan_time
+    over = 100.0 * (fuel / best_fuel - 1.0)
     others = sum(count for status, count in driven.plans.items() if status == "cruise")
-    results.checks += [
-        Check(
-            name + "fuel over the offline optimum's",
-            100.0 * (fuel / whole[0] - 1.0),
-            "%",
-            0.0,
-            "<= 0.5",
-        ),
-        Check(name + "arrival, late by", found[1] - whole[1], "s", 0.0, "-1 .. 1"),
-        Check(name + "plans without optimizer", float(others), "1", None, "<= 0"),
-        Check(name + "CPU time of a plan, median", float(np.median(took)), "ms", None, "<= 15"),
-        Check(name + "CPU time of a plan, 95 % within", float(np.quantile(took, 0.95)), "ms"),
-    ]
+    found.check("fuel over the offline optimum's", over, "%", 0.0, "<= 0.5")
+    found.check("arrival, late by", time - best_time, "s", 0.0, "-1 .. 1")
+    found.check("plans without optimizer", others, "1", None, "<= 0")
+    found.check("CPU time of a plan, median", np.median(took), "ms", None, "<= 15")
+    found.check("CPU time of a plan, 95 % within", np.quantile(took, 0.95), "ms")
     if quick:
-        return
-    hold = (first + 3_000.0, first + 4_000.0, 14.0)
+        return found
     planner.reset()
-    delayed = drive(planner, first, last, float(solution.plan.speed[0]), held=hold)
-    late = fuel_on(vehicle, road, delayed.station, delayed.speed, end)[1] - whole[1]
+    delayed = drive(planner, first, last, start, held=(first + 3_000.0, first + 4_000.0, 14.0))
+    late = fuel_on(vehicle, road, delayed.station, delayed.speed, end)[1] - best_time
     lost = float(np.nanmax(delayed.lag))
-    results.checks.append(
-        Check(
-            name + f"arrival after {lost:.0f} s lost in 1 km at 50 km/h, late by",
-            late,
-            "s",
-            0.0,
-            "-3 .. 3",
-        )
-    )
-    results.figures[f"receding, {road.name}"] = [
-        Panel(
-            "Speed",
-            "station [km]",
-            "speed [km/h]",
-            (
-                Line(
-                    "plan of the whole trip",
-                    road.station / 1e3,
-                    solution.plan.speed / KMH,
-                    "reference",
-                ),
-                Line("receding horizon", driven.station / 1e3, driven.speed / KMH, "simulation"),
-                Line("held up on the way", delayed.station / 1e3, delayed.speed / KMH),
-            ),
-        ),
-        Panel(
-            "Lag behind the schedule",
-            "station [km]",
-            "lag [s]",
-            (
-                Line("receding horizon", driven.station / 1e3, driven.lag, "simulation"),
-                Line("held up on the way", delayed.station / 1e3, delayed.lag),
-            ),
-        ),
+    name = f"arrival after {lost:.0f} s lost in 1 km at 50 km/h, late by"
+    found.check(name, late, "s", 0.0, "-3 .. 3")
+    drives = (("receding horizon", driven, "simulation"), ("held up on the way", delayed, ""))
+    speeds = [Line("plan of the whole trip", road.station / 1e3, whole.speed / KMH, "reference")]
+    speeds += [Line(label, d.station / 1e3, d.speed / KMH, role) for label, d, role in drives]
+    lags = [Line(label, d.station / 1e3, d.lag, role) for label, d, role in drives]
+    place = "station [km]"
+    found.panels += [
+        Panel("Speed", place, "speed [km/h]", tuple(speeds)),
+        Panel("Lag behind the schedule", place, "lag [s]", tuple(lags)),
     ]
+    return found

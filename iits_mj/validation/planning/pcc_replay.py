@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from controllers.pcc.planner import FuelMap, PccConfig, evaluate
-from controllers.pcc.profile import RoadProfile, read_cycle
+from controllers.pcc.profile import RoadProfile
 from controllers.pcc.vehicle import PointMass, cruise, durations
 from controllers.planning.speed_plan import SpeedConfig
 from iits_mj.core.arrays import FloatArray
@@ -33,6 +33,7 @@ from iits_mj.validation.harness.config import (
 from iits_mj.validation.harness.run_cache import runs_folder
 from iits_mj.validation.planning import closed_loop, replay_drives, speed_tracking
 from iits_mj.validation.planning.pcc_case import PAPER_SAVING_PERCENT
+from iits_mj.validation.planning.pcc_roads import read_cycle
 from iits_mj.validation.planning.pcc_savings import BAND, MPH, PAPER_LENGTH, STEP
 from iits_mj.validation.planning.replay_drives import (
     DRIVES,

@@ -1,8 +1,8 @@
-"""`iits-mj validate planning`: what predictive cruise control saves, on which road, in which band.
+"""Savings of predictive cruise control on several roads, by band, mass and other quantities.
 
 Every saving is against a constant-speed cruise with the same engine and brakes, in equal trip time,
-from and to the same speed, by fuel alone. Savings are what the cruise throws away in the brakes:
-they depend on hills, mass and band, so the band is named with each, and a table shows by how much.
+from and to the same speed, by fuel alone. The cruise loses that fuel in the brakes, so savings
+depend on hills, mass and band: each names its band, and a table shows the sensitivities.
 """
 
 from __future__ import annotations
@@ -14,9 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from controllers.pcc import PccConfig, RoadProfile
-from controllers.pcc.profile import read_cycle
 from iits_mj.core.errors import PlanningError
-from iits_mj.core.results import Check, Line, Panel, Results
+from iits_mj.core.results import Check, Findings, Line, Panel, Results
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap
@@ -41,31 +40,32 @@ from iits_mj.validation.planning.pcc_accuracy import (
 )
 from iits_mj.validation.planning.pcc_case import (
     PAPER_SAVING_PERCENT,
-    Case,
+    SolvedPlan,
     bound,
     scaled_heights,
     solve,
     with_power,
     with_rolling,
 )
+from iits_mj.validation.planning.pcc_roads import read_cycle
 
 PAPER_LENGTH = 15_000.0
 MPH = 0.44704  # [m/s]
 STEP = 50.0  # [m]
 LADEN, US_GROSS = 55_000.0, 36_287.0  # [kg]; 80 000 lb is what US interstates allow
-# The paper's set speed; from what a driver behind bears to what the EU's speed limiter allows.
+# The paper's set speed; from what drivers behind accept to what the EU's speed limiter allows.
 BAND = PccConfig(v_ref=72.0 * KMH, v_min=45.0 * KMH, v_max=90.0 * KMH)
 LONG, LONG_QUICK = 1000.0, 100.0  # [km]
-LOW_HILLS = 0.25  # share of the heights, with which least is saved and the models differ most
+LOW_HILLS = 0.25  # share of the heights: the least saving, the greatest difference of models
 
 
 @dataclass
-class Table:
-    """Savings as they are gathered.
+class SavingsTable:
+    """Savings of several plans.
 
     Attributes:
       checks: by the engine's map with gears, the optimizer's model as reference; notes.
-      apart: of both, in points; gaps: of the plans' cost to the lower bound, relative.
+      apart: difference of both [points]; gaps: of the plans' cost to the lower bound, relative.
     """
 
     checks: list[Check] = field(default_factory=list)
@@ -81,8 +81,8 @@ class Table:
         mass: float = LADEN,
         parameters: TruckParameters | None = None,
         must: str = "",
-    ) -> Case | None:
-        """Plans and notes the saving; None and a note when there is no plan."""
+    ) -> SolvedPlan | None:
+        """Plans and adds the saving; None and a note when there is no plan."""
         try:
             case = solve(road, config, mass, parameters)
         except PlanningError as error:
@@ -101,13 +101,13 @@ class Table:
 
 
 def run_savings(config: ValidateConfig) -> Results:
-    """Savings on the paper's road, the GEM cycles and our highway; how good and fast the plans are.
+    """Returns savings on the paper's road, the GEM cycles and our highway, and the plans' quality.
 
-    Without the paper's road the highway without limits takes its place, and nothing must be saved.
+    Without the paper's road the highway without limits replaces it, and no saving is required.
     """
     results = Results("validate planning pcc savings")
     warm_up(BAND)
-    table = Table()
+    table = SavingsTable()
     path = find_road(config, PAPER_ROAD)
     if path is None:
         table.notes.append(f"the paper's road {PAPER_ROAD} was not named: give --roads DIR")
@@ -142,20 +142,12 @@ def run_savings(config: ValidateConfig) -> Results:
         ahead = len(table.checks)
         results.figures["sensitivity"] = sensitivities(table, road, name)
         checks += table.checks[ahead:]
-    checks += [
-        Check(
-            "savings by optimizer's model and by engine map apart, greatest of all",
-            max(table.apart, default=np.nan),
-            "points",
-        ),
-        Check(
-            "cost above the convex bound, greatest of all plans",
-            100.0 * max(table.gaps, default=np.nan),
-            "%",
-            0.0,
-            "<= 0.1",
-        ),
-    ]
+    found = Findings()
+    apart, gap = max(table.apart, default=np.nan), 100.0 * max(table.gaps, default=np.nan)
+    models = "savings by optimizer's model and by engine map apart, greatest of all"
+    found.check(models, apart, "points")
+    found.check("cost above the convex bound, greatest of all plans", gap, "%", 0.0, "<= 0.1")
+    checks += found.checks
     results.checks = checks
     results.notes = [
         "savings are by the engine's map with gears; the reference beside them is the optimizer's "
@@ -169,20 +161,20 @@ def run_savings(config: ValidateConfig) -> Results:
 
 
 def _main_road(path: Path | None, step: float) -> RoadProfile:
-    """The paper's road where there is its file, else the highway, on a grid [m]."""
+    """Returns the paper's road where its file is there, else the highway, on a grid [m]."""
     if path is None:
         return highway_without_limits(step)
     return RoadProfile.from_csv(path, step, PAPER_LENGTH)
 
 
 def highway_without_limits(step: float) -> RoadProfile:
-    """The built-in highway on a grid [m], without its speed limits and curve speeds."""
+    """Returns the built-in highway on a grid [m], without speed limits and curve speeds."""
     road = RoadProfile.from_route(RoadMap.builtin().route(), step=step)
     return replace(road, v_limit=np.full(road.station.size, np.inf))
 
 
-def _other_roads(config: ValidateConfig, table: Table) -> None:
-    """The paper's road in the narrower band, the cycles, the highway: figures as they are."""
+def _other_roads(config: ValidateConfig, table: SavingsTable) -> None:
+    """Adds the paper's road in the narrower band, the cycles and the highway, without bounds."""
     path = find_road(config, PAPER_ROAD)
     if path is not None:
         road = RoadProfile.from_csv(path, STEP, PAPER_LENGTH)
@@ -210,60 +202,58 @@ def _other_roads(config: ValidateConfig, table: Table) -> None:
         table.add("highway without limits, 55 t, 72 km/h set, 45 to 90 km/h", free, BAND)
 
 
-def sensitivities(table: Table, road: RoadProfile, name: str) -> list[Panel]:
-    """Saving over band, mass, rolling resistance, power, hilliness and k_a, one at a time."""
-    parameters = TruckParameters.load()
-    panels = []
+def sensitivities(table: SavingsTable, road: RoadProfile, name: str) -> list[Panel]:
+    """Returns the saving over band, mass, rolling resistance, power, hills and k_a, one by one."""
+    truck, panels = TruckParameters.load(), []
 
     def sweep(
-        title: str, values: tuple[float, ...], solve_one: Callable[[str, float], Case | None]
+        quantity: str,
+        unit: str,
+        values: tuple[float, ...],
+        solve_one: Callable[[str, float], SolvedPlan | None],
     ) -> None:
-        quantity, unit = title.rstrip("]").split(" [")
         words = "" if unit == "1" else f" {unit}"
-        kept = [
-            (value, solve_one(f"{name}, {quantity} {value:g}{words}", value)) for value in values
-        ]
-        pairs = [(value, case.solution) for value, case in kept if case is not None]
+        solved = [(v, solve_one(f"{name}, {quantity} {v:g}{words}", v)) for v in values]
+        pairs = [(value, case.solution) for value, case in solved if case is not None]
         x = np.array([value for value, _ in pairs], dtype=float)
         lines = (
             Line("engine map", x, np.array([s.map_saving_percent for _, s in pairs]), "simulation"),
             Line("optimizer's model", x, np.array([s.saving_percent for _, s in pairs])),
         )
+        title = f"{quantity} [{unit}]"
         panels.append(Panel(f"{name}: {quantity}", title, "saving [%]", lines))
 
+    def band(
+        quantity: str, unit: str, values: tuple[float, ...], of: Callable[[float], PccConfig]
+    ) -> None:
+        sweep(quantity, unit, values, lambda label, value: table.add(label, road, of(value)))
+
+    speeds = (75.0, 80.0, 85.0, 90.0, 95.0)
+    band("greatest speed", "km/h", speeds, lambda top: replace(BAND, v_max=top * KMH))
+    band("least speed", "km/h", (45.0, 50.0, 55.0), lambda low: replace(BAND, v_min=low * KMH))
     sweep(
-        "greatest speed [km/h]",
-        (75.0, 80.0, 85.0, 90.0, 95.0),
-        lambda label, top: table.add(label, road, replace(BAND, v_max=top * KMH)),
-    )
-    sweep(
-        "least speed [km/h]",
-        (45.0, 50.0, 55.0),
-        lambda label, low: table.add(label, road, replace(BAND, v_min=low * KMH)),
-    )
-    sweep(
-        "mass [t]",
+        "mass",
+        "t",
         (19.0, 30.0, 40.0, 55.0),
         lambda label, mass: table.add(label, road, BAND, 1e3 * mass),
     )
     sweep(
-        "rolling resistance [1]",
+        "rolling resistance",
+        "1",
         (0.005, 0.006, 0.007),
-        lambda label, c: table.add(label, road, BAND, LADEN, with_rolling(parameters, c)),
+        lambda label, c: table.add(label, road, BAND, LADEN, with_rolling(truck, c)),
     )
     sweep(
-        "engine's full load times [1]",
+        "engine's full load times",
+        "1",
         (0.8, 0.9, 1.0),
-        lambda label, share: table.add(label, road, BAND, LADEN, with_power(parameters, share)),
+        lambda label, share: table.add(label, road, BAND, LADEN, with_power(truck, share)),
     )
     sweep(
-        "heights times [1]",
+        "heights times",
+        "1",
         (LOW_HILLS, 0.5, 1.0, 1.25),
         lambda label, factor: table.add(label, scaled_heights(road, factor), BAND),
     )
-    sweep(
-        "k_a [g/s per (m/s2)2]",
-        (0.0, 0.5, 2.0),
-        lambda label, k_a: table.add(label, road, replace(BAND, k_a=k_a)),
-    )
+    band("k_a", "g/s per (m/s2)2", (0.0, 0.5, 2.0), lambda k_a: replace(BAND, k_a=k_a))
     return panels

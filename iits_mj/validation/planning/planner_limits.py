@@ -1,37 +1,46 @@
-"""Random states: does any planned trajectory break a limit?
-
-States are drawn over speed, place in the lane, load, traffic, decision and speed profile, on a
-straight road and on the built-in highway; each is planned for two seconds by a truck that obeys.
-"""
+"""The planner alone, its plans followed exactly: random states, and drives in ordinary traffic."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from controllers.decision.base import DecisionContext
+from controllers.decision.fast_world.config import LANE_WIDTH, HighwayConfig, Obstacle
+from controllers.decision.fast_world.traffic import HighwayTraffic
+from controllers.decision.rules import Mobil
 from controllers.planning.lane_change import lateral_limit
 from controllers.planning.planner import Planner, PlannerConfig
 from controllers.planning.rollover_limits import RollMargins
 from controllers.planning.speed_plan import power_acceleration
-from iits_mj.core.messages import Decision, EgoState, PlanMode, Scene, SpeedProfile, Trajectory
+from iits_mj.core.messages import (
+    Decision,
+    EgoState,
+    PlanMode,
+    Scene,
+    SpeedProfile,
+    TrackedVehicle,
+    Trajectory,
+)
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from iits_mj.validation.planning.ideal_drive import IdealDrive, car
+from iits_mj.validation.planning.ideal_drive import STEP, IdealDrive, car
 
-# What counts as a breach beyond rounding, as share of the limit.
+# A breach exceeds the limit by more than this share.
 _SLACK = 0.01
 _CYCLES = 4
 
 
 @dataclass
 class Breaches:
-    """Trajectories looked at, and those that break something, by name.
+    """Trajectories that were checked, and what they break.
 
     Attributes:
-      trajectories: how many; changes: of them in a lane change.
+      trajectories: their number; changes: those in a lane change.
       found: description of every breach.
       lateral: greatest lateral acceleration of the path in a change over its limit.
       total: greatest lateral acceleration, road included, over the roll-over threshold.
@@ -47,10 +56,13 @@ class Breaches:
 
 
 def random_breaches(routes: list[Route], count: int, seed: int = 0) -> Breaches:
-    """Plans from `count` random states, in turn on each of the routes.
+    """Plans from random states and counts the trajectories that break a limit.
+
+    Speed, place in the lane, load, traffic, decision and speed profile are drawn; each state is
+    planned four times, the truck following its plans.
 
     Args:
-      routes: roads.
+      routes: roads, used in turn.
       count: of states.
       seed: of the states.
     """
@@ -115,7 +127,7 @@ def _judge(
     margins: RollMargins,
     result: Breaches,
 ) -> None:
-    """Adds what one trajectory breaks."""
+    """Adds the breaches of one trajectory."""
     config, ego = planner.config, scene.ego
     result.trajectories += 1
     where = f"{ego.speed:.1f} m/s at {ego.station:.0f} m, {ego.mass:.0f} kg, {plan.mode.value}"
@@ -167,7 +179,7 @@ def _judge_along(
     last: Trajectory | None,
     require: Callable[[bool, str], None],
 ) -> None:
-    """Limits along the road: deceleration, acceleration, power, jerk, continuity."""
+    """Checks limits along the road: deceleration, acceleration, power, jerk, continuity."""
     speed, a = planner.config.speed, plan.acceleration
     emergency = plan.mode is PlanMode.EMERGENCY
     least = speed.emergency_deceleration if emergency else speed.following.deceleration_max
@@ -185,3 +197,74 @@ def _judge_along(
     if last is not None:
         planned = float(np.interp(ego.time, last.time, last.speed))
         require(abs(float(plan.speed[0]) - planned) < 1e-6, "jump of the speed")
+
+
+@dataclass(frozen=True)
+class OrdinaryDrive:
+    """Figures of a drive in ordinary traffic.
+
+    Attributes:
+      duration: [s]; emergencies: brakings of the last layer; changes: completed; aborted: changes.
+      gap: least bumper gap to a vehicle in line with the truck [m].
+      braking: strongest planned [m/s2]; cost: CPU time of a plan, median [s].
+    """
+
+    duration: float
+    emergencies: int
+    changes: int
+    aborted: int
+    gap: float
+    braking: float
+    cost: float
+
+
+def ordinary_drive(probability: float, duration: float, seed: int = 0) -> OrdinaryDrive:
+    """Drives in traffic at 12.5 m/s that fills both lanes.
+
+    The vehicles follow by IDM and change lanes by MOBIL, also right before the truck. The truck
+    follows its plans exactly and asks the MOBIL decision maker once a second.
+
+    Args:
+      probability: of a vehicle per second and lane; the paper's densest traffic has 0.05.
+      duration: [s].
+      seed: of the traffic.
+    """
+    route = Route.straight(length=30_000.0, lanes=2, lane_width=LANE_WIDTH)
+    config = HighwayConfig(probability, traffic_speed=12.5, timestep=STEP)
+    traffic = HighwayTraffic(config, np.random.default_rng(seed))
+    drive = IdealDrive(route, 400.0, 0, 12.5)
+    traffic.fill(_obstacles(drive.ego, route)[0])
+    right = float(route.lane_offset(0, 0.0))
+    # MOBIL looks at the scene, not at the network's observation.
+    maker, unseen = Mobil(), np.zeros(216, dtype=np.float32)
+
+    def vehicles(ego: EgoState) -> tuple[TrackedVehicle, ...]:
+        traffic.step(_obstacles(ego, route))
+        return tuple(dataclasses.replace(v, offset=v.offset + right) for v in traffic.tracked())
+
+    def decide(scene: Scene) -> Decision:
+        if round(scene.time / STEP) % 10 or drive.planner.changing:
+            return Decision.KEEP
+        lane = drive.planner.lane(scene)
+        reference = drive.planner.config.speed.cruise_speed
+        return maker.decide(DecisionContext(scene, route, lane, (0, 1), reference, unseen))
+
+    drive.run(duration, vehicles, decide)
+    return OrdinaryDrive(
+        duration=duration,
+        emergencies=drive.planner.emergencies,
+        changes=drive.planner.lane_changes,
+        aborted=drive.planner.aborted,
+        gap=min(drive.gap(scene) for scene in drive.scenes),
+        braking=-min(float(plan.acceleration[0]) for plan in drive.plans),
+        cost=float(np.median(drive.cost)),
+    )
+
+
+def _obstacles(ego: EgoState, route: Route) -> list[Obstacle]:
+    """Returns the truck as an obstacle in every lane that its body reaches into."""
+    found = []
+    for lane in range(2):
+        if abs(ego.offset - float(route.lane_offset(lane, ego.station))) < 0.5 * LANE_WIDTH + 0.9:
+            found.append(Obstacle(ego.station + 1.4, 16.5, ego.speed, lane))
+    return found

@@ -1,10 +1,13 @@
-"""Drives the trips in traffic several at a time, and goes on where it was stopped.
+"""Fuel saved in traffic by predictive cruise control against constant-speed cruise, full stack.
+
+Sixty trips take most of an hour of one core. They can be driven beforehand, several at a time;
+a stopped run continues where it was:
 
     python -m iits_mj.validation.planning.planning_traffic --seeds 10 --jobs 2 --runs DIR \
         --out FILE.csv
 
-A trip belongs to the code that drove it: those of another version are taken neither from the folder
-nor from the table.
+`run_traffic` uses the trips in its `--runs DIR` and drives the others. A trip belongs to the code
+that drove it: trips of another version are used neither from the folder nor from the table.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from iits_mj.core.errors import Error, InputError
-from iits_mj.core.results import Check, Line, Panel, Results
+from iits_mj.core.results import Findings, Line, Panel, Results
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.validation.harness.config import ValidateConfig
@@ -40,20 +43,15 @@ from iits_mj.validation.planning.traffic_trips import (
     write_rows,
 )
 
-# --- Fuel saved in traffic by predictive cruise control, full stack, against constant-speed cruise
-# Sixty trips take the better part of an hour of one core, so that they can be driven beforehand by
-# `traffic_runner`. `run_traffic` takes what its `--runs DIR` holds and drives the rest. A trip
-# belongs to the code that drove it: those of another version are not taken.
-
 SEEDS = 10
-FIRST_SEED = 100  # lower ones were looked at while the planner was made
-FEWEST = 3  # seeds a density that say anything
+FIRST_SEED = 100  # lower ones were used in the development of the planner
+FEWEST = 3  # seeds a density for a mean
 PART = "planning-traffic"
 _MASS = 55_000.0
 
 
 def run_traffic(config: ValidateConfig) -> Results:
-    """Savings, trip times and what else there is to know, a density each.
+    """Returns savings, trip times and other figures for each density.
 
     Raises:
       InputError: a kept trip cannot be read, or none be written.
@@ -71,13 +69,13 @@ def run_traffic(config: ValidateConfig) -> Results:
 
 
 def all_pairs(seeds: int) -> list[tuple[str, int]]:
-    """Density and seed of every pair."""
+    """Returns density and seed of every pair."""
     wanted = range(FIRST_SEED, FIRST_SEED + seeds)
     return [(density, seed) for seed in wanted for density in DENSITIES]
 
 
 def pairs_of(rows: list[TripRow], density: str) -> list[tuple[TripRow, TripRow]]:
-    """Cruise and PCC of the same seed, by seed, where both were driven."""
+    """Returns cruise and PCC of the same seed, by seed, where both were driven."""
     found = {row.key: row for row in rows if row.density == density and row.length == LENGTH}
     seeds = sorted({key[1] for key in found})
     pairs = []
@@ -89,12 +87,12 @@ def pairs_of(rows: list[TripRow], density: str) -> list[tuple[TripRow, TripRow]]
 
 
 def saving_percent(cruise: TripRow, pcc: TripRow, worth: float) -> float:
-    """Fuel saved, PCC's being corrected for its kinetic energy at the end [%].
+    """Returns the fuel saved, PCC's corrected for its kinetic energy at the end [%].
 
     Args:
       cruise: one trip.
       pcc: the other.
-      worth: of a joule [kg/J].
+      worth: of kinetic energy [kg/J].
     """
     energy = 0.5 * _MASS * (pcc.end_speed**2 - cruise.end_speed**2)
     return 100.0 * (1.0 - (pcc.fuel - worth * energy) / cruise.fuel)
@@ -110,46 +108,29 @@ def summarize(results: Results, rows: list[TripRow]) -> None:
         if len(driven) < FEWEST:
             results.notes.append(f"traffic, {density}: {len(driven)} pairs are too few to tell")
             continue
+        found = Findings(f"in traffic, {density}")
         saved = np.array([saving_percent(c, p, worth) for c, p in driven])
         late = np.array([100.0 * (p.time / c.time - 1.0) for c, p in driven])
-        name = f"in traffic, {density}: "
-        changes = np.mean([p.changes - c.changes for c, p in driven])
-        planned = sum(p.plans for _, p in driven)
-        others = sum(p.other_plans for _, p in driven)
+        name, interval = f"fuel saved, mean of {len(driven)}", f"±{half_width(saved):.2f}"
+        found.check(name, saved.mean(), "%", interval, "> 0")
+        found.check("trip time, mean over the cruise's", late.mean(), "%", 0.0, "-1 .. 1")
+        found.check("trip time, greatest difference", np.abs(late).max(), "%")
+        changes = float(np.mean([p.changes - c.changes for c, p in driven]))
+        found.check("lane changes, pcc less cruise", changes, "1")
         failed = sum(c.failed + p.failed for c, p in pairs)
-        results.checks += [
-            Check(
-                name + f"fuel saved, mean of {len(driven)}",
-                float(saved.mean()),
-                "%",
-                f"±{half_width(saved):.2f}",
-                "> 0",
-            ),
-            Check(
-                name + "trip time, mean over the cruise's", float(late.mean()), "%", 0.0, "-1 .. 1"
-            ),
-            Check(name + "trip time, greatest difference", float(np.abs(late).max()), "%"),
-            Check(name + "lane changes, pcc less cruise", float(changes), "1"),
-            Check(name + "collisions and trips not ended", float(failed), "1", None, "<= 0"),
-            Check(name + "plans by the optimizer", 100.0 * planned / max(planned + others, 1), "%"),
-            Check(
-                name + "friction brakes on, pcc, a trip (reference: cruise)",
-                float(np.mean([p.friction for _, p in driven])),
-                "s",
-                float(np.mean([c.friction for c, _ in driven])),
-            ),
-            # These are the same drive on each of the three stretches.
-            Check(
-                name + "trips that had nobody ahead",
-                float(sum(math.isinf(c.closest) for c, _ in driven)),
-                "1",
-            ),
-            Check(
-                name + "solve, median",
-                1e3 * float(np.median([p.solve_p50 for _, p in driven])),
-                "ms",
-            ),
-        ]
+        found.check("collisions and trips not ended", failed, "1", None, "<= 0")
+        planned, others = (sum(getattr(p, n) for _, p in driven) for n in ("plans", "other_plans"))
+        share = 100.0 * planned / max(planned + others, 1)
+        found.check("plans by the optimizer", share, "%")
+        braking = [np.mean([row.friction for row in trips]) for trips in zip(*driven, strict=True)]
+        name = "friction brakes on, pcc, a trip (reference: cruise)"
+        found.check(name, braking[1], "s", braking[0])
+        # These are the same drive on each of the three stretches.
+        alone = sum(math.isinf(c.closest) for c, _ in driven)
+        found.check("trips that had nobody ahead", alone, "1")
+        solve = 1e3 * float(np.median([p.solve_p50 for _, p in driven]))
+        found.check("solve, median", solve, "ms")
+        results.checks += found.checks
         seeds = np.array([c.seed for c, _ in driven], dtype=float)
         lines.append(Line(density, seeds, saved))
         speeds.append(Line(density, seeds, np.array([LENGTH / c.time / KMH for c, _ in driven])))
@@ -166,11 +147,8 @@ def summarize(results: Results, rows: list[TripRow]) -> None:
     )
 
 
-# --- Drives the trips in traffic several at a time, and goes on where it was stopped ---
-
-
 def main(arguments: list[str] | None = None) -> int:
-    """Drives the trips that folder and table lack; see the module."""
+    """Drives the trips that folder and table lack; see the module docstring."""
     parser = argparse.ArgumentParser(description="fuel in traffic, with and without PCC")
     parser.add_argument("--seeds", type=int, default=SEEDS, help="a density")
     parser.add_argument("--jobs", type=int, default=1, help="processes at a time")
@@ -194,7 +172,7 @@ def main(arguments: list[str] | None = None) -> int:
 def _drive(
     jobs: list[tuple[str, int]], processes: int, folder: Path | None, out: Path | None
 ) -> list[TripRow]:
-    """The trips of densities and seeds; what is not in the table of this code is driven."""
+    """Returns the trips of densities and seeds; drives those that are not in the table."""
     found = [] if out is None else read_rows(out)
     rows = [row for row in found if row.code == trip_code()]
     if len(rows) < len(found):

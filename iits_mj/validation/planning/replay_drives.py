@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from controllers.pcc.fuel import FuelMap
-from controllers.pcc.planner import Drive, PccConfig, evaluate, make_vehicle, on_finer_road
+from controllers.pcc.planner import Drive, PccConfig, evaluate, make_vehicle
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.schedule import Schedule, make_schedule
 from controllers.pcc.vehicle import PointMass, brakeable, cruise, durations, fastest_below
@@ -32,6 +32,7 @@ from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.validation.planning.closed_loop import DriveTask, Record, drive
+from iits_mj.validation.planning.pcc_roads import on_finer_road
 from iits_mj.validation.planning.speed_tracking import FLOORED
 
 # Way before the measured stretch, for the engine to take up the truck [m], and after it [m].

@@ -1,8 +1,7 @@
 """Trips of the full stack in traffic, with predictive cruise control and with a constant speed.
 
-A pair is driven with the same seed: first the cruise, then PCC, which is asked to arrive when the
-cruise did, neither later nor earlier, and as fast as it was there. That is all it is told of the
-other run.
+A pair is driven with the same seed: first the cruise, then PCC, which shall arrive when the cruise
+did, neither later nor earlier, at the same speed. It knows nothing else of the other run.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ from controllers.pcc import Appointment, PccConfig, PccReference, RecedingConfig
 from controllers.pcc.fuel import FuelMap
 from controllers.pcc.planner import make_vehicle
 from controllers.pcc.schedule import level_worth
+from controllers.stack import Stack
 from iits_mj.core import tables
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
@@ -31,7 +31,7 @@ DENSITIES = ("dense", "medium", "sparse")
 TRAFFIC_SPEED = 15.0  # [m/s], the faster of the paper's two
 SPEED = 60.0 / 3.6  # [m/s], the paper's reference
 LENGTH = 5_000.0  # [m]
-# The trips of one seed lie on one third of the 15 km highway, those of the next on the next.
+# The trips of one seed are on one third of the 15 km highway, those of the next on the next.
 STARTS = (60.0, 4_960.0, 9_860.0)  # [m]
 TIME_MAX = 1_200.0  # [s]
 PLANNERS = ("cruise", "pcc")
@@ -42,7 +42,7 @@ class TripRow:
     """One trip.
 
     Attributes:
-      density, seed, planner: which; length: [m].
+      density, seed, planner: of the trip; length: [m].
       time: [s]; fuel: [kg]; end_speed: [m/s]; changes: of lanes.
       failed: 1 for a collision, a roll-over or a trip that did not end in time.
       closest: least gap to a vehicle ahead [m]; friction: time with friction brakes on [s].
@@ -70,12 +70,12 @@ class TripRow:
 
     @property
     def key(self) -> tuple[str, int, str, float]:
-        """What makes a trip unique."""
+        """Key of the trip in a table."""
         return (self.density, self.seed, self.planner, self.length)
 
 
 class _TripEnd(Observer):
-    """Stops the drive at a station, and takes time, fuel and speed there."""
+    """Stops the drive at a station and measures time, fuel and speed there."""
 
     def __init__(self, station: float) -> None:
         self._station = station
@@ -89,7 +89,7 @@ class _TripEnd(Observer):
         beyond = ego.station - self._station
         if beyond < 0.0 or self.reached:
             return
-        # Back to where the station was passed, within the last 100 ms.
+        # Interpolated back to the station, which was passed within the last 100 ms.
         ago = beyond / max(ego.speed, 0.1)
         self.time, self.speed = frame.time - ago, ego.speed - ego.acceleration * ago
         self.fuel = ego.fuel_used - ego.fuel_rate * ago
@@ -108,9 +108,9 @@ def drive_trip(
 
     Args:
       density: of the traffic.
-      seed: of the traffic; also says where the trip begins.
+      seed: of the traffic; also selects the start of the trip.
       planner: one of `PLANNERS`.
-      cruise: whose time of arrival and end speed PCC is to keep; None: a cruise on an empty road.
+      cruise: its arrival time and end speed apply to PCC; None: those of a cruise on an empty road.
       length: of the trip [m].
     """
     start = STARTS[seed % len(STARTS)]
@@ -132,19 +132,15 @@ def drive_trip(
     if cruise is not None:
         appointment = Appointment(start + length, cruise.time, cruise.end_speed)
 
-    def driver(route: Route, truck: Truck) -> object:
+    def driver(route: Route, truck: Truck) -> Stack:
         nonlocal reference
         if planner == "pcc":
-            reference = PccReference(
-                route,
-                pcc_config(config),
-                truck.parameters,
-                RecedingConfig(time_limit=math.inf),
-                appointment,
-            )
+            receding = RecedingConfig(time_limit=math.inf)
+            settings = pcc_config(config)
+            reference = PccReference(route, settings, truck.parameters, receding, appointment)
         return make_stack(config, route, truck.parameters, reference)
 
-    with Simulation(config, driver=driver, visuals=False) as simulation:  # type: ignore[arg-type]
+    with Simulation(config, driver=driver, visuals=False) as simulation:
         summary = simulation.run([end])
     report = None if reference is None else reference.report()
     solves = np.array(report.solve_time if report else [math.nan])
@@ -170,17 +166,17 @@ def drive_trip(
 
 
 def trip_code() -> str:
-    """Digest of the code that drives these trips."""
+    """Returns the digest of the code that drives these trips."""
     return drive_digest(sys.modules[__name__])
 
 
 def drive_pair(density: str, seed: int, folder: Path | None = None) -> list[TripRow]:
-    """The cruise, and PCC that arrives as the cruise did.
+    """Drives the cruise, and PCC that arrives as the cruise did.
 
     Args:
       density: of the traffic.
       seed: of the traffic.
-      folder: where finished pairs of this code are kept, and taken from; None: nowhere.
+      folder: of finished pairs of this code, which are not repeated; None: none is kept.
 
     Raises:
       InputError: a kept pair cannot be read, or none be written.
@@ -198,14 +194,14 @@ def drive_pair(density: str, seed: int, folder: Path | None = None) -> list[Trip
 
 
 def worth_of_energy(parameters: TruckParameters, mass: float = 55_000.0) -> float:
-    """Fuel that a joule of kinetic energy saves later [kg/J], on the level at the set speed."""
+    """Returns the fuel that kinetic energy saves later [kg/J], on the level at the set speed."""
     config = PccConfig(v_ref=SPEED, v_min=0.75 * SPEED, v_max=25.0)
     vehicle = make_vehicle(parameters, FuelMap(parameters), mass, config)
     return level_worth(vehicle, SPEED) / (0.5 * vehicle.inertial_mass)
 
 
 def read_rows(path: Path) -> list[TripRow]:
-    """The trips of a CSV file; none when it does not exist.
+    """Returns the trips of a CSV file; none when it does not exist.
 
     Raises:
       InputError: the file is not one of ours.
@@ -214,7 +210,7 @@ def read_rows(path: Path) -> list[TripRow]:
 
 
 def write_rows(path: Path, rows: list[TripRow]) -> None:
-    """Writes the file anew, ordered by density, seed and planner.
+    """Writes the file, ordered by density, seed and planner.
 
     Raises:
       InputError: it cannot be written.

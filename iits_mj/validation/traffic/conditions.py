@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.validation.traffic.flow import FlowSamples
-from traffic_bridge.vehicles.departures import Departure
+from traffic_bridge.config import Departure
 from traffic_bridge.vehicles.idm import IdmParameters, equilibrium_gap
 
 # Draws the driver of a vehicle in a lane.

@@ -16,9 +16,8 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
 from iits_mj.road import Route
 from iits_mj.validation.harness.recorder import harmonic
-from traffic_bridge.config import TrafficConfig
+from traffic_bridge.config import Departure, TrafficConfig
 from traffic_bridge.modes.sumo_modes import PureSim
-from traffic_bridge.vehicles.departures import Departure
 from traffic_bridge.vehicles.idm import IdmParameters, equilibrium_flow, equilibrium_gap, gain
 from traffic_bridge.vehicles.types import VehicleType, default_types
 

@@ -18,13 +18,12 @@ from controllers.decision.fast_world.config import (
 )
 from controllers.decision.fast_world.env import HighwayEnv, HighwayTruck
 from controllers.decision.fast_world.traffic import HighwayTraffic
+from controllers.decision.observation import OBSERVATION_SIZE
 from controllers.decision.trip import (
     CELLS,
-    RewardConfig,
     TripConfig,
+    TripLog,
     cell_trip,
-    decision_charge,
-    speed_charge,
 )
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision
@@ -33,6 +32,7 @@ from traffic_bridge import TrafficConfig, default_types
 from traffic_bridge.vehicles import mobil
 
 PARAMETERS = TruckParameters.load()
+UNSEEN = np.zeros(OBSERVATION_SIZE, np.float32)
 
 
 def trip(decision_name, density="dense", speed=12.5, seed=0, duration=240.0):
@@ -166,7 +166,7 @@ def test_density_is_kept_for_a_slower_and_a_faster_truck(truck_speed):
 
 def test_followers_brake_for_the_truck():
     traffic = HighwayTraffic(HighwayConfig(spawn_probability=0.0), np.random.default_rng(0))
-    traffic._spawn(0, 0.0)
+    traffic.spawn(0, 0.0)
     for _ in range(300):
         traffic.step([Obstacle(80.0, 16.5, 0.0, 0), Obstacle(80.0, 16.5, 0.0, 1)])
     assert traffic.speed[0] == pytest.approx(0.0, abs=0.1)
@@ -175,11 +175,11 @@ def test_followers_brake_for_the_truck():
 
 def test_lateral_move_of_a_change_is_smooth_and_ends_in_the_lane():
     traffic = HighwayTraffic(HighwayConfig(spawn_probability=0.0), np.random.default_rng(0))
-    traffic._spawn(0, 0.0)
+    traffic.spawn(0, 0.0)
     traffic.lane[0], traffic.change_time[0], traffic.change_from[0] = 1, 0.0, 0.0
     offsets = []
     for _ in range(25):
-        traffic._clock += 0.2
+        traffic.clock += 0.2
         offsets.append(traffic.tracked()[0].offset)
     assert offsets[-1] == pytest.approx(4.0)
     assert (np.diff(offsets) >= 0.0).all()
@@ -243,7 +243,7 @@ def test_after_a_change_the_next_one_is_refused_for_three_seconds():
 def test_a_change_beside_a_vehicle_is_refused_and_costs_thirty():
     env = HighwayEnv(parameters=PARAMETERS)
     env.reset(np.random.default_rng(0), TripConfig(spawn_probability=0.0))
-    env.traffic._spawn(1, env.truck.front - 5.0)
+    env.traffic.spawn(1, env.truck.front - 5.0)
     step = env.step(Decision.LEFT)
     assert (step.reward.change, step.reward.danger) == (-10.0, -20.0)
     assert (env.lane, env.summary.dangerous) == (0, 1)
@@ -266,7 +266,7 @@ def test_the_end_of_time_is_a_truncation():
 def test_a_collision_is_a_termination_with_its_charge():
     env = HighwayEnv(parameters=PARAMETERS)
     env.reset(np.random.default_rng(0), TripConfig(spawn_probability=0.0))
-    env.traffic._spawn(0, env.truck.front + 1.0)
+    env.traffic.spawn(0, env.truck.front + 1.0)
     env.traffic.change_time[0] = 0.0  # it has just changed lanes and will not get away
     step = env.step(Decision.KEEP)
     assert step.terminated
@@ -275,11 +275,15 @@ def test_a_collision_is_a_termination_with_its_charge():
 
 
 def test_rewards_have_the_right_signs():
-    config = RewardConfig()
-    assert speed_charge(14.0, 16.0, 0.0, config) == -2.0
-    assert speed_charge(18.0, 16.0, 1.0, config) == pytest.approx(-2.0 * 0.99)
-    assert decision_charge(False, True, config).total == 0.0
-    assert decision_charge(True, True, config).total == -30.0
+    log = TripLog(TripConfig(reference_speed=16.0))
+    rest = {"changes": 0, "refused": 1, "dangerous": 1, "collision_at": None, "over": False}
+    log.charge_speed(14.0, 1.0)
+    assert log.end(Decision.KEEP, UNSEEN, **rest).reward.total == -2.0
+    log.charge_speed(18.0, 1.0)
+    assert log.end(Decision.KEEP, UNSEEN, **rest).reward.total == pytest.approx(-2.0 - 2.0 * 0.99)
+    log.begin()
+    assert log.end(Decision.KEEP, UNSEEN, **rest).reward.total == 0.0
+    assert log.end(Decision.LEFT, UNSEEN, **rest).reward.total == -30.0
 
 
 def test_unknown_density_is_refused():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from controllers.decision.fast_world.config import LANE_WIDTH, HighwayConfig, Obstacle
-from controllers.decision.fast_world.traffic import _COLUMNS, HighwayTraffic
+from controllers.decision.fast_world.traffic import COLUMNS, HighwayTraffic
 from controllers.decision.learning.replay import Batch, Transition, mirror_half
 from controllers.decision.observation import OBSERVATION_SIZE, mirrored
 from iits_mj.road import RoadMap
@@ -62,7 +62,7 @@ def fronts_by_lane(flipped, keeps_right):
     traffic.fill(truck)
     # Nobody comes or leaves: whoever does is drawn for each lane on its own.
     inside = (traffic.front > -250.0) & (traffic.front < 400.0)
-    for name in _COLUMNS:
+    for name in COLUMNS:
         setattr(traffic, name, getattr(traffic, name)[inside])
     traffic._exchange = lambda truck: None
     if flipped:

@@ -6,9 +6,8 @@ import pytest
 from controllers.decision.learning.replay import (
     Batch,
     Priorities,
-    Replay,
+    ReplayMemory,
     Returns,
-    SumTree,
     Transition,
 )
 from controllers.decision.observation import OBSERVATION_SIZE
@@ -67,7 +66,7 @@ def test_truncation_keeps_the_value_of_what_follows():
 
 @pytest.mark.parametrize("parts", [(4,), (1, 3), (3, 1), (2, 2)])
 def test_replay_forgets_the_oldest_and_draws_by_the_generator(parts):
-    replay, rewards = Replay(3, OBSERVATION_SIZE), iter((1.0, 2.0, 3.0, 4.0))
+    replay, rewards = ReplayMemory(3, OBSERVATION_SIZE), iter((1.0, 2.0, 3.0, 4.0))
     for part in parts:
         replay.add(batch(*[next(rewards) for _ in range(part)]))
     assert len(replay) == 3
@@ -77,7 +76,7 @@ def test_replay_forgets_the_oldest_and_draws_by_the_generator(parts):
 
 
 def test_uniform_draws_have_weight_one_and_know_no_priorities():
-    replay = Replay(3, OBSERVATION_SIZE)
+    replay = ReplayMemory(3, OBSERVATION_SIZE)
     replay.add(batch(1.0, 2.0))
     replay.renew(np.array([0]), np.array([100.0]))
     drawn = replay.sample(1000, random())
@@ -87,36 +86,7 @@ def test_uniform_draws_have_weight_one_and_know_no_priorities():
 
 def test_an_empty_replay_says_so():
     with pytest.raises(InputError, match="empty"):
-        Replay(3, OBSERVATION_SIZE).sample(1, random())
-
-
-@pytest.mark.parametrize("size", [1, 2, 5, 64, 100])
-def test_sum_tree_finds_where_the_running_sum_exceeds(size):
-    mass = random().uniform(0.0, 2.0, size)
-    mass[size // 2 + 1 :: 3] = 0.0
-    tree = SumTree(size)
-    tree.set(np.arange(size), 7.0)
-    tree.set(np.arange(size), mass)
-    assert tree.total == pytest.approx(mass.sum(), abs=1e-12)
-    wanted = random(1).uniform(0.0, tree.total, 500)
-    found = np.searchsorted(np.cumsum(mass), wanted, side="right")
-    assert np.array_equal(tree.find(wanted), found)
-
-
-def test_sum_tree_keeps_its_sums_when_single_masses_change():
-    tree = SumTree(37)
-    mass = np.zeros(37)
-    for seed in range(200):
-        index = random(seed).integers(0, 37, 5)
-        mass[index] = seed + 1.0
-        tree.set(index, seed + 1.0)
-    assert tree.total == mass.sum()
-
-
-def test_sum_tree_never_finds_a_leaf_without_mass():
-    tree = SumTree(8)
-    tree.set(np.array([0, 1, 2]), np.array([0.1, 0.2, 0.3]))
-    assert tree.find(np.array([tree.total, 10.0])).tolist() == [2, 2]
+        ReplayMemory(3, OBSERVATION_SIZE).sample(1, random())
 
 
 def priorities(*p, exponent=1.0):
@@ -125,6 +95,30 @@ def priorities(*p, exponent=1.0):
     made.add(np.arange(len(p)))
     made.renew(np.arange(len(p)), np.array(p) - 1e-3)
     return made
+
+
+@pytest.mark.parametrize("size", [1, 2, 5, 64, 100])
+def test_draws_are_where_the_running_sum_of_priorities_exceeds(size):
+    p = random().uniform(0.01, 2.0, size)
+    index, _ = priorities(*p).draw(500, size, 1.0, random(1))
+    wanted = (np.arange(500) + random(1).random(500)) / 500 * p.sum()
+    assert np.array_equal(index, np.searchsorted(np.cumsum(p), wanted, side="right"))
+
+
+def test_priorities_follow_single_changes():
+    made, p = priorities(*np.ones(37)), np.ones(37)
+    for seed in range(200):
+        index = random(seed).integers(0, 37, 5)
+        p[index] = seed + 1.0
+        made.renew(index, np.full(5, seed + 1.0 - 1e-3))
+    assert made.state(37)["mass"] == pytest.approx(p)
+
+
+def test_draws_never_go_beyond_the_stored_transitions():
+    made = Priorities(8, 1.0)
+    made.add(np.arange(3))
+    index, _ = made.draw(1000, 3, 1.0, random())
+    assert np.bincount(index).tolist() == [334, 333, 333]
 
 
 def test_shares_of_the_draws_are_the_priorities():
@@ -153,7 +147,7 @@ def test_full_importance_weights_make_draws_unbiased():
 
 
 def test_new_transitions_have_the_greatest_priority_so_far():
-    replay = Replay(8, OBSERVATION_SIZE, priority_exponent=1.0)
+    replay = ReplayMemory(8, OBSERVATION_SIZE, priority_exponent=1.0)
     replay.add(batch(0.0, 1.0))
     replay.renew(np.array([0, 1]), np.array([0.5, 5.0]) - 1e-3)
     replay.add(batch(2.0))
@@ -162,7 +156,7 @@ def test_new_transitions_have_the_greatest_priority_so_far():
 
 
 def test_what_is_overwritten_loses_its_priority():
-    replay = Replay(2, OBSERVATION_SIZE, priority_exponent=1.0)
+    replay = ReplayMemory(2, OBSERVATION_SIZE, priority_exponent=1.0)
     replay.add(batch(0.0, 1.0))
     replay.renew(np.array([0, 1]), np.array([4.0, 2.0]) - 1e-3)
     replay.add(batch(2.0, 3.0))
@@ -171,7 +165,7 @@ def test_what_is_overwritten_loses_its_priority():
 
 @pytest.mark.parametrize("exponent", [None, 0.6])
 def test_replay_is_restored_to_the_bit(exponent):
-    replay, other = (Replay(5, OBSERVATION_SIZE, exponent) for _ in range(2))
+    replay, other = (ReplayMemory(5, OBSERVATION_SIZE, exponent) for _ in range(2))
     replay.add(batch(*range(7)))
     replay.renew(np.array([1, 3]), np.array([0.2, 9.0]))
     other.restore(replay.state())

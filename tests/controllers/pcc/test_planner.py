@@ -8,7 +8,7 @@ from scipy.optimize import nnls
 
 from controllers.pcc import PccConfig, RoadProfile, plan
 from controllers.pcc.fuel import FuelMap, nonnegative_fit
-from controllers.pcc.planner import lower_speeds, make_vehicle, on_finer_road
+from controllers.pcc.planner import lower_speeds, make_vehicle
 from controllers.pcc.vehicle import cruise, durations, full_power_speed
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.parameters import TruckParameters
@@ -174,34 +174,6 @@ def test_the_50_m_grid_is_within_a_thousandth_of_a_fine_one(hilly):
     driven = vehicle.fuel_of(np.sqrt(b), fine).sum()
     late = durations(np.sqrt(b), fine).sum() - solution.plan.time
     assert driven + solution.time_price * late == pytest.approx(solution.fuel, rel=1e-3)
-
-
-def test_plan_followed_with_constant_forces_burns_what_was_planned_on_a_rough_road():
-    rng = np.random.default_rng(1)
-    rough = 0.02 * np.sin(np.arange(600) / 60.0) + rng.normal(0.0, 0.01, 600)
-    fine = road_of(rough, step=10.0)
-    road = RoadProfile(fine.station[::5], fine.height[::5], fine.v_limit[::5], "coarse")
-    config = PccConfig(k_a=0.0)
-    coarse, best = (plan(r, PARAMETERS, MASS, config, fine=fine) for r in (road, fine))
-    vehicle = make_vehicle(PARAMETERS, FuelMap(PARAMETERS), MASS, config)
-
-    def excess(speed):
-        late = durations(speed, fine).sum() - best.plan.time
-        burnt = vehicle.fuel_of(speed, fine).sum() + best.time_price * late
-        return burnt / best.fuel - 1.0
-
-    straight = np.interp(fine.station, road.station, coarse.plan.speed)
-    held = on_finer_road(vehicle, road, coarse.plan.speed, fine)
-    assert abs(excess(held)) < 1e-3
-    assert excess(straight) > 4e-3
-    # The band's upper edge cuts the bumps where the plan drives along it.
-    assert coarse.speed_profile.speed.max() <= config.v_max + 1e-9
-    assert excess(coarse.speed_profile.speed) < 0.7 * excess(straight)
-
-
-def test_a_fine_road_that_leaves_the_plan_is_refused():
-    with pytest.raises(InputError, match="leaves the plan"):
-        plan(hills(), PARAMETERS, MASS, fine=hills(intervals=140))
 
 
 def test_clock_of_the_plan_begins_at_zero_and_ends_with_the_cruises(hilly):

@@ -150,7 +150,7 @@ def test_costate_splits_the_drive_where_it_is_optimal():
     low, high = task.b_low[: half + 1], task.b_high[: half + 1]
     part = replace(
         task,
-        road=task.road.part(0, half),
+        road=road_of(task.road.grade[:half]),
         b_low=low,
         b_high=high,
         earliest=np.zeros(half + 1),
@@ -183,7 +183,7 @@ def test_ipopt_takes_over_where_our_own_method_does_not_converge(monkeypatch):
     minimize = solver_module.minimize
 
     def fail(problem, b, settings):
-        return replace(minimize(problem, b, settings), converged=False, note="it did not")
+        return replace(minimize(problem, b, settings), note="it did not")
 
     monkeypatch.setattr(solver_module, "minimize", fail)
     answer = solve(task, guess)

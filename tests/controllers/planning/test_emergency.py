@@ -9,7 +9,7 @@ from controllers.planning.planner import PlannerConfig
 from controllers.planning.speed_plan import SpeedConfig
 from iits_mj.core.messages import PlanMode
 from iits_mj.road import Route
-from iits_mj.validation.planning.ordinary_traffic import ordinary_drive
+from iits_mj.validation.planning.planner_limits import ordinary_drive
 from iits_mj.validation.planning.stops import wall_stop
 from tests.controllers.scenes import Ideal, car
 

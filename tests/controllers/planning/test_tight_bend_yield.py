@@ -8,6 +8,7 @@ import pytest
 
 from controllers.planning.planner import Planner
 from controllers.planning.predicted_boxes import Poses
+from controllers.planning.tight_bend_yield import TightBends
 from iits_mj.core.messages import (
     EgoState,
     LightState,
@@ -16,6 +17,7 @@ from iits_mj.core.messages import (
     TrackedVehicle,
     TrafficLight,
 )
+from iits_mj.parameters import TruckParameters
 from tests.controllers.planning.test_crossing import bend
 
 ROAD = bend()
@@ -112,7 +114,9 @@ def test_in_the_bend_the_truck_stops_before_its_trailer_touches_somebody(place):
     assert 205.0 < states[-1].station < FREE
     assert states[-1].speed < 0.05
     assert "late is where the trailer has to go" in plans[-1].reason
-    (sweep,) = (sweep for sweep in planner._stops.bends._known.values() if sweep is not None)
+    last = states[-1]
+    path = planner.preview.follow(planner.lane(Scene(0.0, last)), last.station, 400.0, 150.0)
+    sweep = TightBends(planner.preview, TruckParameters.load()).ahead(path, last)
     around = Scene(0.0, EgoState(), [oncoming("late", place, 0.0)]).neighbors
     there = Poses.of(around, np.array([True]), planner.preview).ahead(np.zeros(1))
     row = round(states[-1].station - sweep.first)

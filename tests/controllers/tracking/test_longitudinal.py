@@ -41,7 +41,7 @@ def test_a_gentle_descent_is_held_by_the_engine_brake_alone():
     last = run(controller, LADEN, plan(16.67), -0.03, 3.0)[-1]
     assert controller.phase is Phase.OVERRUN
     assert 0.1 < last.engine_brake < 1.0
-    assert (last.retarder, last.pedal, last.xbr_mode) == (0.0, 0.0, XbrMode.OFF)
+    assert (last.retarder, last.accelerator_pedal, last.xbr_mode) == (0.0, 0.0, XbrMode.OFF)
 
 
 def test_the_retarder_gives_what_the_engine_brake_lacks_and_friction_rests():
@@ -126,7 +126,7 @@ def test_requests_grow_and_fall_at_their_rate():
     reach = controller.config.endurance_rate * controller.config.step
     assert np.abs(np.diff(requests, axis=0)).max() <= reach + 1e-12
     assert requests[-1].max() == 0.0
-    assert climb[-1].pedal > 0.2
+    assert climb[-1].accelerator_pedal > 0.2
 
 
 def test_standing_truck_is_held_by_friction_and_launched_without_a_demand():
@@ -139,7 +139,7 @@ def test_standing_truck_is_held_by_friction_and_launched_without_a_demand():
     assert controller.phase is Phase.LAUNCH
     # An XBR demand would cut the engine: hill hold keeps the truck until the driveline does.
     assert all(command.xbr_mode is XbrMode.OFF for command in launched)
-    assert launched[-1].pedal > 0.1
+    assert launched[-1].accelerator_pedal > 0.1
 
 
 def test_a_truck_found_standing_is_held_before_it_starts_and_again_when_it_rolls_back():
@@ -178,7 +178,7 @@ def test_where_the_drag_is_enough_the_truck_coasts_and_small_errors_are_let_be()
     for error in (-0.15, -0.05, 0.0, 0.05, 0.15):
         phase, last = settled(controller, FAST, 20.0 + error, grade)
         assert phase is Phase.COAST
-        assert (last.pedal, last.engine_brake, last.retarder) == (0.0, 0.0, 0.0)
+        assert (last.accelerator_pedal, last.engine_brake, last.retarder) == (0.0, 0.0, 0.0)
 
 
 def test_coasting_ends_when_the_error_grows():
@@ -188,7 +188,7 @@ def test_coasting_ends_when_the_error_grows():
         assert settled(controller, FAST, 19.9, grade)[0] is Phase.COAST
         found, last = settled(controller, FAST, 20.0 + error, grade)
         assert found is phase
-        assert (last.pedal > 0.0) == (phase is Phase.DRIVE)
+        assert (last.accelerator_pedal > 0.0) == (phase is Phase.DRIVE)
         assert (last.engine_brake > 0.0) == (phase is Phase.OVERRUN)
 
 
@@ -223,7 +223,7 @@ def test_the_pedal_kicks_down_only_where_much_speed_is_to_be_gained(gain, wanted
     controller = LongitudinalController(PARAMETERS)
     climbing = dataclasses.replace(FAST, engine_torque=1_500.0)
     commands = run(controller, climbing, plan(FAST.speed + gain), 0.03, 8.0)
-    pedals = [command.pedal for command in commands]
+    pedals = [command.accelerator_pedal for command in commands]
     assert kicks_down(pedals) is wanted
     # Full power is there all the same, if a little later.
     assert pedals[-1] == 1.0

@@ -23,7 +23,7 @@ def test_lay_writes_a_recording_and_says_what_it_did(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("flags", "words"),
     [
-        ((), "its lane 2 is to lie on lane 2"),
+        ((), "its lane 2 becomes lane 2"),
         (("--lanes", "a"), "--lanes 'a': must read as in 0:1,1:2"),
         (("--lanes", "0:1,0:2"), "each lane of the set once"),
         (("--begin", "100"), "nothing is left; the set has times from 0 to 20 s"),

@@ -335,7 +335,7 @@ def test_a_vehicle_that_leaps_comes_back_as_another(tmp_path):
             row[sets.NGSIM_HEADER.index("Local_Y")] += 500.0
     found = read_trajectories(sets.write_ngsim(tmp_path / "leap.csv", rows=rows))
     assert "9#2" in found.ids
-    assert any("leap" in note for note in found.notes)
+    assert any("jump" in note for note in found.notes)
 
 
 def test_text_of_numbers_names_its_wrong_line(tmp_path):

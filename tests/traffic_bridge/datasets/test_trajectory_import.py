@@ -16,7 +16,7 @@ from traffic_bridge.datasets import (
     read_trajectories,
     write_fcd,
 )
-from traffic_bridge.recording.recording import COLUMNS
+from traffic_bridge.recording.rows import COLUMNS
 
 THREE_LANES = 2900.0  # [m]: where the built-in highway has three lanes, in a bend and on a slope
 XODR = ROOT.parent / "shared/data/xodr"
@@ -175,7 +175,7 @@ def test_vehicles_leave_at_the_end_of_the_route_and_are_whole_on_it(flow):
 
 
 def test_a_lane_that_the_map_does_not_have_is_named_with_its_station(flow, highway):
-    with pytest.raises(InputError, match=r"lane 2 is to lie on lane 2.*at station \d+ m \(2 lanes"):
+    with pytest.raises(InputError, match=r"lane 2 becomes lane 2.*at station \d+ m \(2 lanes"):
         import_trajectories(flow, highway)
     recording = import_trajectories(flow, highway, ImportConfig(lane_map={0: 0, 1: 1}))
     assert set(recording.ids) == {"7", "8", "9", "12"}
@@ -193,10 +193,10 @@ def test_a_lane_that_the_map_does_not_have_is_named_with_its_station(flow, highw
         ({"lane_map": {5: 0}}, "lane_map"),
         ({"lane_map": {0: 0, 1: 0}}, "a lane of its own"),
         ({"lane_map": {}}, "a lane of its own"),
-        ({"start_station": float("nan")}, "start_station nan"),
-        ({"start_station": 5000.0}, "nobody comes to lie on the route"),
-        ({"step": 0.0}, "step 0"),
-        ({"smoothing": -1.0}, "smoothing -1"),
+        ({"start_station": float("nan")}, "start_station = nan"),
+        ({"start_station": 5000.0}, "no vehicle is on the route"),
+        ({"step": 0.0}, "step = 0"),
+        ({"smoothing": -1.0}, "smoothing = -1"),
     ],
 )
 def test_unusable_settings_are_told(flow, straight, settings, words):

@@ -9,7 +9,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, TrackedVehicle, VehicleCommand, XbrMode
 from tests.traffic_bridge.recorded_drive import STEPS, record
 from tests.traffic_bridge.scripted_truck import ego_at
-from traffic_bridge import Recorder, Recording, RepSim, ReSim, VehicleFrame
+from traffic_bridge import PoseDigest, Recorder, Recording, RepSim, ReSim, VehicleFrame
 from traffic_bridge.recording.recorder import PIECE, SpillTable
 from traffic_bridge.recording.rows import ego_of, ego_row
 
@@ -246,18 +246,15 @@ def test_a_file_that_cannot_be_written_leaves_nothing(recorded, tmp_path):
 
 
 def test_an_interrupt_while_a_frame_is_noted_leaves_that_frame_out(straight, tmp_path):
-    for cut in ("_indices", "_digest"):
+    for owner, method in ((PoseDigest, "add"), (SpillTable, "append")):
         traffic = Invented(straight, 3)
         with Recorder(traffic) as recorder:
             frames = [recorder.reset(), recorder.step()]
             with pytest.MonkeyPatch.context() as patch:
-                if cut == "_indices":
-                    patch.setattr(recorder, cut, interrupt)
-                else:
-                    patch.setattr(recorder._tables["frame"], "append", interrupt)
+                patch.setattr(owner, method, interrupt)
                 with pytest.raises(KeyboardInterrupt):
                     recorder.step()
-            loaded = Recording.load(recorder.save(tmp_path / cut))
+            loaded = Recording.load(recorder.save(tmp_path / method))
         assert list(loaded.frames) == frames
         assert loaded.digest() == loaded.meta["digest"]
 

@@ -6,6 +6,7 @@ import pytest
 from iits_mj.core.errors import InputError
 from iits_mj.road import Route
 from traffic_bridge import PureSim, TrafficConfig, calibrated_types, default_types
+from traffic_bridge.config import Departure
 from traffic_bridge.datasets import Pair
 from traffic_bridge.vehicles.calibration import (
     PairBlock,
@@ -15,7 +16,6 @@ from traffic_bridge.vehicles.calibration import (
     evaluate,
     trimmed,
 )
-from traffic_bridge.vehicles.departures import Departure
 from traffic_bridge.vehicles.idm import (
     IdmParameters,
     acceleration,

@@ -1,14 +1,15 @@
 """Lane changes of both models in running simulations; MOBIL's equations: test_traffic_mobil."""
 
 import dataclasses
-import math
 
 import pytest
 
 from iits_mj.road import Route
 from tests.traffic_bridge.merge_map import write_merge_map
 from traffic_bridge import PureSim, TrafficConfig, default_types
-from traffic_bridge.vehicles.lane_changing import Occupancy
+from traffic_bridge.network.lane_graph import LaneGraph
+from traffic_bridge.network.nets import build_network
+from traffic_bridge.vehicles.lane_changing import LaneChanger
 from traffic_bridge.vehicles.mobil import idm_acceleration
 
 
@@ -81,10 +82,13 @@ def test_mobil_counts_with_the_accelerations_by_which_sumo_drives(highway):
     worst, behind_others = 0.0, 0
     with PureSim(highway, config, seed=1) as traffic:
         traffic.reset()
-        rounds = traffic._running._lane_changer
-        rounds._until = math.inf  # nobody is moved
+        graph = LaneGraph.of(build_network(highway))
+        changer = LaneChanger(traffic.session, graph, traffic.vehicles, config)
+        api = traffic.session.api.vehicle
         for _ in range(30):
-            occupancy = Occupancy(rounds._graph, rounds._places())
+            for name in api.getIDList():
+                api.setLaneChangeMode(name, 0)  # no vehicle changes lanes
+            occupancy = changer.occupancy()
             predicted = {}
             for name, place in occupancy.places.items():
                 around = occupancy.neighbors(place, place.lane)

@@ -13,6 +13,7 @@ from controllers.pcc import PccConfig, RoadProfile, plan
 from controllers.pcc.fuel import FuelMap
 from controllers.pcc.planner import make_vehicle
 from iits_mj.parameters import TruckParameters
+from iits_mj.validation.planning.pcc_bound import below_fit
 from tests.controllers.pcc.dynamic_program import least_cost
 from tests.paths import ROOT
 
@@ -56,7 +57,7 @@ def test_what_the_map_is_below_the_fit_bounds_the_saving_of_every_drive_by_the_m
     config = PccConfig(k_a=0.0)
     solution = plan(road, PARAMETERS, 55e3, config)
     vehicle = make_vehicle(PARAMETERS, FUEL_MAP, 55e3, config)
-    below = FUEL_MAP.below_fit(vehicle.fuel, config.v_min, config.v_max)
+    below = below_fit(FUEL_MAP, vehicle.fuel, config.v_min, config.v_max)
     base = solution.baseline.speed
     low, high = np.full(base.size, config.v_min**2), np.full(base.size, config.v_max**2)
     low[[0, -1]] = high[[0, -1]] = base[[0, -1]] ** 2

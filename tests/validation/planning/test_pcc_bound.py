@@ -234,9 +234,10 @@ def test_from_below_the_least_enough_speed_full_power_misses_one_ahead():
     assert raised.size > 5
     for k in raised:
         for share, reached in ((1.001, True), (0.999, False)):
-            rest = task.road.part(k, 4) if k + 4 <= task.road.intervals else None
-            if rest is None:
+            if k + 4 > task.road.intervals:
                 continue
+            ahead, road = slice(k, k + 5), task.road
+            rest = RoadProfile(road.station[ahead], road.height[ahead], road.v_limit[ahead])
             cap = np.append((share * enough[k]) ** 2, np.full(4, 900.0))
             speed = fastest_below(task.vehicle, rest, cap)
             assert (speed[1:] >= enough[k + 1 : k + 5] - 1e-6).all() == reached

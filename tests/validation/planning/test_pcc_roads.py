@@ -1,12 +1,19 @@
-"""Cycles with grade over time become roads."""
+"""Roads from cycles with grade over time; plans on finer roads."""
 
 import numpy as np
 import pytest
 
-from controllers.pcc.profile import read_cycle
+from controllers.pcc import PccConfig, RoadProfile, plan
+from controllers.pcc.fuel import FuelMap
+from controllers.pcc.planner import make_vehicle
+from controllers.pcc.vehicle import durations
 from iits_mj.core.errors import InputError
+from iits_mj.parameters import TruckParameters
+from iits_mj.validation.planning.pcc_roads import on_finer_road, read_cycle
 from tests.paths import ROOT
 
+PARAMETERS = TruckParameters.load()
+MASS = 55_000.0
 CYCLES = ROOT / "../shared/data/cycles"
 
 
@@ -84,3 +91,39 @@ def test_unusable_cycles_are_refused_with_the_reason(tmp_path, text, reason):
 def test_a_missing_cycle_is_refused(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         read_cycle(tmp_path / "none.csv")
+
+
+def road_of(grade, step=50.0):
+    height = np.concatenate([[0.0], np.cumsum(np.asarray(grade) * step)])
+    station = step * np.arange(height.size)
+    return RoadProfile(station, height, np.full(height.size, np.inf), "test road")
+
+
+def test_plan_followed_with_constant_forces_burns_what_was_planned_on_a_rough_road():
+    rng = np.random.default_rng(1)
+    rough = 0.02 * np.sin(np.arange(600) / 60.0) + rng.normal(0.0, 0.01, 600)
+    fine = road_of(rough, step=10.0)
+    road = RoadProfile(fine.station[::5], fine.height[::5], fine.v_limit[::5], "coarse")
+    config = PccConfig(k_a=0.0)
+    coarse, best = (plan(r, PARAMETERS, MASS, config) for r in (road, fine))
+    vehicle = make_vehicle(PARAMETERS, FuelMap(PARAMETERS), MASS, config)
+
+    def excess(speed):
+        late = durations(speed, fine).sum() - best.plan.time
+        burnt = vehicle.fuel_of(speed, fine).sum() + best.time_price * late
+        return burnt / best.fuel - 1.0
+
+    straight = np.interp(fine.station, road.station, coarse.plan.speed)
+    held = on_finer_road(vehicle, road, coarse.plan.speed, fine)
+    assert abs(excess(held)) < 1e-3
+    assert excess(straight) > 4e-3
+    # The band's upper edge cuts the bumps where the plan drives along it.
+    banded = on_finer_road(vehicle, road, coarse.plan.speed, fine, config.v_max)
+    assert banded.max() <= config.v_max + 1e-9
+    assert excess(banded) < 0.7 * excess(straight)
+
+
+def test_a_fine_road_that_leaves_the_plan_is_refused():
+    vehicle = make_vehicle(PARAMETERS, FuelMap(PARAMETERS), MASS, PccConfig())
+    with pytest.raises(InputError, match="leaves the plan"):
+        on_finer_road(vehicle, road_of(np.zeros(120)), np.full(121, 20.0), road_of(np.zeros(140)))
