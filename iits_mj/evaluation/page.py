@@ -197,17 +197,9 @@ def _verdicts(cells: Sequence[CellFigures]) -> Section:
                 cell.reason if cell.trivial else "",
             )
         )
-    header = (
-        "cell",
-        "verdict",
-        "best rule",
-        f"{POLICY} less it [points]",
-        "p (t)",
-        "p (Wilcoxon)",
-        "p (t, Holm)",
-        "room [points]",
-        "stronger rules less it [points]",
-        "why",
+    header = _columns(
+        f"cell | verdict | best rule | {POLICY} less it [points] | p (t) | p (Wilcoxon) | "
+        "p (t, Holm) | room [points] | stronger rules less it [points] | why"
     )
     return _table("Verdicts", sentences, header, rows)
 
@@ -250,16 +242,9 @@ def _details(cells: Sequence[CellFigures]) -> Section:
                 "" if more is None else _difference(more),
             )
         )
-    header = (
-        "cell",
-        "method",
-        "trips",
-        "loss [%]",
-        "std",
-        "above the free road",
-        "changes a trip",
-        "std",
-        f"changes, {POLICY} less it",
+    header = _columns(
+        "cell | method | trips | loss [%] | std | above the free road | changes a trip | "
+        f"std | changes, {POLICY} less it"
     )
     return _table("Speed loss and lane changes", [], header, rows)
 
@@ -291,17 +276,10 @@ def _safety(cells: Sequence[CellFigures]) -> Section:
         "time gap is often another driver's doing, and not the policy's; the share of the time "
         f"under {CLOSE:g} s shows how long it lasted."
     )
-    header = (
-        "cell",
-        "method",
-        "collisions",
-        "failed trips",
-        "unsafe per 100 km",
-        "refused per 100 km",
-        "least time gap [s]",
-        "its median over trips",
-        f"time under {CLOSE:g} s [%]",
-        "closest box [m]",
+    header = _columns(
+        "cell | method | collisions | failed trips | unsafe per 100 km | "
+        "refused per 100 km | least time gap [s] | its median over trips | "
+        f"time under {CLOSE:g} s [%] | closest box [m]"
     )
     return _table("Safety", [sentence], header, rows)
 
@@ -326,16 +304,9 @@ def _effort(cells: Sequence[CellFigures]) -> Section:
         "Reward: its terms a second, means over the trips, not discounted. Wall time: of a "
         "trip on the computer that drove it, whatever else it did."
     )
-    header = (
-        "cell",
-        "method",
-        "fuel [l/100 km]",
-        "distance [km]",
-        "time [s]",
-        "reward: changes",
-        "danger",
-        "speed",
-        "wall time [s]",
+    header = _columns(
+        "cell | method | fuel [l/100 km] | distance [km] | time [s] | reward: changes | "
+        "danger | speed | wall time [s]"
     )
     return _table("Fuel, time and reward", [sentence], header, rows)
 
@@ -354,6 +325,11 @@ def _table(
 ) -> Section:
     """A section whose table is left out when it has no rows."""
     return Section(title, sentences=sentences, header=header if rows else (), rows=rows)
+
+
+def _columns(names: str) -> list[str]:
+    """Column names from a text that separates them by bars."""
+    return names.split(" | ")
 
 
 def _estimate(value: Estimate) -> str:

@@ -25,8 +25,8 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.design import Design, build
 from iits_mj.truck import Truck
-from iits_mj.validation.handling.side_wind import SideWind
 from iits_mj.validation.planning.closed_loop import Record, Recorder, run_recorded
+from iits_mj.validation.planning.side_wind import SideWind
 
 # More than any surface gives, so that ABS works [m/s2].
 FULL_BRAKING = -8.0

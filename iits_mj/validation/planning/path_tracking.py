@@ -15,10 +15,10 @@ from iits_mj.core.timing import TIMESTEP
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
-from iits_mj.validation.handling.side_wind import SideWind
 from iits_mj.validation.harness.config import ValidateConfig
 from iits_mj.validation.planning import path_cases as cases
 from iits_mj.validation.planning.closed_loop import Record
+from iits_mj.validation.planning.side_wind import SideWind
 
 RMS, PEAK = "<= 0.15", "<= 0.4"
 SEED = 7

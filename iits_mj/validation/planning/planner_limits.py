@@ -28,7 +28,7 @@ from iits_mj.core.messages import (
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from iits_mj.validation.longitudinal.ideal_drive import STEP, IdealDrive, car
+from iits_mj.validation.planning.ideal_drive import STEP, IdealDrive, car
 
 # A breach exceeds the limit by more than this share.
 _SLACK = 0.01

@@ -30,7 +30,7 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.measured import Lanes, measured_route
 from iits_mj.validation.harness.config import ValidateConfig
-from iits_mj.validation.longitudinal.ideal_drive import IdealDrive, Vehicles, car, once
+from iits_mj.validation.planning.ideal_drive import IdealDrive, Vehicles, car, once
 from iits_mj.validation.planning.planner_limits import ordinary_drive, random_breaches
 from iits_mj.validation.planning.stops import run_red_light, wall_stop
 

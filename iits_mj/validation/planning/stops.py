@@ -28,8 +28,8 @@ from iits_mj.road import Route
 from iits_mj.simulation.frame import BEHIND
 from iits_mj.truck import Truck
 from iits_mj.validation.harness.config import ValidateConfig
-from iits_mj.validation.longitudinal.ideal_drive import car
 from iits_mj.validation.planning.closed_loop import Record, Recorder, run_recorded
+from iits_mj.validation.planning.ideal_drive import car
 
 _START = 500.0
 _LENGTH = 3000.0

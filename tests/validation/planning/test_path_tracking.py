@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from iits_mj.core.units import KMH
-from iits_mj.validation.handling.side_wind import SideWind, spectrum
 from iits_mj.validation.harness.config import ValidateConfig
 from iits_mj.validation.planning import path_cases as cases
 from iits_mj.validation.planning.path_tracking import run_path_tracking, side_load
+from iits_mj.validation.planning.side_wind import SideWind, spectrum
 
 
 def test_turbulence_has_the_variance_of_its_spectrum_and_one_seed_one_wind():

@@ -1,14 +1,14 @@
-"""Side wind over the road: a steady part, turbulence with Kaimal's spectrum, and discrete gusts.
+"""Side wind along the road: a steady part, turbulence with Kaimal's spectrum, and discrete gusts.
 
-The wind is a field over station, frozen while the truck drives through it (Taylor's hypothesis).
+The wind is a field over the station, constant in time (Taylor's hypothesis of frozen turbulence).
 
 Turbulence: lateral component of the surface layer over open country (Kaimal et al. 1972),
-`n S_v(n) / u*^2 = 17 f / (1 + 9.5 f)^(5/3)`, `f = n z / U`, with `u* = 0.4 U / ln(z / z0)`. As a
-frozen field its wavenumber is `k = n / U`; along the road it is taken to be as along the wind. It
-is a sum of harmonics with random phases (Shinozuka and Jan 1972).
+`n S_v(n) / u*^2 = 17 f / (1 + 9.5 f)^(5/3)`, `f = n z / U`, with `u* = 0.4 U / ln(z / z0)`. The
+wavenumber of the frozen field is `k = n / U`; the spectrum along the road is taken as that along
+the wind. The turbulence is a sum of harmonics with random phases (Shinozuka and Jan 1972).
 
 Discrete gusts have the shape `U / 2 (1 - cos(pi s / H))` over `0 <= s <= 2 H`, with gradients H
-from 9 to 107 m (30 to 350 ft), as aircraft are certified with (CS-25.341); they meet the truck from
+from 9 to 107 m (30 to 350 ft), as in the certification of aircraft (CS-25.341). They come from
 both sides in turn.
 """
 
@@ -24,13 +24,13 @@ from iits_mj.core.arrays import FloatArray
 ROUGHNESS = 0.03
 KARMAN = 0.4
 GRADIENTS = (9.0, 15.0, 30.0, 60.0, 107.0)
-# Wavelengths of the harmonics [m] and their number; shorter ones average out over the truck.
+# Wavelengths of the harmonics [m] and their number; shorter waves average out over the truck.
 _SHORTEST, _LONGEST, _COUNT = 16.0, 1000.0, 60
 
 
 @dataclass(frozen=True)
 class SideWind:
-    """Wind across the road over station [m/s], positive to the left.
+    """Wind across the road by station [m/s], positive to the left.
 
     Attributes:
       mean: steady part.
@@ -56,13 +56,13 @@ class SideWind:
         spacing: float = 400.0,
         height: float = 2.2,
     ) -> SideWind:
-        """A steady side wind with its turbulence, and a gust every `spacing`.
+        """A steady side wind with its turbulence, and a gust at every `spacing`.
 
         Args:
-          generator: gives the phases.
-          length: of the road that has gusts [m].
+          generator: of the phases.
+          length: of the road with gusts [m].
           mean: of the wind [m/s].
-          peak: of the gusts, beside the rest [m/s].
+          peak: of the gusts, in addition to the rest [m/s].
           spacing: of the gusts [m], at least twice the longest gradient.
           height: at which the wind acts on the truck [m].
         """

@@ -1,7 +1,7 @@
-"""A truck that does exactly what the planner plans, among vehicles that are told where to be.
+"""A truck that follows the plans exactly, among vehicles with prescribed positions.
 
-For what is the planner's alone: decisions, gaps, limits. What the MuJoCo truck makes of a plan is
-looked at elsewhere.
+It tests what depends on the planner alone: decisions, gaps, limits. Other modules test how the
+MuJoCo truck follows a plan.
 """
 
 from __future__ import annotations
@@ -21,49 +21,47 @@ Decide = Callable[[Scene], Decision]
 Signals = Callable[[EgoState], RoadSignals]
 
 
-def nobody(ego: EgoState) -> Sequence[TrackedVehicle]:
+def no_vehicles(ego: EgoState) -> Sequence[TrackedVehicle]:
     """An empty road."""
     del ego
     return ()
 
 
 def keep(scene: Scene) -> Decision:
-    """Never a change."""
+    """The decision to keep the lane."""
     del scene
     return Decision.KEEP
 
 
 def once(at: float, decision: Decision) -> Decide:
-    """One decision at a time [s], else keep."""
+    """One decision at a time [s]; otherwise the truck keeps its lane."""
     return lambda scene: decision if abs(scene.time - at) < 0.5 * STEP else Decision.KEEP
 
 
 def no_signals(ego: EgoState) -> RoadSignals:
-    """Neither lights nor changing limits."""
+    """No lights and no variable limits."""
     del ego
     return RoadSignals()
 
 
 def car(route: Route, name: str, station: float, lane: int, speed: float) -> TrackedVehicle:
-    """A car in the middle of a lane; station is that of its middle [m]."""
+    """A car in the middle of a lane; the station [m] is that of its middle."""
     offset = float(route.lane_offset(lane, station))
     return TrackedVehicle(name, station=station, offset=offset, lane=lane, speed=speed)
 
 
 class IdealDrive:
-    """Plans and obeys, every 100 ms.
+    """Plans every 100 ms and follows the plan.
 
     Args:
       route: the road.
-      station: start [m]; lane: at the start; speed: [m/s]; mass: [kg].
-      lane: see station.
-      speed: see station.
-      mass: see station.
+      station, lane, speed: at the start [m], [m/s].
+      mass: [kg].
       config: of the planner.
 
     Attributes:
-      planner: with its counters; ego: the truck now.
-      states, scenes, plans: of every cycle so far; cost: CPU time of each plan [s].
+      planner: with its counters; ego: present state of the truck.
+      states, scenes, plans: of all cycles; cost: CPU time of each plan [s].
     """
 
     def __init__(
@@ -87,11 +85,11 @@ class IdealDrive:
     def run(
         self,
         duration: float,
-        vehicles: Vehicles = nobody,
+        vehicles: Vehicles = no_vehicles,
         decide: Decide = keep,
         signals: Signals = no_signals,
     ) -> IdealDrive:
-        """Drives on for a duration [s]."""
+        """Drives for a duration [s]."""
         for _ in range(round(duration / STEP)):
             ego = self.ego
             scene = Scene(ego.time, ego, tuple(vehicles(ego)), signals=signals(ego))
@@ -113,10 +111,7 @@ class IdealDrive:
         return self
 
     def gap(self, scene: Scene) -> float:
-        """Least bumper gap to a vehicle beside or in line with the truck in a scene [m].
-
-        Negative where a body overlaps the truck's length and is nearer than the widths allow.
-        """
+        """Least bumper gap to a vehicle in the truck's way in a scene [m]; negative on overlap."""
         front = scene.ego.station + scene.footprint.front_overhang
         rear = front - scene.footprint.length
         gaps = [float("inf")]
