@@ -46,7 +46,7 @@ def run(options: Options) -> int:
     if options.verify:
         return _verify(options)
     if options.truck:
-        raise InputError("--truck needs --verify")
+        raise InputError("--truck needs --verify: use --verify --truck")
     return drive.run(options)
 
 

@@ -81,7 +81,7 @@ def brute_gain(vehicles, i, keeps_right):
         changed = {} if keeps_right else {"keep_right_bias": 0.0, "politeness": 0.0}
         kind = dataclasses.replace(types[KINDS[vehicles.kind[j]].kind], **changed)
         kind = dataclasses.replace(kind, length=float(vehicles.length[j]))
-        return mobil.Driver(str(j), float(vehicles.speed[j]), float(vehicles.desired[j]), kind)
+        return mobil.MobilDriver(str(j), float(vehicles.speed[j]), float(vehicles.desired[j]), kind)
 
     def around(lane):
         others = [j for j in range(len(vehicles.front)) if j != i and vehicles.lane[j] == lane]
@@ -96,10 +96,10 @@ def brute_gain(vehicles, i, keeps_right):
             j = max(behind, key=lambda j: vehicles.front[j])
             gap = vehicles.front[i] - vehicles.length[i] - vehicles.front[j]
             found |= {"gap_behind": float(gap), "follower": driver(j)}
-        return mobil.Surroundings(**found)
+        return mobil.LaneNeighbors(**found)
 
     lane = int(vehicles.lane[i])
-    return mobil.gain(driver(i), around(lane), around(1 - lane), to_right=lane == 1)
+    return mobil.incentive(driver(i), around(lane), around(1 - lane), to_right=lane == 1)
 
 
 @pytest.mark.parametrize("keeps_right", [False, True])
