@@ -10,6 +10,7 @@ The modes are PureSim, InterSim, RepSim, ReSim and MixedSim; `docs/traffic.md` d
 libsumo is imported when a simulation starts.
 """
 
+from iits_mj.core.vehicles import VehicleFrame
 from traffic_bridge.config import DENSITIES, LANE_CHANGE_MODELS, Departure, TrafficConfig
 from traffic_bridge.datasets import (
     ImportConfig,
@@ -17,7 +18,6 @@ from traffic_bridge.datasets import (
     import_trajectories,
     read_trajectories,
 )
-from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.mirror.mirror import Mirror
 from traffic_bridge.modes.parallel import SeparateTraffic, TrafficWorlds, WorldSpec
 from traffic_bridge.modes.repsim import MixedSim, RepSim

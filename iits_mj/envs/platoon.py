@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 from iits_mj.core.checks import in_range, positive, read_action
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError
+from iits_mj.core.timing import CYCLE_PERIOD, TIMESTEP
 from iits_mj.envs.picture import RENDER_MODES, Picture, ScaledObservations
 from iits_mj.suite import scene
 from iits_mj.suite.physics import Physics, add_cameras
 from iits_mj.suite.tasks import Platoon
-from iits_mj.suite.truck import CONTROL_TIMESTEP, TIMESTEP
 from iits_mj.truck.fleet import TruckFleet, prefix
 from iits_mj.truck.placement import TruckPlacement
 
@@ -187,7 +187,7 @@ class PlatoonEnv(Closing):
         for agent, task, physics in zip(self.agents, self.tasks, self._physics, strict=True):
             values = read_action(actions[agent], (len(task.actions),), f"action of {agent}")
             task.before_step(values, physics)
-        self.fleet.step(round(CONTROL_TIMESTEP / TIMESTEP))
+        self.fleet.step(round(CYCLE_PERIOD / TIMESTEP))
         self._set_speed()
         self._picture.show(self.fleet.model, self.fleet.data)
         observations, infos = self._observations(), self._infos()

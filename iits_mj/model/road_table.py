@@ -1,4 +1,4 @@
-"""Adds the road's surface to the model as a numeric, which `plugin/road.cc` reads."""
+"""Adds the road's surface to the model as a numeric, which `plugin/tire.cc` reads."""
 
 from __future__ import annotations
 

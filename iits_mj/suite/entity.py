@@ -18,13 +18,12 @@ from typing import Any
 from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
 
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.core.units import GRAVITY
 from iits_mj.model.builder import truck_spec, truck_xml
 from iits_mj.parameters import TruckParameters
 from iits_mj.plugin import register
 from iits_mj.truck import COMMAND_FIELDS
-
-TIMESTEP = 0.002
 
 
 def truck_mjcf(

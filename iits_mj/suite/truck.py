@@ -11,6 +11,7 @@ from dm_control.utils import containers
 
 from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig
 from iits_mj.core.errors import InputError
+from iits_mj.core.timing import CYCLE_PERIOD, TIMESTEP
 from iits_mj.simulation.truck_world import TruckWorld
 from iits_mj.suite import scene
 from iits_mj.suite.physics import Physics, add_cameras
@@ -18,8 +19,6 @@ from iits_mj.suite.tasks import DRIVING_TASKS, DrivingTask, Highway
 from iits_mj.suite.tasks.highway import HighwayEnvironment, HighwayPhysics
 from iits_mj.truck import Truck
 
-CONTROL_TIMESTEP = 0.1
-TIMESTEP = 0.002
 DECISION_TIMESTEP = 1.0
 
 SUITE = containers.TaggedTasks()
@@ -49,7 +48,7 @@ def _factory(name: str, kind: type[DrivingTask]) -> Callable[..., control.Enviro
             visuals=visuals,
             edit_spec=edit_spec,
         )
-        options = {"control_timestep": CONTROL_TIMESTEP, "legacy_step": False}
+        options = {"control_timestep": CYCLE_PERIOD, "legacy_step": False}
         return control.Environment(
             Physics.from_truck(truck),
             kind(random=random),

@@ -8,9 +8,9 @@ import pytest
 
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import TrackedVehicle
+from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
 from traffic_bridge import PureSim, TrafficConfig, calibrated_types, default_types
-from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.vehicles.types import FASTEST, HIGHEST
 
 CAR = default_types()[0]

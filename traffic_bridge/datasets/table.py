@@ -1,7 +1,7 @@
 """Reads tables as columns, with errors that name file, line and column.
 
 pyarrow reads the files and is imported only for them. pandas would need the same checks for these
-errors, and twice the install size.
+errors.
 """
 
 from __future__ import annotations

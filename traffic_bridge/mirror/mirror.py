@@ -16,7 +16,7 @@ import numpy as np
 from iits_mj.core.checks import is_number, is_whole
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import TrackedVehicle
-from traffic_bridge.frame import VehicleFrame
+from iits_mj.core.vehicles import VehicleFrame
 from traffic_bridge.mirror.bodies import (
     PREFIX,
     ContactFinder,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from traffic_bridge.frame import VehicleFrame
+from iits_mj.core.vehicles import VehicleFrame
 from traffic_bridge.vehicles.types import VehicleType
 
 IntArray = NDArray[np.intp]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
-from traffic_bridge.frame import COLUMNS, VehicleFrame
+from iits_mj.core.vehicles import COLUMNS, VehicleFrame
 from traffic_bridge.mirror.articulation import Articulation, Pose, TrailerMemory, units
 from traffic_bridge.mirror.bodies import Outline
 from traffic_bridge.mirror.looks import Unit

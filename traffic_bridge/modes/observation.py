@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import EgoState
+from iits_mj.core.vehicles import COLUMNS, VehicleFrame
 from iits_mj.road import Route
-from traffic_bridge.frame import COLUMNS, VehicleFrame
 from traffic_bridge.modes.smoothing import Box, LateralSmoother, Shift
 from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.session import Session

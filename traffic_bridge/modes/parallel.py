@@ -18,9 +18,9 @@ from iits_mj.core.checks import is_number, shown, whole
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import Error, InputError, TrafficError
 from iits_mj.core.messages import EgoState
+from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
-from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.modes.sumo_modes import InterSim, Mode, PureSim
 from traffic_bridge.modes.world_process import END_TIME, Failure, WorldProcess, message_of
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState
+from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
-from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.modes.replayed_vehicles import OVERLAP_SUFFIX, PREFIX, ReplayedVehicles
 from traffic_bridge.modes.resim import check_map
 from traffic_bridge.modes.sumo_modes import Mode, PureSim

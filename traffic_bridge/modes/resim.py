@@ -9,9 +9,9 @@ import numpy as np
 
 from iits_mj.core.errors import InputError, TrafficError
 from iits_mj.core.messages import EgoState
+from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
-from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.modes.sumo_modes import InterSim, Mode, PureSim
 from traffic_bridge.network.nets import build_network
 from traffic_bridge.recording.provenance import demand_same, net_hash, versions

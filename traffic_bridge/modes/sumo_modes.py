@@ -13,9 +13,9 @@ from iits_mj.core.checks import is_whole, shown, whole
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError, TrafficError
 from iits_mj.core.messages import EgoState
+from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import RoadMap, Route
 from traffic_bridge.config import TrafficConfig
-from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.modes.ego import check_ego
 from traffic_bridge.modes.sumo_traffic import SumoTraffic
 from traffic_bridge.network.route_lanes import RouteLanes

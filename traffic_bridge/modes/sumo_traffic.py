@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from iits_mj.core.messages import EgoState
+from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
-from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.modes.ego import EgoInTraffic, ego_type_xml
 from traffic_bridge.modes.observation import Observation
 from traffic_bridge.modes.replayed_vehicles import ReplayedVehicles

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, VehicleCommand
-from traffic_bridge.frame import VehicleFrame
+from iits_mj.core.vehicles import VehicleFrame
 from traffic_bridge.modes.sumo_modes import Mode, PureSim
 from traffic_bridge.network.nets import build_network
 from traffic_bridge.recording.provenance import net_hash, versions

@@ -44,7 +44,7 @@ from numpy.typing import NDArray
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, TrackedVehicle, VehicleCommand
-from traffic_bridge.frame import VehicleFrame
+from iits_mj.core.vehicles import VehicleFrame
 from traffic_bridge.recording import file
 from traffic_bridge.recording.rows import (
     COLUMNS,

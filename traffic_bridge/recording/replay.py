@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
-from traffic_bridge.frame import COLUMNS, VehicleFrame
+from iits_mj.core.vehicles import COLUMNS, VehicleFrame
 from traffic_bridge.recording.recording import Recording, ranks
 
 EXACT = 1e-6  # [s]: this near to a recorded frame the frame itself is returned

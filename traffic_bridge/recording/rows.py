@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from iits_mj.core import vehicles
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, TransmissionMode, VehicleCommand, XbrEbiMode, XbrMode
-from traffic_bridge import frame
 
 SCHEMA = 2  # version of the file format
 SIZE_COLUMNS = ("length", "width", "height")
-COLUMNS = tuple(name for name in frame.COLUMNS if name not in SIZE_COLUMNS)
+COLUMNS = tuple(name for name in vehicles.COLUMNS if name not in SIZE_COLUMNS)
 PRESSURES = tuple(
     f"brake_pressure_{place}"
     for place in ("front_left", "front_right", "rear_left", "rear_right", "trailer")

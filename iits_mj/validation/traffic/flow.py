@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
+from iits_mj.core.vehicles import VehicleFrame
 from traffic_bridge.datasets import Pair, Trajectories
-from traffic_bridge.frame import VehicleFrame
 
 LEVELS = ("dense", "medium", "sparse")
 CELL_TIME, CELL_LENGTH = 10.0, 50.0  # [s], [m]: cells in which two flows are compared

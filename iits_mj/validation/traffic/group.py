@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from iits_mj.core.results import Findings, Results
+from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import RoadMap, Route
 from iits_mj.validation.harness.config import ValidateConfig
 from iits_mj.validation.traffic import fit, theory
@@ -28,7 +29,6 @@ from iits_mj.validation.traffic.flow import (
 )
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.datasets import ImportConfig, Trajectories, import_trajectories
-from traffic_bridge.frame import VehicleFrame
 from traffic_bridge.modes.repsim import RepSim
 from traffic_bridge.modes.sumo_modes import PureSim
 from traffic_bridge.recording.recorder import Recorder

@@ -5,6 +5,7 @@ import pytest
 
 from iits_mj.cli import main
 from iits_mj.core.errors import InputError
+from iits_mj.core.vehicles import COLUMNS
 from iits_mj.validation.traffic import conditions as conditions_of
 from iits_mj.validation.traffic.compare import drive
 from iits_mj.validation.traffic.flow import (
@@ -20,7 +21,6 @@ from iits_mj.validation.traffic.group import own_recording
 from tests.paths import DATA, needs
 from traffic_bridge import VehicleFrame
 from traffic_bridge.datasets import Trajectories
-from traffic_bridge.frame import COLUMNS
 from traffic_bridge.vehicles.idm import IdmParameters, equilibrium_gap
 
 PAIRS = "trajectories/ngsim_i80_1600_1615_reconstructed_pairs.parquet"
