@@ -1,4 +1,4 @@
-"""Writes the shipped model from `mjcf/truck.toml`: MJCF, meshes, the README's provenance table.
+"""Writes the shipped model from `mjcf/truck.toml`: MJCF, meshes, and the README's provenance table.
 
     python tools/export_model.py
 
@@ -64,7 +64,7 @@ def write_model(folder: Path) -> None:
 
 
 def readme_text(text: str) -> str:
-    """The README with its provenance table renewed.
+    """The README with a new provenance table.
 
     Raises:
       InputError: the README lacks the table's markers.
@@ -79,9 +79,9 @@ def readme_text(text: str) -> str:
 
 
 def _wavefront(mesh: mujoco.MjsMesh) -> str:
-    """A mesh of vertices and triangles as Wavefront OBJ, to a tenth of a millimetre.
+    """A mesh of vertices and triangles as Wavefront OBJ, to a tenth of a millimeter.
 
-    Zeros have no sign: theirs is rounding, which differs from processor to processor.
+    Zeros have no sign: it comes from rounding, which differs between processors.
     """
     vertices = np.array(mesh.uservert).reshape(-1, 3)
     faces = np.array(mesh.userface).reshape(-1, 3) + 1

@@ -10,14 +10,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import FloatArray, IntArray
 from iits_mj.core.errors import InputError
 from traffic_bridge.datasets.assemble import Rows, assemble
 from traffic_bridge.datasets.ngsim import ARTICULATED_LENGTH
 from traffic_bridge.datasets.table import Table, read_csv
-from traffic_bridge.datasets.trajectories import Trajectories
+from traffic_bridge.datasets.trajectories import Trajectories, find
 
 MARKS = ("frame", "id", "x", "y", "xVelocity", "laneId")
 MARKINGS = {1: "upperLaneMarkings", 2: "lowerLaneMarkings"}
@@ -50,8 +49,9 @@ def read_highd(table: Table, path: Path, *, direction: int | None = None) -> Tra
 
     vehicle = table.integers("id")
     order = np.argsort(ids)
-    place = order[np.minimum(np.searchsorted(ids, vehicle, sorter=order), len(ids) - 1)]
-    table.must(ids[place] == vehicle, "id", vehicle, f"is not in {_beside(path, 'tracksMeta')}")
+    found = find(ids[order], vehicle)
+    table.must(found >= 0, "id", vehicle, f"is not in {tracks.path}")
+    place = order[found]
     classes = np.char.lower(tracks.texts("class"))
     tracks.must(np.isin(classes, ("car", "truck")), "class", classes, "must be Car or Truck")
 
@@ -99,7 +99,8 @@ def _beside(path: Path, what: str) -> Path:
     return other
 
 
-def _direction(heading: NDArray[np.int64], wanted: int | None) -> tuple[int, tuple[str, ...]]:
+def _direction(heading: IntArray, wanted: int | None) -> tuple[int, tuple[str, ...]]:
+    """The driving direction to read, and a note on the vehicles of the other."""
     there = sorted(set(heading.tolist()))
     if wanted is not None:
         if wanted not in there:

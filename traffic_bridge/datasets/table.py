@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import BoolArray, FloatArray, IntArray
 from iits_mj.core.errors import InputError
 
 _THOUSANDS = r"^\s*-?\d{1,3}(,\d{3})+(\.\d+)?\s*$"
@@ -27,7 +27,7 @@ def load(module: str, path: object) -> Any:
         return importlib.import_module(f"pyarrow.{module}" if module else "pyarrow")
     except ImportError as error:
         raise InputError(
-            f"data set {path}: reading it needs pyarrow, to be had by: pip install 'iits-mj[data]'"
+            f"data set {path}: reading it needs pyarrow: pip install 'iits-mj[data]'"
         ) from error
 
 
@@ -93,11 +93,11 @@ class Table:
             self.must(np.isfinite(numbers), name, numbers, "must be a finite number")
         return numbers
 
-    def integers(self, *names: str) -> NDArray[np.int64]:
+    def integers(self, *names: str) -> IntArray:
         """A column of whole numbers, shape (n,); InputError as of `numbers`."""
         numbers = self.numbers(*names)
         whole = (numbers == np.round(numbers)) & (np.abs(numbers) < 2**53)
-        self.must(whole, self._find(names)[0], numbers, "must be a whole number")
+        self.must(whole, self.name(*names), numbers, "must be a whole number")
         return numbers.astype(np.int64)
 
     def texts(self, *names: str) -> NDArray[np.str_]:
@@ -107,7 +107,7 @@ class Table:
             return values.astype(str)
         return np.array(values.cast("string").fill_null("").to_pylist(), dtype=str)
 
-    def must(self, good: NDArray[np.bool_], name: str, column: Any, what: str) -> None:
+    def must(self, good: BoolArray, name: str, column: Any, what: str) -> None:
         """Raises InputError for the first value that is not good."""
         wrong = np.flatnonzero(~good)
         if wrong.size:

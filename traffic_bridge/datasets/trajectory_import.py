@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import FloatArray, IntArray
 from iits_mj.core.checks import in_range
 from iits_mj.core.errors import InputError
 from iits_mj.road import Route
@@ -23,8 +22,6 @@ from traffic_bridge.datasets.trajectories import Trajectories
 from traffic_bridge.recording.recording import Recording
 from traffic_bridge.recording.rows import COLUMNS
 from traffic_bridge.vehicles.types import default_types
-
-IntArray = NDArray[np.int64]
 
 LANE_CHANGE = 3.5  # [s], as TrafficConfig.lane_change_duration: for instantaneous lane changes
 JUMP = 0.5  # [lanes] between two rows: an instantaneous lane change
@@ -89,7 +86,7 @@ class ImportConfig:
 def import_trajectories(
     trajectories: Trajectories, route: Route, config: ImportConfig | None = None
 ) -> Recording:
-    """A recording of the trajectories on a route, for `RepSim` and `iits-mj replay`.
+    """A recording that places the trajectories on a route, for `RepSim` and `iits-mj replay`.
 
     A vehicle is present from its first to its last recorded instant, while all of it is on the
     route. Times begin at zero.
@@ -169,7 +166,7 @@ def _check_lanes(t: Trajectories, route: Route, start: float, lanes: Mapping[int
 
 
 def _stretches(t: Trajectories, index: int, lanes: Mapping[int, int]) -> list[slice]:
-    """Stretches of two or more of a vehicle's rows in the lanes that are used."""
+    """Stretches of two or more of a vehicle's rows in the lanes of the map."""
     rows = t.rows(index)
     used = np.isin(t.lane[rows], list(lanes))
     edges = np.flatnonzero(np.diff(np.concatenate(([False], used, [False])).astype(int)))

@@ -97,8 +97,6 @@ class Mirror:
         self._index = np.zeros(0, dtype=np.intp)
         self._finder: ContactFinder | None = None
 
-    # Building ----------------------------------------------------------------------------------
-
     def add_to(self, spec: mujoco.MjSpec) -> None:
         """Adds the pool's bodies to a specification, at their parking positions."""
         used = {slot.type for slot in self._slots.all}
@@ -132,8 +130,6 @@ class Mirror:
         self._slots.clear()
         self._units.clear()
         self._show_taken()
-
-    # Showing -----------------------------------------------------------------------------------
 
     def update(
         self,
@@ -170,7 +166,9 @@ class Mirror:
             changed = self._slots.assign(frame, *ego_xy)
             for slot in changed:
                 if slot.vehicle is None:
-                    self._park(data, slot)
+                    for unit, mocap in enumerate(self._mocap[slot.place]):
+                        data.mocap_pos[mocap] = _parking(slot, unit)
+                        data.mocap_quat[mocap] = (1.0, 0.0, 0.0, 0.0)
             if changed:
                 self._show_taken()
             self._units.take(frame, self._slots.rows)
@@ -201,13 +199,6 @@ class Mirror:
             ],
             dtype=np.intp,
         )
-
-    def _park(self, data: mujoco.MjData, slot: Slot) -> None:
-        for unit, mocap in enumerate(self._mocap[slot.place]):
-            data.mocap_pos[mocap] = _parking(slot, unit)
-            data.mocap_quat[mocap] = (1.0, 0.0, 0.0, 0.0)
-
-    # Contact -----------------------------------------------------------------------------------
 
     def contacts(self, data: mujoco.MjData) -> list[tuple[str, str]]:
         """(vehicle id, truck body) of every pair in contact, sorted; contacts exert no force.

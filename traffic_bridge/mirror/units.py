@@ -6,9 +6,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import FloatArray, IndexArray
 from iits_mj.core.vehicles import COLUMNS, VehicleFrame
 from traffic_bridge.mirror.articulation import Articulation, Pose, TrailerMemory, units
 from traffic_bridge.mirror.bodies import Outline
@@ -16,8 +15,6 @@ from traffic_bridge.mirror.looks import Unit
 from traffic_bridge.mirror.slots import Slot
 from traffic_bridge.modes.observation import TIGHT_TURN
 from traffic_bridge.vehicles.types import VehicleType
-
-IntArray = NDArray[np.intp]
 
 # x, y, z, yaw, pitch, roll, yaw_rate, speed, acceleration, lateral_speed.
 STATE = COLUMNS[:10]
@@ -52,7 +49,6 @@ class VehicleUnits:
         looks: Sequence[tuple[Unit, ...]],
         step_length: float,
     ) -> None:
-        self._looks = looks
         self._step_length = step_length
         self._trucks = {
             number: Articulation.of_length(kind.length)
@@ -96,7 +92,7 @@ class VehicleUnits:
         self.position = np.zeros((len(self.slots), 3))
         self.quaternion = np.zeros((len(self.slots), 4))
 
-    def take(self, frame: VehicleFrame, rows: IntArray) -> None:
+    def take(self, frame: VehicleFrame, rows: IndexArray) -> None:
         """Reads the vehicles' states from a new frame.
 
         Args:
@@ -198,7 +194,7 @@ def _extent(unit: Unit, kind: VehicleType) -> tuple[float, float, float, float]:
     return front, rear, width, kind.length if unit.name else math.hypot(front, 0.5 * width)
 
 
-def state_of(frame: VehicleFrame, rows: NDArray[np.intp]) -> FloatArray:
+def state_of(frame: VehicleFrame, rows: IndexArray) -> FloatArray:
     """The columns named by `STATE` of some vehicles, shape (len(STATE), n)."""
     return np.asarray(frame.values.T[: len(STATE), rows])
 

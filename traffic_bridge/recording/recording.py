@@ -33,7 +33,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import struct
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any, overload
@@ -54,7 +54,6 @@ from traffic_bridge.recording.rows import (
     SIZE_COLUMNS,
     command_of,
     ego_of,
-    ego_row,
 )
 from traffic_bridge.vehicles.types import KINDS
 
@@ -110,9 +109,8 @@ class Recording:
         vehicle: NDArray[Any],
         lane: NDArray[Any],
         columns: FloatArray,
-        ego: FloatArray | None = None,
     ) -> Recording:
-        """A recording of rows in any order.
+        """A recording of rows in any order, without a truck.
 
         Args:
           meta: see the module's schema; `schema` and `digest` are added.
@@ -124,7 +122,6 @@ class Recording:
           vehicle: index of the vehicle of each row, shape (k,).
           lane: from the right on the route, -1 off it, shape (k,).
           columns: the values named by `COLUMNS`, shape (len(COLUMNS), k).
-          ego: the truck's values, shape (n, len(EGO_COLUMNS)); default: no truck.
 
         Raises:
           InputError: shapes do not fit, a vehicle is twice in a frame, a value is not finite.
@@ -142,7 +139,7 @@ class Recording:
             vehicle=vehicle[order].astype(np.int32),
             lane=np.asarray(lane)[order].astype(np.int16),
             columns=np.asarray(columns, dtype=np.float64)[:, order],
-            ego=np.full((len(time), len(EGO_COLUMNS)), np.nan) if ego is None else ego,
+            ego=np.full((len(time), len(EGO_COLUMNS)), np.nan),
         )
         made.check("recording")
         made.meta["digest"] = made.digest()
@@ -154,11 +151,9 @@ class Recording:
         meta: dict[str, Any],
         time: FloatArray,
         vehicles: Sequence[Iterable[TrackedVehicle]],
-        egos: Sequence[EgoState | None] | None = None,
     ) -> Recording:
         """A recording of frames, one for each time; see `of_rows`."""
         given = [VehicleFrame.of(each) for each in vehicles]
-        index: dict[tuple[str, tuple[float, ...]], int] = {}
         rows = [
             (name, kind, tuple(size))
             for each in given
@@ -166,24 +161,20 @@ class Recording:
                 each.ids, each.kinds, each.columns(*SIZE_COLUMNS).T.tolist(), strict=True
             )
         ]
-        kinds: list[str] = []
-        for name, kind, size in rows:
-            if (name, size) not in index:
-                index[name, size] = len(kinds)
-                kinds.append(kind)
+        # The same name with another size is another vehicle.
+        index = {row: k for k, row in enumerate(dict.fromkeys(rows))}
         return cls.of_rows(
             meta,
             time,
-            [name for name, _ in index],
-            kinds,
-            np.array([size for _, size in index]).reshape(-1, 3),
+            [name for name, _, _ in index],
+            [kind for _, kind, _ in index],
+            np.array([size for _, _, size in index]).reshape(-1, 3),
             np.repeat(np.arange(len(given)), [len(each) for each in given]),
-            np.array([index[name, size] for name, _, size in rows], dtype=np.int64),
+            np.array([index[row] for row in rows], dtype=np.int64),
             np.concatenate([np.zeros(0, dtype=np.int64), *(each.lanes for each in given)]),
             np.concatenate(
                 [np.zeros((len(COLUMNS), 0)), *(each.columns(*COLUMNS) for each in given)], axis=1
             ),
-            None if egos is None else np.array([ego_row(ego) for ego in egos]),
         )
 
     def __len__(self) -> int:
@@ -194,11 +185,6 @@ class Recording:
     def frames(self) -> Frames:
         """The vehicles of each frame."""
         return Frames(self)
-
-    @property
-    def egos(self) -> tuple[EgoState | None, ...]:
-        """The truck's state of each frame, None without a truck."""
-        return tuple(self.ego_at(k) for k in range(len(self)))
 
     def ego_at(self, k: int) -> EgoState | None:
         """The truck's state at frame k, None without a truck."""
@@ -235,11 +221,14 @@ class Recording:
         ):
             found = np.shape(array)
             if found != shape:
-                raise InputError(f"{name}: {what} has the shape {found}, wanted is {shape}")
-        _check_finite(self.time, name, "time")
-        _check_finite(self.sizes, name, "vehicle_size")
-        _check_finite(self.command_time, name, "command_time")
-        _check_finite(self.commands, name, "command")
+                raise InputError(f"{name}: {what} has the shape {found}, must be {shape}")
+        for array, what in (
+            (self.time, "time"),
+            (self.sizes, "vehicle_size"),
+            (self.command_time, "command_time"),
+            (self.commands, "command"),
+        ):
+            _check_finite(array, name, what)
         for times, what in ((self.time, "time"), (self.command_time, "command_time")):
             if (np.diff(times) <= 0.0).any():
                 place = int(np.argmax(np.diff(times) <= 0.0)) + 1
@@ -323,9 +312,6 @@ class Frames(Sequence[VehicleFrame]):
         if not -len(self) <= index < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
         return self._at(index % len(self))
-
-    def __iter__(self) -> Iterator[VehicleFrame]:
-        return (self._at(k) for k in range(len(self)))
 
     def _at(self, k: int) -> VehicleFrame:
         recording = self._recording

@@ -71,10 +71,8 @@ class TrafficController:
         self.set_speed_limit, self.lift_speed_limit = limits.set, limits.lift
         self.reset_speed_limits, self.speed_limit = limits.reset, limits.at
         self.close_lane, self.open_lane = parts.close_lane, parts.open_lane
-        self.stop_vehicle, self.convoy, self.release = (
-            *(parts.stop_vehicle, parts.convoy),
-            parts.release,
-        )
+        self.stop_vehicle, self.convoy = parts.stop_vehicle, parts.convoy
+        self.release = parts.release
 
     def begin(self, ego_station: float | None) -> None:
         """Checks all events and departures against net and route; begins those due at time zero.

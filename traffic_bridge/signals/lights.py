@@ -258,8 +258,6 @@ class TrafficLights:
         wait, after = self._next_letter(light, link)
         return LightAhead(light, link, letter, line, own_lane, wait, after)
 
-    # Inside ------------------------------------------------------------------------------------
-
     def _reading(self, light: str) -> Guard:
         return self._session.guard(f"reading traffic light {light}")
 
@@ -325,11 +323,10 @@ class TrafficLights:
             )
         return known[program]
 
-    def _check(self, light: str) -> str:
+    def _check(self, light: str) -> None:
         if light not in self._names:
             known = ", ".join(self._names) or "none"
             raise InputError(f"no traffic light {light!r} in the net; there are: {known}")
-        return light
 
 
 def _check_state(what: str, state: object, links: int) -> None:

@@ -13,7 +13,6 @@ import itertools
 import math
 from dataclasses import dataclass
 
-from iits_mj.core.errors import InputError
 from traffic_bridge.network.route_lanes import LaneTable, RouteLanes, upstream
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles.registry import Vehicles
@@ -35,7 +34,7 @@ class Waiting:
     """A vehicle that waits before an obstacle.
 
     Attributes:
-      name: of the vehicle; station: of its front bumper [m]; target: the lane that it wants.
+      name: of the vehicle; station: of its front bumper [m]; target: the lane to which it changes.
     """
 
     name: str
@@ -194,8 +193,6 @@ class MergeGuide:
                 self._round()
             self._zipper.step(self._step_length)
 
-    # Inside ------------------------------------------------------------------------------------
-
     def _round(self) -> None:
         inside: set[str] = set()
         waiting: dict[int, Waiting] = {}
@@ -264,10 +261,3 @@ class MergeGuide:
             table.id in self._leading[number] and o.start < end and o.end > start
             for number, o in self._obstacles.items()
         )
-
-
-def check_obstacle(obstacle: Obstacle, lanes: RouteLanes) -> None:
-    """Raises InputError if the obstacle's lane does not exist where it begins or ends."""
-    for station in (obstacle.start, obstacle.end):
-        if lanes.find(obstacle.lane, station) is None:
-            raise InputError(f"lane {obstacle.lane} does not exist at station {station:g}")

@@ -1,4 +1,4 @@
-"""Data sets of our own making, in the formats that others publish."""
+"""Small computed data sets in the published formats."""
 
 import csv
 
@@ -172,8 +172,8 @@ def write_highd(folder, direction=2):
     for row in tracks(step=0.04):
         # From the right: the lowest band for direction 2, the uppermost for direction 1.
         band = LANES - 1 - row["lane"] if direction == 2 else row["lane"]
-        centre = (lower if direction == 2 else upper)[band] + 1.875
-        middle = centre - ahead * row["offset"] * 3.75 / LANE_WIDTH
+        center = (lower if direction == 2 else upper)[band] + 1.875
+        middle = center - ahead * row["offset"] * 3.75 / LANE_WIDTH
         left = row["station"] - row["length"] if direction == 2 else 400.0 - row["station"]
         lines.append(
             [

@@ -1,4 +1,4 @@
-"""Trajectories by columns: what they accept, what they give."""
+"""Columns and checks of `Trajectories`, and the pairs in them."""
 
 import dataclasses
 
@@ -55,7 +55,7 @@ def test_a_pair_ends_where_the_leader_is_lost_or_the_lane_changes():
         pairs(two(), minimum_duration=float("nan"))
 
 
-def test_rows_of_the_leader_are_of_the_same_instant():
+def test_rows_of_the_leader_have_the_same_instant():
     found = two()
     rows = found.leader_rows
     assert (rows[:201] == -1).all()
@@ -63,7 +63,7 @@ def test_rows_of_the_leader_are_of_the_same_instant():
     assert found.find_rows([1, 1, 0], [0.3, 99.0, 20.0]).tolist() == [204, -1, 200]
 
 
-def test_a_window_of_time_keeps_who_is_in_it():
+def test_a_time_window_keeps_the_vehicles_in_it():
     found = two().between(5.0, 6.0)
     assert len(found) == 20
     assert found.duration == pytest.approx(0.9)
@@ -113,7 +113,7 @@ def test_impossible_values_are_named(changes, words):
         two(**changes)
 
 
-def test_an_unknown_vehicle_is_told():
+def test_an_unknown_vehicle_is_refused():
     with pytest.raises(InputError, match="no vehicle 'who'"):
         two().rows("who")
     with pytest.raises(InputError, match="no vehicle 2 among 2"):
