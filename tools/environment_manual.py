@@ -80,7 +80,6 @@ def _driving(task: str, env: str) -> str:
 
 def _highway() -> str:
     kind = tasks.Highway
-    limit = inspect.getdoc(suite.truck.SUITE["highway"]) or ""
     return _joined(
         "# Highway",
         _NOTE,
@@ -90,7 +89,7 @@ def _highway() -> str:
         _decision_observation(),
         "## Arguments\n\n" + _arguments(HighwayEnv),
         "## In dm_control",
-        f'`suite.load("truck", "highway")`: {limit.splitlines()[0]}',
+        f'`suite.load("truck", "highway")`: {_headline(suite.truck.SUITE["highway"])}',
         _body(kind),
         _observations(kind, heading="###"),
         _rewards(
@@ -135,7 +134,7 @@ def _index() -> str:
             f"`truck`, `{task}`",
             f"`iits_mj/{_env(task)}-v0`",
             ", ".join(f"`{name}`" for name in kind.actions),
-            (inspect.getdoc(kind) or "").splitlines()[0],
+            _headline(kind),
         )
         for task, kind in DRIVING_TASKS.items()
     ]
@@ -145,7 +144,7 @@ def _index() -> str:
             "`truck`, `highway`",
             "`iits_mj/Highway-v0`",
             "left, keep, right",
-            (inspect.getdoc(HighwayEnv) or "").splitlines()[0],
+            _headline(HighwayEnv),
         )
     )
     rows += [
@@ -154,7 +153,7 @@ def _index() -> str:
             "",
             f"`iits_mj/{name}-v0`",
             "left, keep, right" if name == "HighwayFast" else "set speed",
-            (inspect.getdoc(kind) or "").splitlines()[0],
+            _headline(kind),
         )
         for name, kind in OTHERS.items()
         if name != "Highway"
@@ -266,6 +265,10 @@ def _own_names(kind: type[DrivingTask]) -> set[str]:
 
 def _picture(stem: str, title: str) -> str:
     return f"![{title}](images/{stem}.png)"
+
+
+def _headline(thing: object) -> str:
+    return (inspect.getdoc(thing) or "").splitlines()[0]
 
 
 def _first(thing: object) -> str:

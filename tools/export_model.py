@@ -28,19 +28,11 @@ TABLE_START = "<!-- provenance: made by `python tools/export_model.py` -->"
 TABLE_END = "<!-- end of provenance -->"
 
 
-def model_files(
-    payload: float | None = None, payload_height: float | None = None
-) -> dict[str, str]:
-    """Texts of `truck.xml` and its meshes, by path below the model folder.
-
-    Args:
-      payload: [kg]; default: the greatest.
-      payload_height: of its CG above the road [m]; default: the parameters'.
-    """
+def model_files() -> dict[str, str]:
+    """Texts of the laden truck's `truck.xml` and its meshes, by path below the model folder."""
     register()
-    parameters = TruckParameters.load().with_payload_height(payload_height)
-    payload = parameters.payload.mass_max if payload is None else payload
-    spec = truck_spec(parameters, payload)
+    parameters = TruckParameters.load()
+    spec = truck_spec(parameters, parameters.payload.mass_max)
     files = {}
     for mesh in spec.meshes:
         name = f"{mesh.name}.obj"

@@ -1,7 +1,7 @@
 """Reader of highD-like recordings: `NN_tracks.csv`, `NN_tracksMeta.csv`, `NN_recordingMeta.csv`.
 
 The schema is that of Krajewski, Bock, Kloeker and Eckstein, "The highD dataset", ITSC 2018: boxes
-by their upper left corner in an image whose y points down, in metres; `width` is along x. Vehicles
+by their upper left corner in an image whose y points down, in meters; `width` is along x. Vehicles
 of `drivingDirection` 1 drive to the left in the upper lanes, those of 2 to the right in the lower.
 """
 
@@ -121,6 +121,6 @@ def _markings(recording: Table, name: str) -> FloatArray:
         markings = np.zeros(0)
     increasing = len(markings) >= 2 and bool(np.all(np.diff(markings) > 1.0))
     recording.must(
-        np.array([increasing]), name, [text], "must be two or more increasing numbers of metres"
+        np.array([increasing]), name, [text], "must be two or more increasing numbers of meters"
     )
     return markings

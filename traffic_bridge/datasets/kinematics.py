@@ -137,10 +137,13 @@ def check_speeds(
         return
     ratio = said / driven if driven else np.inf
     named = [words for factor, words in FACTORS if abs(ratio / factor - 1.0) < NEAR]
-    likely = f"a factor of {named[0]}" if named else "no usual factor of units: other columns?"
+    likely = (
+        f"a factor of {named[0]}"
+        if named
+        else "no usual factor of units: are these the right columns?"
+    )
     raise InputError(
-        f"{what}: the median speed is {said:.3g} m/s where the positions make {driven:.3g} m/s, "
-        f"{likely}"
+        f"{what}: the median speed is {said:.3g} m/s, by the positions {driven:.3g} m/s, {likely}"
     )
 
 
@@ -222,7 +225,7 @@ def fit(time: FloatArray, value: FloatArray, at: FloatArray, spacing: float) -> 
     return Motion.of_spline(spline, at)
 
 
-def calm(time: FloatArray, value: FloatArray, at: FloatArray, width: float) -> Motion:
+def smooth(time: FloatArray, value: FloatArray, at: FloatArray, width: float) -> Motion:
     """Cubic spline through Gaussian averages of points, without overshoot.
 
     For a quantity that is constant most of the time and then changes, as the lane does.

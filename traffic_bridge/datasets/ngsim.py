@@ -29,24 +29,10 @@ HIGHEST_LANE = 30
 CAR_LENGTH = (3.0, 8.0)  # [m]: where the median length of a set's automobiles must lie
 
 TEXT_COLUMNS = (
-    "Vehicle_ID",
-    "Frame_ID",
-    "Total_Frames",
-    "Global_Time",
-    "Local_X",
-    "Local_Y",
-    "Global_X",
-    "Global_Y",
-    "v_Length",
-    "v_Width",
-    "v_Class",
-    "v_Vel",
-    "v_Acc",
-    "Lane_ID",
-    "Preceding",
-    "Following",
-    "Space_Headway",
-    "Time_Headway",
+    *("Vehicle_ID", "Frame_ID", "Total_Frames", "Global_Time"),
+    *("Local_X", "Local_Y", "Global_X", "Global_Y"),
+    *("v_Length", "v_Width", "v_Class", "v_Vel", "v_Acc"),
+    *("Lane_ID", "Preceding", "Following", "Space_Headway", "Time_Headway"),
 )
 PAIR_MARKS = ("preceding_local_y", "preceding_vel", "frame_id", "v_vel", "local_y")
 MARKS = (("Frame_ID",), ("Local_Y",), ("Lane_ID", "Lane Identification"))
@@ -181,8 +167,9 @@ def _check_units(path: Path, length: FloatArray, units: str) -> None:
     if length.size and not low <= float(np.median(length)) <= high:
         other = "m" if units == "ft" else "ft"
         raise InputError(
-            f"data set {path}, column 'v_Length': automobiles of {float(np.median(length)):.1f} m "
-            f"in the middle, read in {units}: is the file in {other}? Say units={other!r} then"
+            f"data set {path}, column 'v_Length': the median length of automobiles is "
+            f"{float(np.median(length)):.1f} m in {units}: is the file in {other}? Then use "
+            f"units={other!r}"
         )
 
 

@@ -171,7 +171,7 @@ class Trajectories:
         count = len(self.ids)
         if len(set(self.ids)) != count:
             twice = next(name for i, name in enumerate(self.ids) if name in self.ids[:i])
-            raise InputError(f"{self.source}: vehicle {twice!r} is there twice")
+            raise InputError(f"{self.source}: vehicle {twice!r} occurs twice")
         if (
             len(self.kinds) != count
             or self.length.shape != (count,)
@@ -179,7 +179,7 @@ class Trajectories:
         ):
             raise InputError(
                 f"{self.source}: {count} ids, {len(self.kinds)} kinds, lengths of shape "
-                f"{self.length.shape}, widths of shape {self.width.shape}: must be as many"
+                f"{self.length.shape}, widths of shape {self.width.shape}: must be equal numbers"
             )
         for name, kind in zip(self.ids, self.kinds, strict=True):
             if kind not in KINDS:

@@ -1,28 +1,9 @@
-"""Recorded drives: configuration and trajectories as columns in SI units, in memory and in files.
+"""Recorded drives: settings and trajectories as columns in SI units, in memory and in files.
 
-Schema (version 2) of the `.npz` file. n frames, m vehicles, k rows (one per vehicle and frame,
-sorted by frame, then by the vehicle's name), c commands:
-
-| array | shape | content |
-|---|---|---|
-| `meta` | () | JSON text, see below |
-| `time` | (n,) | traffic time of the frames [s], increasing; the first is the reset |
-| `ego` | (n, e) | the truck's state, a column per name in `ego_columns`; NaN: no truck |
-| `ego_columns` | (e,) | names of `EgoState`'s fields, its brake pressures one by one |
-| `vehicle_id`, `vehicle_kind` | (m,) | name and kind |
-| `vehicle_size` | (m, 3) | length, width, height [m] |
-| `frame_start` | (n + 1,) | rows of frame i are `frame_start[i]` to `frame_start[i + 1]` |
-| `vehicle` | (k,) | index into the vehicle arrays |
-| `lane` | (k,) | index from the right on the ego route, -1 off it |
-| `x y z yaw pitch roll yaw_rate speed acceleration lateral_speed station offset` | (k,) | as in |
-| | | `TrackedVehicle` |
-| `command_time` | (c,) | time of the truck's commands [s] |
-| `command` | (c, 10) | the commands, a column per field of `VehicleCommand` |
-| `truck_hash` | (h,) | of the full physics state at each frame, chained; empty without a truck |
-
-`meta` holds `schema`, `mode` ("PureSim", "InterSim"; others cannot be re-run), `seed`, `config`
-(`TrafficConfig`), `map_hash`, `map_name`, `net_hash`, `versions`, `digest` (see `PoseDigest`) and,
-for a whole drive, `drive`: its options and the versions of the truck.
+`docs/traffic_data.md` describes the arrays of the `.npz` file, version 2. `meta` holds `schema`,
+`mode` ("PureSim", "InterSim"; others cannot be re-run), `seed`, `config` (`TrafficConfig`),
+`map_hash`, `map_name`, `net_hash`, `versions`, `digest` (see `PoseDigest`) and, for a whole drive,
+`drive`: its options and the versions of the truck.
 
 Version 1 had neither `pitch`, `roll`, `yaw_rate` nor the arrays after `offset`. Such files are read
 for replay (see `traffic_bridge.modes.repsim`); they cannot be re-run.
@@ -65,7 +46,7 @@ class Recording:
     """A recorded drive: its settings, the truck's states and commands, and the other vehicles.
 
     Attributes:
-      meta: see the module's schema.
+      meta: see the module.
       time: of the frames [s], shape (n,).
       ids, kinds: of the m vehicles; sizes: length, width, height, shape (m, 3) [m].
       start: rows of frame i are start[i] to start[i + 1], shape (n + 1,).
@@ -113,7 +94,7 @@ class Recording:
         """A recording of rows in any order, without a truck.
 
         Args:
-          meta: see the module's schema; `schema` and `digest` are added.
+          meta: see the module; `schema` and `digest` are added.
           time: of the frames, increasing, shape (n,) [s].
           ids: names of the m vehicles.
           kinds: of each, see `TrackedVehicle`.

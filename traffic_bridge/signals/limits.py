@@ -255,13 +255,7 @@ def _overlaps(piece: LimitPiece, table: LaneTable) -> bool:
 
 
 def _allowed(pieces: Sequence[LimitPiece], station: FloatArray, slowing: FloatArray) -> FloatArray:
-    """Highest speeds at stations: v^2 = limit^2 + 2 b distance before a sign, shape (n,) [m/s].
-
-    Args:
-      pieces: limits there and ahead.
-      station: of the front bumpers [m], shape (n,).
-      slowing: b, the decelerations before signs [m/s2], shape (n,).
-    """
+    """Highest speeds at stations: v^2 = limit^2 + 2 slowing distance before a sign, [m/s]."""
     allowed = np.full(len(station), math.inf)
     for piece in pieces:
         before = piece.start - station

@@ -44,7 +44,7 @@ class Waiting:
 
 @dataclass
 class _Yield:
-    """A waiting vehicle, the vehicle that makes a gap for it, and since when it does [s]."""
+    """A waiting vehicle, the vehicle that makes a gap for it, and for how long it does so [s]."""
 
     waiting: Waiting
     giver: str
@@ -151,7 +151,6 @@ class MergeGuide:
         self._every = max(1, round(PERIOD / step_length))
         self._step_length = step_length
         self._period = self._every * step_length
-        self._duration = self._every * step_length + step_length
         self._steps = 0
         self._obstacles: dict[int, Obstacle] = {}
         self._leading: dict[int, frozenset[str]] = {}
@@ -212,14 +211,7 @@ class MergeGuide:
     ) -> set[str]:
         """Guides the vehicles on a SUMO lane, and out of it if it leads to the obstacle.
 
-        Args:
-          table: of the lane.
-          number: of the obstacle.
-          leads: whether the lane leads to it.
-          waiting: the foremost vehicle that waits before each obstacle; updated.
-
-        Returns:
-          The vehicles in the stretch.
+        Returns the vehicles in the stretch; adds the foremost vehicle that waits to `waiting`.
         """
         vehicle, obstacle = self._api.vehicle, self._obstacles[number]
         first = obstacle.start - obstacle.notice
@@ -237,7 +229,7 @@ class MergeGuide:
             index = self._way_out(table, station, obstacle.end) if leads else None
             if index is None:
                 continue
-            vehicle.changeLane(name, index, self._duration)
+            vehicle.changeLane(name, index, self._period + self._step_length)
             foremost = number not in waiting or waiting[number].station < station
             if foremost and station < obstacle.start and vehicle.getSpeed(name) < WAITING_SPEED:
                 target = self._lanes.tables[f"{table.edge}_{index}"]

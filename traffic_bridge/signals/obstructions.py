@@ -20,14 +20,7 @@ SCRIPTED = BLOCKER, STOPPED, CONVOY = "blocker", "stopped", "convoy"
 
 
 class Obstructions:
-    """Closes lanes, and adds stopped vehicles and convoys.
-
-    Args:
-      lanes: of the route.
-      scripted: puts the vehicles on the road.
-      guide: guides the traffic past obstacles.
-      config: types and speed of the traffic.
-    """
+    """Closes lanes, and adds stopped vehicles and convoys."""
 
     def __init__(
         self,
@@ -189,7 +182,7 @@ class Obstructions:
         ]
 
     def release(self, number: int) -> None:
-        """Makes a stopped vehicle or a convoy drive as others do.
+        """Makes a stopped vehicle or a convoy drive like the others.
 
         Raises:
           InputError: there is no such vehicle or convoy.

@@ -190,8 +190,8 @@ def test_a_lane_that_the_map_does_not_have_is_named_with_its_station(flow, highw
     ("settings", "words"),
     [
         ({"lane_map": {5: 0}}, "lane_map"),
-        ({"lane_map": {0: 0, 1: 0}}, "a lane of its own"),
-        ({"lane_map": {}}, "a lane of its own"),
+        ({"lane_map": {0: 0, 1: 0}}, "its own target lane"),
+        ({"lane_map": {}}, "its own target lane"),
         ({"start_station": float("nan")}, "start_station = nan"),
         ({"start_station": 5000.0}, "no vehicle is on the route"),
         ({"step": 0.0}, "step = 0"),

@@ -414,7 +414,7 @@ def test_wrong_arguments_are_refused_with_the_allowed_values(straight):
                 Mirror(**{name: value})
     with pytest.raises(InputError, match="pool 14"):
         Mirror(14)
-    with pytest.raises(InputError, match="car, car: each name may be there once"):
+    with pytest.raises(InputError, match="car, car: each name may occur once"):
         Mirror(types=[TYPES["car"], TYPES["car"]])
     short = dataclasses.replace(TYPES["articulated"], length=9.0)
     with pytest.raises(InputError, match=r"9\.0 m: two units need 12 m or more"):

@@ -224,7 +224,7 @@ def _rewritten(path, target, change):
         (lambda a: a.__setitem__("meta", np.array("[1]")), "schema None"),
         (
             lambda a: a.__setitem__("meta", np.array('{"schema": 3}')),
-            "schema 3, this reads 1 and 2",
+            "schema 3: this version reads 1 and 2",
         ),
         (lambda a: a.__setitem__("meta", np.array("{")), "cannot be read"),
     ],
