@@ -2,7 +2,7 @@
 
     python tools/j1939_manual.py
 
-The tables lie between the page's markers; a test compares them with the DBC.
+The tables are between the page's markers; a test compares them with the DBC.
 """
 
 from __future__ import annotations

@@ -99,13 +99,13 @@ def _beside(path: Path, what: str) -> Path:
     return other
 
 
-def _direction(heading: IntArray, wanted: int | None) -> tuple[int, tuple[str, ...]]:
+def _direction(heading: IntArray, given: int | None) -> tuple[int, tuple[str, ...]]:
     """The driving direction to read, and a note on the vehicles of the other."""
     there = sorted(set(heading.tolist()))
-    if wanted is not None:
-        if wanted not in there:
-            raise InputError(f"direction {wanted!r}: the recording has {there}")
-        return wanted, ()
+    if given is not None:
+        if given not in there:
+            raise InputError(f"direction {given!r}: the recording has {there}")
+        return given, ()
     chosen = max(there, key=lambda d: int((heading == d).sum()))
     other = int((heading != chosen).sum())
     if not other:

@@ -3,7 +3,7 @@
 Spellings of the header: `Vehicle_ID, Frame_ID, ..., v_Vel, ..., Lane_ID, Preceding, ...` (CSV of
 data.transportation.gov, with `Location`), `Vehicle ID, ..., Vehicle Velocity, ..., Lane
 Identification, Preceding Vehicle, ...` (data dictionary), and none (the original text files, whose
-18 columns stand in the dictionary's order).
+18 columns are in the dictionary's order).
 """
 
 from __future__ import annotations

@@ -163,7 +163,7 @@ class MergeGuide:
         number = next(self._numbers)
         self._obstacles[number] = obstacle
         # Lanes are counted from the right, so a lane's number changes where another one begins or
-        # ends; the net tells which lanes lead to the obstacle.
+        # ends; the net determines which lanes lead to the obstacle.
         with self._session.guard("warning of an obstacle"):
             on = self._lanes.within(obstacle.start, obstacle.end, obstacle.lane)
             lanes = on + upstream(self._lanes, on, obstacle.notice)

@@ -305,7 +305,7 @@ def test_jitter_queues_and_few_rows_do_not_count_as_wrong_units(tmp_path):
         ("binary.bin", bytes(range(256)) * 10),
         ("other.xml", b"<routes/>"),
         ("torn.xml", b"<fcd-export><timestep time='0'><vehicle id='a'"),
-        ("nobody.xml", b"<fcd-export><timestep time='0'/></fcd-export>"),
+        ("no_vehicles.xml", b"<fcd-export><timestep time='0'/></fcd-export>"),
         ("lane.xml", b"<fcd-export><timestep time='0'><vehicle id='a' pos='1' speed='1' "
                      b"lane='x'/></timestep></fcd-export>"),
         ("index.xml", b"<fcd-export><timestep time='0'><vehicle id='a' pos='1' speed='1' "

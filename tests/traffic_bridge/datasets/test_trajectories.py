@@ -114,8 +114,8 @@ def test_impossible_values_are_named(changes, words):
 
 
 def test_an_unknown_vehicle_is_refused():
-    with pytest.raises(InputError, match="no vehicle 'who'"):
-        two().rows("who")
+    with pytest.raises(InputError, match="no vehicle 'other'"):
+        two().rows("other")
     with pytest.raises(InputError, match="no vehicle 2 among 2"):
         two().rows(2)
     with pytest.raises(InputError, match="mask of shape"):

@@ -17,8 +17,8 @@ def angle(a, b):
 
 
 def test_pulled_semitrailer_follows_the_tractrix():
-    # The axles of a semitrailer pulled along x from being square to it lie on the classical curve
-    # x = d (t - tanh t), y = d / cosh t, t being the way in units of d.
+    # The semitrailer starts at right angles to x and is pulled along x: its axles follow the curve
+    # x = d (t - tanh t), y = d / cosh t, with the distance t in units of d.
     for way in (0.5, 3.0, 12.0):
         yaw = TRUCK.pulled(-0.5 * math.pi, 0.0, way)
         t = way / AXLES
