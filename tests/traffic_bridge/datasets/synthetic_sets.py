@@ -48,47 +48,17 @@ def tracks(step=0.1, seconds=SECONDS):
 
 
 NGSIM_HEADER = [
-    "Vehicle_ID",
-    "Frame_ID",
-    "Total_Frames",
-    "Global_Time",
-    "Local_X",
-    "Local_Y",
-    "Global_X",
-    "Global_Y",
-    "v_Length",
-    "v_Width",
-    "v_Class",
-    "v_Vel",
-    "v_Acc",
-    "Lane_ID",
-    "Preceding",
-    "Following",
-    "Space_Headway",
-    "Time_Headway",
+    *("Vehicle_ID", "Frame_ID", "Total_Frames", "Global_Time"),
+    *("Local_X", "Local_Y", "Global_X", "Global_Y"),
+    *("v_Length", "v_Width", "v_Class", "v_Vel", "v_Acc"),
+    *("Lane_ID", "Preceding", "Following", "Space_Headway", "Time_Headway"),
 ]
 DICTIONARY_HEADER = [
-    name.replace("-", " ")
-    for name in [
-        "Vehicle-ID",
-        "Frame-ID",
-        "Total-Frames",
-        "Global-Time",
-        "Local-X",
-        "Local-Y",
-        "Global-X",
-        "Global-Y",
-        "Vehicle-Length",
-        "Vehicle-Width",
-        "Vehicle-Class",
-        "Vehicle-Velocity",
-        "Vehicle-Acceleration",
-        "Lane-Identification",
-        "Preceding-Vehicle",
-        "Following-Vehicle",
-        "Spacing",
-        "Headway",
-    ]
+    *("Vehicle ID", "Frame ID", "Total Frames", "Global Time"),
+    *("Local X", "Local Y", "Global X", "Global Y"),
+    *("Vehicle Length", "Vehicle Width", "Vehicle Class"),
+    *("Vehicle Velocity", "Vehicle Acceleration"),
+    *("Lane Identification", "Preceding Vehicle", "Following Vehicle", "Spacing", "Headway"),
 ]
 
 
