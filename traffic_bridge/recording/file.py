@@ -1,4 +1,4 @@
-"""Reads and writes recordings as `.npz` files; the schema is in `recording.recording`."""
+"""Reads and writes recordings as `.npz` files; `docs/traffic_data.md` describes their arrays."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def read(path: Path) -> dict[str, Any]:
             meta = json.loads(str(file["meta"]))
             schema = meta.get("schema") if isinstance(meta, dict) else None
             if schema not in (1, SCHEMA):
-                raise InputError(f"{name}: schema {schema!r}, this reads 1 and {SCHEMA}")
+                raise InputError(f"{name}: schema {schema!r}: this version reads 1 and {SCHEMA}")
             return _fields(file, meta, schema, name)
     except InputError:
         raise

@@ -8,7 +8,6 @@ neither, at the beginning. It ends at a traffic time (`until`) or some time afte
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import Any, ClassVar
 
 from iits_mj.core.checks import in_range, is_whole, make_plain, plain
 from iits_mj.core.errors import InputError
-from traffic_bridge.vehicles.types import check_changes
+from traffic_bridge.vehicles.types import check_changes, read_toml
 
 LONGEST = 1e6  # [m], [s]
 LIGHT_LETTERS = "rRyYgGuoOs"
@@ -182,7 +181,7 @@ class LaneClosure(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class StoppedVehicle(Event):
-    """A vehicle that stands on a lane; at the end it drives on.
+    """A stopped vehicle on a lane; at the end it drives on.
 
     It appears as soon as its place is free and vehicles behind can still stop.
 
@@ -211,7 +210,7 @@ class StoppedVehicle(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class SlowConvoy(Event):
-    """Slow vehicles in one lane, which they keep; at the end they drive as others do.
+    """Slow vehicles that keep their lane; at the end they drive like the others.
 
     Attributes:
       station: of the first one's front bumper at the beginning [m]; lane: from the right.
@@ -318,15 +317,7 @@ def read_events(path: str | Path) -> tuple[Event, ...]:
         has the file, the event's number and what is allowed.
     """
     path = Path(path)
-    try:
-        with path.open("rb") as file:
-            content = tomllib.load(file)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: cannot be read: it is not UTF-8 text") from error
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not TOML: {error}") from error
+    content = read_toml(path)
     unknown = [name for name in content if name != "events"]
     if unknown:
         raise InputError(f"{path}: {unknown[0]!r} is unknown; the file has tables [[events]]")

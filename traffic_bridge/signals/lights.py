@@ -74,12 +74,7 @@ class _Setting:
 
 
 class TrafficLights:
-    """The lights of the net; the traffic controller has one.
-
-    Args:
-      session: the running SUMO.
-      lanes: of the route.
-    """
+    """The traffic lights of the net."""
 
     def __init__(self, session: Session, lanes: RouteLanes) -> None:
         self._session = session
@@ -220,7 +215,7 @@ class TrafficLights:
             make = self._api
             steps = [make.Phase(p.duration, p.state, p.duration, p.duration) for p in phases]
             make.setProgramLogic(light, make.Logic(program, FIXED_TIME, 0, steps))
-            # SUMO switches to a new program at once; it shall run only when asked for.
+            # SUMO starts a new program at once; the running one must continue.
             make.setProgram(light, running)
 
     def run_program(self, light: str, program: str = "0") -> None:
@@ -247,18 +242,15 @@ class TrafficLights:
             raise InputError(f"station {station!r}: must be a finite number")
         if lane is not None and (not is_whole(lane) or lane < 0):
             raise InputError(f"lane {lane!r}: must be a whole number from 0 or None")
-        to_come = [stop for stop in self._stops if stop[0] >= station and lane in (None, stop[1])]
-        if not to_come:
+        ahead = [stop for stop in self._stops if stop[0] >= station and lane in (None, stop[1])]
+        if not ahead:
             return None
         # Lanes of one stop line end within meters of each other; the rightmost one is reported.
-        first = to_come[0][0]
-        near = [stop for stop in to_come if stop[0] < first + SAME_STOP_LINE]
+        near = [stop for stop in ahead if stop[0] < ahead[0][0] + SAME_STOP_LINE]
         line, own_lane, light, link = min(near, key=lambda stop: stop[1])
         letter = self.state(light)[link]
         wait, after = self._next_letter(light, link)
         return LightAhead(light, link, letter, line, own_lane, wait, after)
-
-    # Inside ------------------------------------------------------------------------------------
 
     def _reading(self, light: str) -> Guard:
         return self._session.guard(f"reading traffic light {light}")
@@ -280,14 +272,14 @@ class TrafficLights:
     def _hold(self, light: str, setting: _Setting) -> Undo:
         if self._overrides.newest("setting", light) is None:
             self._before[light] = self._present(light)
-        undo = self._overrides.add(light, {"setting": setting}, lambda: self._go_on(light))
+        undo = self._overrides.add(light, {"setting": setting}, lambda: self._restore(light))
         self._set(light, setting)
         return undo
 
-    def _go_on(self, light: str) -> None:
+    def _restore(self, light: str) -> None:
         """Applies the newest temporary setting, or else the one before all of them."""
         setting = self._overrides.newest("setting", light) or self._before[light]
-        # A setting that is in force already is not started again.
+        # Setting a running program again would restart it.
         if setting != self._present(light):
             self._set(light, setting)
 
@@ -325,11 +317,10 @@ class TrafficLights:
             )
         return known[program]
 
-    def _check(self, light: str) -> str:
+    def _check(self, light: str) -> None:
         if light not in self._names:
             known = ", ".join(self._names) or "none"
             raise InputError(f"no traffic light {light!r} in the net; there are: {known}")
-        return light
 
 
 def _check_state(what: str, state: object, links: int) -> None:

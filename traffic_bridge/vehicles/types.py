@@ -198,7 +198,7 @@ class VehicleType:
 @cache
 def default_types() -> tuple[VehicleType, ...]:
     """The four types of the package."""
-    table = _table(VEHICLE_TYPES)
+    table = read_toml(VEHICLE_TYPES)
     return tuple(VehicleType(name=kind, **table[kind]) for kind in KINDS)
 
 
@@ -218,7 +218,7 @@ def read_types(
       InputError: the file cannot be read, or has an unknown field or an unusable value.
     """
     types = {t.name: t for t in (default_types() if base is None else base)}
-    for name, values in _table(Path(path)).items():
+    for name, values in read_toml(Path(path)).items():
         try:
             if not isinstance(values, dict):
                 raise InputError(f"{name} = {values!r}: expected a table [{name}]")
@@ -318,7 +318,8 @@ def _colors(name: str, colors: object) -> tuple[Color, ...]:
     return tuple(check_color(name, color) for color in colors)
 
 
-def _table(path: Path) -> dict[str, Any]:
+def read_toml(path: Path) -> dict[str, Any]:
+    """Returns the content of a TOML file; raises InputError if it cannot be read."""
     try:
         with path.open("rb") as file:
             return tomllib.load(file)
