@@ -19,6 +19,7 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import group_center
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +34,11 @@ class Kinematic:
     def from_parameters(cls, parameters: TruckParameters) -> Kinematic:
         """Lengths to the centres of the axle groups."""
         front, *drive = parameters.tractor.axles
-        centre = float(np.mean([axle.position for axle in drive]))
+        center = group_center(drive)
         return cls(
-            L=centre - front.position,
-            L_1=parameters.fifth_wheel.position - centre,
-            L_2=float(np.mean([axle.position for axle in parameters.semitrailer.axles])),
+            L=center - front.position,
+            L_1=parameters.fifth_wheel.position - center,
+            L_2=group_center(parameters.semitrailer.axles),
         )
 
     def derivative(self, state: FloatArray, speed: float, steer_rate: float) -> FloatArray:

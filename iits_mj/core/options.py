@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any
 
+from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
 
 _KEY = "iits_mj.option"
@@ -121,8 +122,8 @@ def check_value(name: str, value: Any, rule: Option) -> None:
     if value is None or isinstance(value, bool):
         return
     allowed = rule.allowed()
-    if allowed is not None and value not in allowed:
-        raise InputError(f"{name} {value!r} is not known; use one of: {', '.join(allowed)}")
+    if allowed is not None:
+        one_of(name, value, allowed)
     if not isinstance(value, Real):
         if rule.low is not None or rule.high is not None:
             raise InputError(f"{name} {value!r} is not a number")

@@ -12,6 +12,7 @@ import xml.etree.ElementTree as ET
 import mujoco
 from numpy.typing import ArrayLike
 
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.core.units import GRAVITY
 from iits_mj.model import visuals
 from iits_mj.model.attributes import text
@@ -57,9 +58,8 @@ def truck_xml(parameters: TruckParameters, payload: float) -> str:
     payload = parameters.check_payload(payload)
     root = ET.Element("mujoco", model="iits_truck")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
-    ET.SubElement(
-        root, "option", timestep="0.002", integrator="implicitfast", gravity=f"0 0 {-GRAVITY}"
-    )
+    physics = {"timestep": str(TIMESTEP), "integrator": "implicitfast"}
+    ET.SubElement(root, "option", physics, gravity=f"0 0 {-GRAVITY}")
     add_extension(root, parameters, payload)
     _defaults(root)
     world = ET.SubElement(root, "worldbody")

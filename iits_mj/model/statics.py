@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from iits_mj.parameters import Axle, Semitrailer, Tractor, TruckParameters
+from iits_mj.parameters import Axle, TruckParameters, Unit
 from iits_mj.parameters.mass_state import (
     Inertial,
     axle_loads_by_name,
@@ -53,7 +53,7 @@ def axle_inertial(parameters: TruckParameters, axle: Axle, height: float) -> Ine
     return joined(Inertial(mass, axle.position, height, beam_inertia(axle)), wheels)
 
 
-def sprung(parameters: TruckParameters, unit: Tractor | Semitrailer, payload: float) -> Inertial:
+def sprung(parameters: TruckParameters, unit: Unit, payload: float) -> Inertial:
     """Returns a unit less its axles, which is the chassis body of the model.
 
     The parameters of a unit include axles and wheels, which are subtracted with Steiner's theorem.

@@ -10,6 +10,7 @@ from iits_mj.parameters.truck import (
     TireCommon,
     Tractor,
     TruckParameters,
+    Unit,
 )
 
 __all__ = [
@@ -22,5 +23,6 @@ __all__ = [
     "TireCommon",
     "Tractor",
     "TruckParameters",
+    "Unit",
     "payload_option",
 ]

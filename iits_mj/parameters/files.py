@@ -5,7 +5,6 @@ Errors name the file or the parameter, its value and what is needed.
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import tomllib
 import typing
@@ -20,6 +19,7 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.assets import mjcf_dir
 from iits_mj.core.checks import is_number
 from iits_mj.core.errors import InputError
+from iits_mj.core.tables import read_table
 from iits_mj.core.units import KMH, RPM
 
 
@@ -155,16 +155,15 @@ def _array(node: Any, where: str) -> FloatArray:
 
 
 def _read_csv(path: Path) -> tuple[list[str], FloatArray]:
-    """Returns header and numbers of a CSV table; lines that begin with `#` are comments."""
+    """Returns header and numbers of a CSV table."""
+    header, rows = read_table(path, "table")
     try:
-        lines = [row for row in path.read_text(encoding="utf-8").splitlines() if row[:1] != "#"]
-        rows = list(csv.reader(lines))
-        values = np.array([[float(cell) for cell in row] for row in rows[1:]])
-    except (OSError, ValueError) as error:
+        values = np.array([[float(cell) for cell in row] for row in rows])
+    except ValueError as error:
         raise InputError(f"table {str(path)!r} cannot be read: {error}") from error
-    if values.ndim != 2 or values.shape[1] != len(rows[0]) or not np.isfinite(values).all():
-        raise InputError(f"table {str(path)!r}: every row must have {len(rows[0])} finite numbers")
-    return rows[0], values
+    if values.ndim != 2 or values.shape[1] != len(header) or not np.isfinite(values).all():
+        raise InputError(f"table {str(path)!r}: every row must have {len(header)} finite numbers")
+    return header, values
 
 
 def _table(path: Path, row_unit: float, column_unit: float, value_unit: float) -> Table2D:

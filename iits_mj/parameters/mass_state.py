@@ -16,7 +16,7 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.options import option
 from iits_mj.core.units import GRAVITY
-from iits_mj.parameters.truck import Axle, Semitrailer, Tractor, TruckParameters
+from iits_mj.parameters.truck import Axle, TruckParameters, Unit
 
 # Greatest payload of the shipped truck [kg]: `payload.mass_max` of mjcf/truck.toml.
 MAX_PAYLOAD = 36_000.0
@@ -80,7 +80,7 @@ def without(whole: Inertial, *parts: Inertial) -> Inertial:
     return joined(whole, *negative)
 
 
-def unit_inertial(unit: Tractor | Semitrailer) -> Inertial:
+def unit_inertial(unit: Unit) -> Inertial:
     """Returns a unit with its axles and wheels; the semitrailer without payload."""
     inertia = (unit.inertia_x, unit.inertia_y, unit.inertia_z)
     return Inertial(unit.mass, unit.cg_position, unit.cg_height, inertia)

@@ -47,8 +47,8 @@ class Axle:
 
 
 @dataclass(frozen=True)
-class Tractor:
-    """The tractor unit with its axles; mass and inertia include axles and wheels."""
+class Unit:
+    """A tractor or semitrailer with its axles; mass and inertia include axles and wheels."""
 
     mass: float
     cg_position: float
@@ -64,21 +64,15 @@ class Tractor:
 
 
 @dataclass(frozen=True)
-class Semitrailer:
-    """The empty semitrailer with its axles; positions from the kingpin."""
+class Tractor(Unit):
+    """The tractor unit; positions from the steer axle."""
 
-    mass: float
-    cg_position: float
-    cg_height: float
-    inertia_x: float
-    inertia_y: float
-    inertia_z: float
-    front_overhang: float
+
+@dataclass(frozen=True)
+class Semitrailer(Unit):
+    """The empty semitrailer; positions from the kingpin."""
+
     length: float
-    width: float
-    height: float
-    load_equalization: float
-    axles: tuple[Axle, ...]
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from iits_mj.core.angles import wrap_angle
 from iits_mj.core.arrays import FloatArray
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
@@ -237,11 +238,6 @@ class PlanJump(NamedTuple):
     heading: float
 
 
-def wrap_angle(angle: FloatArray | float) -> FloatArray:
-    """Angle brought to (-pi, pi]."""
-    return np.asarray(np.pi - np.mod(np.pi - np.asarray(angle), 2.0 * np.pi))
-
-
 class PlanView:
     """The records of a road's reference line, in order of s."""
 
@@ -270,6 +266,6 @@ class PlanView:
         for before, after in zip(self.records, self.records[1:], strict=False):
             end = before.evaluate(after.s - before.s)
             start = after.evaluate(0.0)
-            turn = float(wrap_angle(float(start.heading) - float(end.heading)))
+            turn = wrap_angle(float(start.heading) - float(end.heading))
             steps.append(PlanJump(after.s, float(start.x - end.x), float(start.y - end.y), turn))
         return steps

@@ -7,7 +7,6 @@ inside a road blended (`iits_mj.road.seams`).
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_right
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -59,14 +58,13 @@ class RoadFrame:
       MapError: its records jump by more than can be blended.
     """
 
-    def __init__(self, road_map: RoadMap, road: Road, limit: float = SUPERELEVATION_LIMIT) -> None:
-        """`limit` is the steepest cross slope [rad]; a steeper road is scaled down, as routes."""
+    def __init__(self, road_map: RoadMap, road: Road) -> None:
+        """Scales cross slopes above `SUPERELEVATION_LIMIT` down, as a route does."""
         self.road = road
-        s = np.linspace(0.0, road.length, max(int(road.length), 10))
-        steepest = float(np.max(np.abs(road.superelevation.evaluate(s))))
-        scale = limit / steepest if steepest > limit else 1.0
         source = str(road_map.path)
         pieces = join(road_map.roads, [(road.id, 1)], source)
+        steepest = pieces[0].steepest()
+        scale = SUPERELEVATION_LIMIT / steepest if steepest > SUPERELEVATION_LIMIT else 1.0
         self.line = ReferenceLine(ContinuousChain(pieces, source, scale))
         self.length = road.length
         self._starts = [section.s for section in road.sections]
@@ -203,11 +201,6 @@ class RoadFrames(dict[str, RoadFrame]):
         """Makes a road's frame; a KeyError names a road that is not of the map."""
         frame = self[road] = RoadFrame(self.road_map, self.road_map.roads[road])
         return frame
-
-
-def wrap(angle: float) -> float:
-    """Angle brought to [-pi, pi]."""
-    return math.remainder(angle, 2.0 * math.pi)
 
 
 def _lane_sides(

@@ -9,6 +9,7 @@ import mujoco
 from iits_mj.core.checks import in_range
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.model.builder import truck_spec
 from iits_mj.parameters import TruckParameters
 from iits_mj.plugin import register
@@ -46,7 +47,7 @@ class TruckFleet:
         *,
         route: Route,
         parameters: TruckParameters | None = None,
-        timestep: float = 0.002,
+        timestep: float = TIMESTEP,
         visuals: bool = True,
         edit_spec: Callable[[mujoco.MjSpec], None] | None = None,
     ) -> TruckFleet:

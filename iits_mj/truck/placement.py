@@ -12,6 +12,7 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import is_number, positive
 from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import group_center
 from iits_mj.road import Route
 
 
@@ -71,7 +72,7 @@ class Poser:
             ]
             for axle in parameters.axles
         }
-        self._trailer_axles = float(np.mean([a.position for a in parameters.semitrailer.axles]))
+        self._trailer_axles = group_center(parameters.semitrailer.axles)
 
     def pose(self, data: mujoco.MjData, place: TruckPlacement) -> None:
         """Writes the pose: tractor and trailer on their axles."""

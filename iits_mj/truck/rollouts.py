@@ -27,8 +27,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.model.sensor_table import sensor_unit
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
 from iits_mj.road import Route
 from iits_mj.truck.placement import TruckPlacement
 from iits_mj.truck.truck import COMMAND_FIELDS, Truck
@@ -61,7 +62,7 @@ class Scenario:
 
     route: Route
     place: TruckPlacement = field(default_factory=TruckPlacement)
-    payload: float = 36_000.0
+    payload: float = MAX_PAYLOAD
     parameters: Mapping[str, Any] | None = None
 
 
@@ -101,7 +102,7 @@ def roll_out(
     period: float = 0.1,
     signals: Sequence[str] = SIGNALS,
     threads: int = 0,
-    timestep: float = 0.002,
+    timestep: float = TIMESTEP,
 ) -> Rollouts:
     """Drives all scenarios with open-loop commands.
 

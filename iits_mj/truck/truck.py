@@ -24,6 +24,7 @@ from iits_mj.core.messages import (
     XbrEbiMode,
     XbrMode,
 )
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.model.builder import truck_spec
 from iits_mj.model.road_table import add_road_table
 from iits_mj.model.scenery.road_scene import add_road
@@ -161,7 +162,7 @@ class Truck:
         payload_height: float | None = None,
         parameters: TruckParameters | Mapping[str, Any] | str | Path | None = None,
         route: Route | None = None,
-        timestep: float = 0.002,
+        timestep: float = TIMESTEP,
         visuals: bool = True,
         edit_spec: Callable[[mujoco.MjSpec], None] | None = None,
     ) -> Truck:

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.special import fresnel
 
+from iits_mj.core.angles import wrap_angles
 from iits_mj.road.geometry import (
     Arc,
     Geometry,
@@ -15,7 +16,6 @@ from iits_mj.road.geometry import (
     PlanView,
     Poly3,
     Spiral,
-    wrap_angle,
 )
 
 PLACE = (0.0, 12.0, -7.0, 0.6)
@@ -67,8 +67,8 @@ def test_heading_speed_and_curvature_are_the_derivatives_of_position(geometry):
     before, here, after = (geometry.evaluate(s + d) for d in (-h, 0.0, h))
     dx, dy = (after.x - before.x) / (2 * h), (after.y - before.y) / (2 * h)
     assert np.allclose(np.hypot(dx, dy), here.speed, atol=1e-7)
-    assert np.allclose(wrap_angle(np.arctan2(dy, dx) - here.heading), 0.0, atol=1e-7)
-    turn = wrap_angle(after.heading - before.heading) / (2 * h) / here.speed
+    assert np.allclose(wrap_angles(np.arctan2(dy, dx) - here.heading), 0.0, atol=1e-7)
+    turn = wrap_angles(after.heading - before.heading) / (2 * h) / here.speed
     assert np.allclose(turn, here.curvature, atol=1e-7)
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from iits_mj.core.angles import wrap_angle, wrap_angles
 from iits_mj.core.errors import MapError
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.chain import Piece
 from iits_mj.road.elements import Road
-from iits_mj.road.geometry import wrap_angle
 from iits_mj.road.seams import ContinuousChain
 from tests.road.map_peers import SHARED_MAPS, convert, netconvert, read_net, shared_maps
 
@@ -63,7 +63,7 @@ def test_reference_line_agrees_with_pyxodr(path):
         chord = np.arctan2(step[:, 1], step[:, 0])
         long = np.hypot(*step.T) > 0.8
         middle = road.plan.evaluate(0.5 * (s[2:] + s[:-2])).heading
-        assert np.abs(wrap_angle(chord - middle))[long].max() < ANGLE, road.id
+        assert np.abs(wrap_angles(chord - middle))[long].max() < ANGLE, road.id
 
 
 @needs_netconvert
