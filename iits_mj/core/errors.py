@@ -26,7 +26,7 @@ class BusError(Error):
 
 
 class PlanningError(Error):
-    """An optimisation or planning problem has no solution; the message gives the reason."""
+    """An optimization or planning problem has no solution; the message gives the reason."""
 
 
 class RenderError(Error):

@@ -32,7 +32,7 @@ class Option:
     """Help and allowed values of a field.
 
     Attributes:
-      help: one sentence for people; unit: "" for a number without one.
+      help: one sentence; unit: "" for a number without one.
       low, high: inclusive bounds, or None; choices: allowed values, or a function that lists them.
       metavar: placeholder of the value in the help text.
       positional: True for an argument without a flag.
@@ -67,7 +67,7 @@ def _plain(value: float) -> str:
 
 
 def option(default: Any = dataclasses.MISSING, **settings: Any) -> Any:
-    """A dataclass field with an `Option`, whose attributes are the settings."""
+    """Returns a dataclass field with an `Option`, whose attributes are the settings."""
     metadata = {_KEY: Option(**settings)}
     if default is dataclasses.MISSING:
         return dataclasses.field(metadata=metadata)
@@ -77,8 +77,8 @@ def option(default: Any = dataclasses.MISSING, **settings: Any) -> Any:
 def given_names() -> Any:
     """A dataclass field of type `frozenset[str]`: names of the options on the command line.
 
-    It tells an option that was given with its default value from one that was not given. It is
-    empty when the dataclass is made in Python.
+    It distinguishes an option that was given with its default value from one that was not given. It
+    is empty when the dataclass is made in Python.
     """
     return dataclasses.field(
         default=frozenset(), compare=False, repr=False, metadata={_GIVEN: True}

@@ -16,16 +16,10 @@ _TIRE_WIDTH = 0.30
 _CASING_RADIUS = 0.15
 
 
-def tire_deflection(parameters: TruckParameters, axle: Axle, load: float) -> float:
-    """Returns the deflection of an axle's tires [m] under an axle load [N]."""
-    tire = parameters.tires[axle.tire]
-    return load / (2 * tire.count * tire.vertical_stiffness)
-
-
 def wheel_height(parameters: TruckParameters, axle: Axle, load: float) -> float:
-    """Returns the height of the wheel centre above the road at rest [m]."""
-    radius = parameters.tires[axle.tire].free_radius
-    return radius - tire_deflection(parameters, axle, load)
+    """Returns the height of the wheel center above the road [m] at rest under an axle load [N]."""
+    tire = parameters.tires[axle.tire]
+    return tire.free_radius - load / (2 * tire.count * tire.vertical_stiffness)
 
 
 def wheel_inertia(parameters: TruckParameters, axle: Axle) -> tuple[float, float, float]:

@@ -1,4 +1,4 @@
-"""The truck's parameters: read from `mjcf/truck.toml`, checked, with overrides on top."""
+"""The truck's parameters: read from `mjcf/truck.toml`, with overlays, and checked."""
 
 from iits_mj.parameters.mass_state import MAX_PAYLOAD, payload_option
 from iits_mj.parameters.truck import (

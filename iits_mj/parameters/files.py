@@ -1,6 +1,6 @@
 """Reads the truck's files: TOML with provenance and CSV tables, into checked dataclasses.
 
-Errors name the file or the parameter, its value and what is needed.
+Errors name the file or parameter, its value and the allowed values.
 """
 
 from __future__ import annotations
@@ -32,10 +32,9 @@ class Table2D:
     values: FloatArray
 
 
-def provenance(path: str | Path | None = None) -> list[tuple[str, str, str, str, str]]:
-    """Returns (name, value, unit, grade, source) of every quantity in the truck's TOML."""
-    file = Path(path) if path is not None else mjcf_dir() / "truck.toml"
-    return list(_provenance_rows(read_toml(file), ""))
+def provenance() -> list[tuple[str, str, str, str, str]]:
+    """Returns (name, value, unit, grade, source) of every quantity of the shipped truck's TOML."""
+    return list(_provenance_rows(read_toml(mjcf_dir() / "truck.toml"), ""))
 
 
 def _provenance_rows(node: Any, prefix: str) -> Iterator[tuple[str, str, str, str, str]]:

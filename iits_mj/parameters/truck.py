@@ -1,7 +1,7 @@
 """The truck's parameters as frozen dataclasses, read from `mjcf/truck.toml` and its CSV tables.
 
 Every quantity of the TOML is `{ value, unit, grade, source }`; an overlay (for instance a file of
-identified parameters) may give plain values. Positions are metres behind the steer axle (tractor)
+identified parameters) may give plain values. Positions are meters behind the steer axle (tractor)
 or behind the kingpin (semitrailer), heights are above the road, masses of a unit include its axles.
 """
 

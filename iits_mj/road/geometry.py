@@ -1,7 +1,7 @@
 """Exact evaluation of OpenDRIVE plan-view geometry: line, arc, spiral, poly3, paramPoly3.
 
 Every record gives position, heading, curvature and the speed |dP/ds| at distances ds from its
-start. Arrays have the shape of `ds`. Lengths in metres, angles in radians, curvature positive to
+start. Arrays have the shape of `ds`. Lengths in meters, angles in radians, curvature positive to
 the left. Records extrapolate naturally beyond both ends, which bridges small gaps of a map.
 """
 
@@ -134,11 +134,6 @@ class ParamPoly3(Geometry):
     v_coefficients: tuple[float, float, float, float]
     normalized: bool = False
 
-    @property
-    def parameter_end(self) -> float:
-        """Value of p at the record's end."""
-        return 1.0 if self.normalized else self.length
-
     def _derivatives(self, p: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         _, bu, cu, du = self.u_coefficients
         _, bv, cv, dv = self.v_coefficients
@@ -156,7 +151,7 @@ class ParamPoly3(Geometry):
     @cached_property
     def _arc_length(self) -> tuple[FloatArray, FloatArray]:
         """Table of p and the arc length up to p, (n,) each."""
-        p = np.linspace(0.0, self.parameter_end, 257)
+        p = np.linspace(0.0, 1.0 if self.normalized else self.length, 257)
         width = np.diff(p)[:, None]
         pieces = (self._norm(p[:-1, None] + width * _UNIT_NODES) * _UNIT_WEIGHTS).sum(axis=1)
         return p, np.concatenate(([0.0], np.cumsum(pieces * width[:, 0])))
@@ -203,8 +198,8 @@ class Poly3(Geometry):
     coefficients: tuple[float, float, float, float]
 
     @cached_property
-    def _curve(self) -> tuple[ParamPoly3, float]:
-        """The same curve with u as parameter, and the u at which its arc length is `length`."""
+    def _normalized(self) -> ParamPoly3:
+        """The curve over p from 0 to 1, which ends at the u whose arc length is `length`."""
         along = (0.0, 1.0, 0.0, 0.0)
         extent = self.length
         for _ in range(50):
@@ -213,11 +208,6 @@ class Poly3(Geometry):
             if abs(error) < 1e-12 * max(1.0, self.length):
                 break
             extent += error / float(curve._norm(np.array(extent)))
-        return curve, extent
-
-    @cached_property
-    def _normalized(self) -> ParamPoly3:
-        _, extent = self._curve
         a, b, c, d = self.coefficients
         scaled = (a, b * extent, c * extent**2, d * extent**3)
         return ParamPoly3(
@@ -261,7 +251,7 @@ class PlanView:
         return PlanarPoint(*(row.reshape(s.shape) for row in result))
 
     def jumps(self) -> list[PlanJump]:
-        """Steps of position and heading between neighbouring records."""
+        """Steps of position and heading between neighboring records."""
         steps = []
         for before, after in zip(self.records, self.records[1:], strict=False):
             end = before.evaluate(after.s - before.s)

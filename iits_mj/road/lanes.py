@@ -3,8 +3,8 @@
 Lanes have borders, limits, paint and friction over the route's chain parameter.
 
 They are counted from the right, 0 being the rightmost driving lane; offsets are positive to the
-left of the route's reference line. Widths are taken horizontally (a cross slope of 0.1 rad changes
-them by 0.5 %), as SUMO's network has them.
+left of the route's reference line. Widths are horizontal, as in SUMO's network (a cross slope of
+0.1 rad changes them by 0.5 %).
 """
 
 from __future__ import annotations

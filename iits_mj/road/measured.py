@@ -24,7 +24,7 @@ __all__ = ["Lanes", "measured_route", "route_from_csv"]
 
 _GRADE_MAX = 0.25
 _CURVATURE_MAX = 0.2
-# Below it a clothoid is laid as a straight line or an arc [1/m].
+# Clothoids whose curvature changes by less become straight lines or arcs [1/m].
 _SAME_CURVATURE = 1e-9
 
 
@@ -41,7 +41,7 @@ def measured_route(
     The reference line is the middle of the rightmost lane, which lies on the measured heights.
 
     Args:
-      station: rising [m]; the first is the road's station 0.
+      station: increasing [m]; the first is the road's station 0.
       height: [m].
       heading: [rad]; only the first is used, the curvature gives the others; default: 0.
       curvature: positive to the left [1/m]; default: a straight road.

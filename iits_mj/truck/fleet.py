@@ -23,7 +23,7 @@ TRUCKS_MAX = 31 - _FIRST_BIT
 
 
 class TruckFleet:
-    """Trucks that share a road, a clock and the contacts between them.
+    """Trucks that share a road and a clock and collide with each other.
 
     All names of truck k begin with `prefix(k)`: body `truck0/tractor`, sensor `truck1/speed`.
     `trucks[k]` commands and reads one truck; `reset` and `step` act on all.
@@ -110,7 +110,7 @@ class TruckFleet:
         return self.observe()
 
     def step(self, n: int = 1) -> None:
-        """Advances all by `n` time steps.
+        """Advances all trucks by `n` time steps.
 
         Raises:
           Error: the simulation diverged.

@@ -21,7 +21,7 @@ class TruckPlacement:
     """A place and motion of a truck on its road, rolling freely.
 
     Attributes:
-      station: of the steer axle's centre on the route [m].
+      station: of the steer axle's center on the route [m].
       offset: of the same, to the left [m].
       speed: of the steer axle along the tractor [m/s], zero or positive.
       heading: of the tractor against the road, positive to the left [rad].
@@ -106,7 +106,7 @@ class Poser:
         bogie_station = place.station - reach - self._trailer_axles
         bogie = self._point(bogie_station, place.offset)
         across = self._across(bogie_station)
-        # The trailer's frame lies at the kingpin's height above the road, also at the bogie.
+        # The trailer's x axis is at the kingpin's height above the road, also at the bogie.
         ahead, behind = (self._point(bogie_station + d, place.offset) for d in (1.0, -1.0))
         along = ahead - behind
         bogie = bogie + _frame(along, across)[:, 2] * p.fifth_wheel.height

@@ -8,7 +8,7 @@
     drives["tractor_gyro"]          # (3 scenarios, 80 instants, 3 components)
     drives.units["tractor_gyro"]    # "rad/s"
 
-The physics is `mujoco.batch`; every drive is bit for bit the one of `Truck.step`.
+The physics is `mujoco.batch`; every drive equals the one of `Truck.step` bit for bit.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ SIGNALS = (
     "gear",
     "fuel_used",
 )
-# State from which a step of the physics starts.
+# State at the start of a physics step.
 _STATE = ("time", "qpos", "qvel", "act", "plugin_state", "qacc_warmstart")
 
 
@@ -74,8 +74,8 @@ class Rollouts:
       time: of the instants [s], shape (instants,).
       values: of each sensor, by its name in the model.
       units: of each sensor.
-      diverged: whether the physics of a drive diverged, shape (scenarios,); its values from then on
-        are the last ones.
+      diverged: whether the physics of a drive diverged, shape (scenarios,); its last values are
+        then repeated.
     """
 
     time: FloatArray

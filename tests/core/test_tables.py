@@ -30,7 +30,7 @@ def test_columns_come_in_the_order_asked_for(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "columns s_m and z_m are wanted"),
+        ("", "columns s_m and z_m are needed"),
         ("s_m,x\n0,1\n", "found"),
         ("s_m,z_m\n0,1\n0,one\n", "not a number in row 2"),
         ("s_m,z_m\n0\n1,2\n", "not a number"),

@@ -45,7 +45,8 @@ def mesh_points(model, word):
     return np.concatenate(found)
 
 
-def test_road_touches_nothing(model):
+def test_road_has_one_light_and_touches_nothing(model):
+    assert model.nlight == 1
     assert model.ngeom < 450
     assert not model.geom_contype.any()
     assert not model.geom_conaffinity.any()
@@ -125,7 +126,7 @@ def test_tunnel_is_below_ground_and_bridge_above(highway, landscape):
             assert np.all(sign * (ground - point.z) > 0.5)
 
 
-def test_dashes_are_six_metres_long_every_fifteen(highway):
+def test_dashes_are_six_meters_long_every_fifteen(highway):
     paint = markings(Corridor.sample(highway), 2500.0, 2800.0)["road_marking"]
     stations = sorted(
         round(highway.locate(x, y, 2600.0)[0], 1)
@@ -159,15 +160,6 @@ def test_sloping_straight_road_lies_on_its_plain():
 
 def test_open_route_gets_run_outs(highway):
     assert run_outs(highway) == (400.0, 400.0)
-
-
-def test_scene_without_visuals_has_light_and_sky_only():
-    spec = mujoco.MjSpec()
-    add_road(spec, Route.straight(), visuals=False)
-    model = spec.compile()
-    assert model.ngeom == 0
-    assert model.nlight == 1
-    assert model.ntex == 1
 
 
 def test_tunnel_curbs_and_floor_cover_the_ground_on_both_sides(highway):

@@ -135,7 +135,7 @@ def test_masses_and_inertias_are_those_of_bodies_that_can_exist(payload):
     model = build(payload)
     for i in range(1, model.nbody):
         body = model.body(i)
-        if body.mass == 0.0:  # places: centres of pressure, and the load of an empty truck
+        if body.mass == 0.0:  # places: centers of pressure, and the load of an empty truck
             assert model.body_dofnum[i] == 0, body.name
             continue
         least, middle, most = sorted(body.inertia)

@@ -80,7 +80,7 @@ def test_road_leans_into_its_bends_by_at_most_4_percent():
     assert (POINT.curvature * POINT.superelevation)[bent].max() < 0.0
 
 
-def test_origin_of_offsets_is_the_centre_of_the_right_lane():
+def test_origin_of_offsets_is_the_center_of_the_right_lane():
     assert np.abs(ROUTE.lane_offset(0, STATION)).max() < 1e-6
     assert np.abs(ROUTE.lane_width(0, STATION) - 4.0).max() < 1e-6
 

@@ -94,7 +94,7 @@ def test_lanes_agree_with_netconvert(path, tmp_path):
             compared += 1
             assert offset == pytest.approx(route.lane_offset(index, station), abs=DISTANCE)
             assert z == pytest.approx(route.evaluate(station).z, abs=DISTANCE)
-            # Mean heading over 4 m, because the net's points are rounded to a centimetre.
+            # Mean heading over 4 m, because the net's points are rounded to a centimeter.
             ends = [[np.interp(d + e, along, lane.shape[:, k]) for k in (0, 1)] for e in (-2, 2)]
             direction = np.arctan2(ends[1][1] - ends[0][1], ends[1][0] - ends[0][0])
             stretch = np.linspace(*(route.locate(*end, station)[0] for end in ends), 21)

@@ -71,7 +71,7 @@ def test_locate_refuses_a_point_that_is_not_finite():
         FORTH.locate(math.nan, 0.0)
 
 
-def test_point_at_the_centre_of_a_bend_is_located_at_its_radius():
+def test_point_at_the_center_of_a_bend_is_located_at_its_radius():
     geometry = '<geometry s="0" x="0" y="0" hdg="0" length="60"><arc curvature="0.05"/></geometry>'
     text = document(road(geometry=geometry, length=60))
     route = RoadMap(parse(text.encode(), "arc"), "arc").route()

@@ -3,9 +3,10 @@ from __future__ import annotations
 import pytest
 
 from iits_mj.core.errors import MapError
+from iits_mj.road import RoadMap
 from iits_mj.road.elements import OpenDriveMap
 from iits_mj.road.geometry import Arc, Line, ParamPoly3, Poly3, Spiral
-from iits_mj.road.opendrive import load, parse
+from iits_mj.road.opendrive import parse
 from iits_mj.road.straight import straight_road
 from iits_mj.road.writer import to_xml, write
 from tests.road.map_peers import shared_maps
@@ -48,7 +49,7 @@ def test_every_geometry_is_written_exactly():
 @pytest.mark.skipif(not MAPS, reason="the folder ../shared/data/xodr is absent")
 def test_real_maps_read_back_equal():
     for path in MAPS:
-        content = load(path)
+        content = RoadMap.from_opendrive(path).content
         assert parse(to_xml(content).encode(), path.name) == content, path.name
 
 

@@ -249,7 +249,7 @@ def test_importing_the_package_is_light():
 
 
 @pytest.mark.parametrize("payload", [0.0, 20_000.0, 36_000.0])
-def test_trailer_accelerometer_sits_at_the_centre_of_gravity_of_trailer_and_load(payload):
+def test_trailer_accelerometer_sits_at_the_center_of_gravity_of_trailer_and_load(payload):
     truck = iits_mj.Truck.load(payload, visuals=False)
     model, data = truck.model, truck.data
     on_trailer = [
