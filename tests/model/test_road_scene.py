@@ -1,4 +1,4 @@
-"""The drawn road lies where the physics has it, and nothing floats, hides or collides."""
+"""The drawn road matches the road of the physics, lies above the ground and has no contacts."""
 
 import mujoco
 import numpy as np
@@ -64,10 +64,10 @@ def test_inside_a_bend_each_stretch_of_road_draws_its_own_ground():
         rim = corridor.across(edge)
         reach = np.linalg.norm(points[..., :2] - rim[:, None, :2], axis=-1)
         _, nearest = landscape.height(points[..., 0], points[..., 1])
-        # Where another stretch is nearer, it is not by more than the two share.
+        # Beyond the middle of two stretches each draws no more ground than both share.
         assert np.max(reach - nearest) < OVERLAP + 0.5
         reaches.append(reach.max())
-    # On the outer side, and away from the bend, the ground goes on to where the far one begins.
+    # On the outer side, and away from the bend, the ground extends to the far ground.
     assert min(reaches) > 100.0
 
 
