@@ -1,12 +1,13 @@
-"""Reads and writes CSV tables: columns of numbers by name, and rows of a dataclass.
+"""Reads TOML files, and reads and writes CSV tables: columns of numbers, rows of a dataclass.
 
-The first row that is neither empty nor a comment (`#`) holds the names of the columns. A byte order
-mark and empty rows are ignored.
+The first row of a CSV table that is neither empty nor a comment (`#`) holds the column names. A
+byte order mark and empty rows are ignored.
 """
 
 from __future__ import annotations
 
 import csv
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -19,6 +20,18 @@ from iits_mj.core.errors import InputError
 
 Row = TypeVar("Row")
 _KINDS = {"str": str, "int": int, "float": float}
+
+
+def read_toml(path: str | Path, what: str) -> dict[str, Any]:
+    """Returns the content of a TOML file; `what` names the kind of file in errors.
+
+    Raises:
+      InputError: the file cannot be read.
+    """
+    try:
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{what} {str(path)!r} cannot be read: {error}") from error
 
 
 def read_table(path: str | Path, what: str) -> tuple[list[str], list[list[str]]]:

@@ -6,7 +6,6 @@ Errors name the file or parameter, its value and the allowed values.
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 import typing
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.assets import mjcf_dir
 from iits_mj.core.checks import is_number
 from iits_mj.core.errors import InputError
-from iits_mj.core.tables import read_table
+from iits_mj.core.tables import read_table, read_toml
 from iits_mj.core.units import KMH, RPM
 
 
@@ -34,7 +33,7 @@ class Table2D:
 
 def provenance() -> list[tuple[str, str, str, str, str]]:
     """Returns (name, value, unit, grade, source) of every quantity of the shipped truck's TOML."""
-    return list(_provenance_rows(read_toml(mjcf_dir() / "truck.toml"), ""))
+    return list(_provenance_rows(read_toml(mjcf_dir() / "truck.toml", "parameter file"), ""))
 
 
 def _provenance_rows(node: Any, prefix: str) -> Iterator[tuple[str, str, str, str, str]]:
@@ -46,14 +45,6 @@ def _provenance_rows(node: Any, prefix: str) -> Iterator[tuple[str, str, str, st
     elif isinstance(node, list):
         for child in node:
             yield from _provenance_rows(child, f"{prefix}[{child['name']}]")
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """Returns the content of a TOML file; raises InputError if it cannot be read."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"parameter file {str(path)!r} cannot be read: {error}") from error
 
 
 def plain(node: Any) -> Any:

@@ -7,13 +7,13 @@ the records of an OpenDRIVE map.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from iits_mj.core.errors import InputError
+from iits_mj.core.tables import read_toml
 from iits_mj.road.elements import (
     Lane,
     LaneSection,
@@ -87,11 +87,9 @@ class Design:
         Raises:
           InputError: the file cannot be read or an entry is missing or wrong.
         """
+        table = read_toml(path, "design table")
         try:
-            table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
             return cls._from_table(table)
-        except (OSError, tomllib.TOMLDecodeError) as error:
-            raise InputError(f"{path}: is not a readable design table: {error}") from error
         except KeyError as error:
             raise InputError(f"{path}: the entry {error} is missing in the design table") from error
 
@@ -104,14 +102,10 @@ class Design:
             grade = entry["grade"] / 100.0
             grades.append((entry["station"], grade, entry["K"] * 100.0 * change))
         origin = table["start"]
+        same = ("name", "lane_width", "lanes", "left_shoulder", "right_shoulder", "speed_limit")
         return cls(
-            name=table["name"],
+            **{key: table[key] for key in same},
             start=(origin["x"], origin["y"], origin["z"], origin["heading"]),
-            lane_width=table["lane_width"],
-            lanes=table["lanes"],
-            left_shoulder=table["left_shoulder"],
-            right_shoulder=table["right_shoulder"],
-            speed_limit=table["speed_limit"],
             initial_grade=initial,
             road_ends=tuple(table["road_ends"]),
             alignment=tuple(row for entry in table["alignment"] for row in _elements(entry)),

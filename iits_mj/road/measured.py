@@ -77,14 +77,8 @@ def route_from_csv(path: str | Path, lanes: Lanes | None = None) -> Route:
     wanted = [(name,) for name in ("s_m", "z_m", *extra)]
     station, height, *others = read_columns(path, "road", wanted)
     table = dict(zip(extra, others, strict=True))
-    return measured_route(
-        station,
-        height,
-        table.get("heading_rad"),
-        table.get("curvature_1pm"),
-        lanes,
-        Path(path).name,
-    )
+    heading, curvature = table.get("heading_rad"), table.get("curvature_1pm")
+    return measured_route(station, height, heading, curvature, lanes, Path(path).name)
 
 
 def _columns(name: str, station: ArrayLike, values: ArrayLike) -> tuple[FloatArray, FloatArray]:

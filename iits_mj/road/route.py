@@ -141,15 +141,10 @@ class Route:
         self.patches: tuple[FrictionPatch, ...] = ()
         self._bands = [band for piece in chain.pieces for band in lane_bands(piece)]
         self._starts = [band.p_start for band in self._bands]
+        starts = [float(self.line.station(piece.p_start)) for piece in chain.pieces]
         self.segments = tuple(
-            RouteSegment(
-                piece.road.id,
-                piece.direction,
-                piece.s_start,
-                piece.s_end,
-                float(self.line.station(piece.p_start)),
-            )
-            for piece in chain.pieces
+            RouteSegment(piece.road.id, piece.direction, piece.s_start, piece.s_end, start)
+            for piece, start in zip(chain.pieces, starts, strict=True)
         )
         values = {
             value for band in self._bands for lane in band.lanes for value in lane.friction.values
