@@ -2,7 +2,7 @@
 
 
 class Error(Exception):
-    """Base class; the message names the quantity, its value, and what is allowed."""
+    """Base class; the message names the quantity, its value and the allowed values."""
 
 
 class InputError(Error, ValueError):

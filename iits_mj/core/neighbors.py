@@ -103,7 +103,7 @@ class Neighbor:
 class Neighbors:
     """The traffic around the truck as columns of shape (n,), in the scene's order.
 
-    `Scene.neighbors` makes it once for a scene. Each meaning of "ahead" is a query of its own:
+    `Scene.neighbors` makes it once for a scene. Each meaning of "ahead" has its own query:
 
     | query               | a vehicle counts when                             | ahead when its     |
     |---------------------|---------------------------------------------------|--------------------|

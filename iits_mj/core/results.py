@@ -32,7 +32,7 @@ class Check:
     """A measured value with its bound.
 
     Attributes:
-      name: what was measured; value: the measurement; unit: of both.
+      name: of the quantity; value: the measurement; unit: of value and reference.
       reference: the reference's value or its name, or None.
       must: the bound as text, for instance ">= 97", "<= 0.5", "0.33 .. 0.40"; "" for information.
     """

@@ -241,4 +241,4 @@ def _refuse(rows: Sequence[TrackedVehicle]) -> NoReturn:
         for name in COLUMNS:
             if not is_number(value := getattr(row, name)):
                 raise InputError(f"vehicle {row.id!r}: {name} is {shown(value)}: not finite")
-    raise InputError("a vehicle has a number beyond what a float holds")
+    raise InputError("a number of a vehicle is beyond the range of a float")

@@ -164,7 +164,7 @@ class ParamPoly3(Geometry):
         wanted = ds * (arc[-1] / self.length)
         index = np.clip(np.searchsorted(arc, wanted, side="right") - 1, 0, table.size - 2)
         p = table[index] + (wanted - arc[index]) / np.maximum(self._norm(table[index]), 1e-12)
-        # Newton on arc(p) = wanted; the integral from the table's node is a smooth short one.
+        # Newton on arc(p) = wanted; the integral from the table's node is short and smooth.
         for _ in range(3):
             width = p - table[index]
             points = table[index][..., None] + width[..., None] * _UNIT_NODES

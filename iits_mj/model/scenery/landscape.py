@@ -153,7 +153,7 @@ class Landscape:
         return points, _grid_normals(points)
 
     def _own(self, part: Corridor, edge: FloatArray, side: float) -> FloatArray:
-        """Distance up to which no other stretch of road is nearer [m], (n,)."""
+        """Distance up to which no other part of the road is nearer [m], (n,)."""
         wide = self._ribbon_reach
 
         def beyond(reach: FloatArray) -> NDArray[np.bool_]:
