@@ -115,7 +115,8 @@ class Spread:
         Raises:
           InputError: unreadable file, unknown key, or see `Spread`.
         """
-        tables = read_toml(path or mjcf_path("spread.toml"), "parameter file")
+        file = mjcf_path("spread.toml") if path is None else path
+        tables = read_toml(file, "parameter file")
         return cls(tuple(Quantity.from_table(*entry) for entry in tables.items()))
 
     def draw(self, generator: np.random.Generator) -> Drawn:
