@@ -149,20 +149,16 @@ def graded_road(station: FloatArray, grade: FloatArray, length: float) -> Route:
     breaks = np.arange(_SPACING, length - _CURVE, _SPACING)
     design = Design(
         name="graded",
-        start=(0.0, 0.0, 0.0, 0.0),
         lane_width=4.0,
         lanes=1,
         left_shoulder=1.0,
         right_shoulder=2.5,
         speed_limit=25.0,
         initial_grade=float(means[0]),
-        road_ends=(),
         alignment=((length, 0.0, 0.0, 0.0, 0.0),),
         grades=tuple(
             (float(at), float(after), _CURVE) for at, after in zip(breaks, means[1:], strict=False)
         ),
-        extra_lanes=(),
         limits=((0.0, length, 25.0),),
-        structures=(),
     )
     return RoadMap(build(design), design.name).route()

@@ -11,8 +11,9 @@ import math
 
 import numpy as np
 
+from iits_mj.core.angles import wrap_angle
 from iits_mj.core.arrays import FloatArray
-from iits_mj.road.road_frames import SurfacePoint, wrap
+from iits_mj.road.road_frames import SurfacePoint
 from traffic_bridge.network.net_file import NetFile
 
 WINDOW = 30.0  # [m] over which half of a step fades out
@@ -51,7 +52,7 @@ class LaneSeams:
 def half_step(here: SurfacePoint, there: SurfacePoint) -> FloatArray | None:
     """Half of the step from one end to another; None if they are equal or too far apart."""
     step = np.array([float(b[0] - a[0]) for a, b in zip(here, there, strict=True)])
-    step[_HEADING] = wrap(step[_HEADING])
+    step[_HEADING] = wrap_angle(step[_HEADING])
     if math.hypot(step[0], step[1]) > STEP_LIMIT or abs(step[2]) > STEP_LIMIT:
         return None
     return 0.5 * step if np.abs(step).max() > 1e-9 else None
@@ -81,7 +82,7 @@ def blended(
 def joint(start: SurfacePoint, end: SurfacePoint, u: FloatArray) -> SurfacePoint:
     """A cubic Hermite curve from point to point, at fractions u of it."""
     gap = math.hypot(float(end.x[0] - start.x[0]), float(end.y[0] - start.y[0]))
-    turn = np.array([wrap(float(end.heading[0] - start.heading[0]))])
+    turn = np.array([wrap_angle(float(end.heading[0] - start.heading[0]))])
     bank = start.bank + u * (end.bank - start.bank)
     if gap < SHORT:
         x, y, z, grade = (
@@ -124,6 +125,6 @@ def moved(
         steps = []
         for wanted, given in ((start, given_start), (end, given_end)):
             step = 0.0 if given is None else float(wanted[k][0] - given[k][0])
-            steps.append(wrap(step) if point._fields[k] == "heading" else step)
+            steps.append(wrap_angle(step) if point._fields[k] == "heading" else step)
         columns.append(column + (1.0 - u) * steps[0] + u * steps[1])
     return SurfacePoint(*columns)

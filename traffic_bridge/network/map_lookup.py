@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from iits_mj.core.angles import wrap_angle
 from iits_mj.core.errors import InputError
 from iits_mj.road.elements import DRIVING_TYPES
-from iits_mj.road.road_frames import RoadFrame, RoadFrames, wrap
+from iits_mj.road.road_frames import RoadFrame, RoadFrames
 from traffic_bridge.network.lane_surface import LaneSurfaces, Stretch
 from traffic_bridge.network.net_file import NetLane
 
@@ -176,7 +177,7 @@ class MapLookup:
             point = frame.line.evaluate(float(frame.line.station(s)), t)
             if heading is not None:
                 against = 0.0 if lane < 0 else math.pi
-                turned = abs(wrap(heading - float(point.heading) - against))
+                turned = abs(wrap_angle(heading - float(point.heading) - against))
             if z is not None:
                 # Decks of a bridge are metres apart; less than one is the same surface.
                 height = float(math.floor(abs(z - float(point.z))))
