@@ -143,6 +143,7 @@ class TripDrivers(Closing, abc.ABC):
         """Starts trips on a network; the future of a trip that fails raises an `Error`."""
 
 
+_Task = tuple[Drive, QNetwork, Future[Driven]]
 # Makes drivers for the worlds of some factories; `Drive.world` is an index into them.
 MakeDrivers = Callable[[Sequence[WorldFactory]], TripDrivers]
 
@@ -156,7 +157,7 @@ class Workers(TripDrivers):
     """
 
     def __init__(self, jobs: int, worlds: Sequence[WorldFactory]) -> None:
-        self._queue: queue.SimpleQueue[_TripTask | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[_Task | None] = queue.SimpleQueue()
         context = multiprocessing.get_context("spawn")
         self._processes = []
         self._threads = []
@@ -173,10 +174,10 @@ class Workers(TripDrivers):
 
     def submit(self, jobs: Sequence[Drive], network: QNetwork) -> list[Future[Driven]]:
         """Starts trips on a network; the future of a trip that fails raises an `Error`."""
-        tasks = [_TripTask(job, network, Future()) for job in jobs]
-        for task in tasks:
-            self._queue.put(task)
-        return [task.outcome for task in tasks]
+        outcomes: list[Future[Driven]] = [Future() for _ in jobs]
+        for job, outcome in zip(jobs, outcomes, strict=True):
+            self._queue.put((job, network, outcome))
+        return outcomes
 
     def close(self) -> None:
         """Ends the processes, even in the middle of a trip."""
@@ -193,25 +194,19 @@ class Workers(TripDrivers):
         """Passes tasks to one worker, one at a time."""
         sent: QNetwork | None = None
         while (task := self._queue.get()) is not None:
+            job, network, outcome = task
             try:
-                pipe.send((task.job, None if task.network is sent else task.network))
-                sent = task.network
+                pipe.send((job, None if network is sent else network))
+                sent = network
                 answer = pipe.recv()
             except (EOFError, OSError):
                 process.join()
                 answer = f"its process ended with exit code {process.exitcode}"
             if isinstance(answer, Driven):
-                task.outcome.set_result(answer)
+                outcome.set_result(answer)
             else:
-                task.outcome.set_exception(Error(f"{task.job.name}: {answer}"))
+                outcome.set_exception(Error(f"{job.name}: {answer}"))
         pipe.close()
-
-
-@dataclass(frozen=True)
-class _TripTask:
-    job: Drive
-    network: QNetwork
-    outcome: Future[Driven]
 
 
 def _work(pipe: Connection, factories: tuple[WorldFactory, ...]) -> None:

@@ -216,8 +216,14 @@ class DoubleDqn:
         nn.utils.clip_grad_norm_(self.online.parameters(), self.config.gradient_norm)
         self.optimizer.step()
         self.updates += 1
-        self._renew_target()
-        self._renew_average()
+        if self.config.target_rate > 0.0:
+            _follow(self.target, self.online, self.config.target_rate)
+        elif self.updates % self.config.target_interval == 0:
+            self.target.load_state_dict(self.online.state_dict())
+        if self.average is not None:
+            # At first the mean of all networks since the initial one.
+            rate = max(self.config.average_rate, 1.0 / self.updates)
+            _follow(self.average, self.online, rate)
         mean = taken.detach().mean(dim=1)
         error = (wanted.mean(dim=1) - mean).abs().numpy()
         return Update(float(loss.item()), float(mean.mean().item()), error)
@@ -226,19 +232,6 @@ class DoubleDqn:
         """Sets the learning rate."""
         for group in self.optimizer.param_groups:
             group["lr"] = learning_rate
-
-    def _renew_target(self) -> None:
-        """Updates the target network by a copy at intervals, or by a small step each time."""
-        if self.config.target_rate > 0.0:
-            _follow(self.target, self.online, self.config.target_rate)
-        elif self.updates % self.config.target_interval == 0:
-            self.target.load_state_dict(self.online.state_dict())
-
-    def _renew_average(self) -> None:
-        """Updates the average: at first the mean of all networks since the initial one."""
-        if self.average is not None:
-            rate = max(self.config.average_rate, 1.0 / self.updates)
-            _follow(self.average, self.online, rate)
 
     def network(self) -> QNetwork:
         """Returns a copy of the online network, which drives the training trips, in numpy."""
