@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from iits_mj.core.assets import DEFAULT_MIX
 from iits_mj.core.checks import in_range, is_number, is_whole, make_plain, shown
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint
@@ -29,7 +30,6 @@ RANGES = {
     "fill_ahead": (0.0, 200_000.0),
     "fill_behind": (0.0, 200_000.0),
 }
-DEFAULT_MIX = (("car", 0.70), ("van", 0.12), ("truck", 0.08), ("articulated", 0.10))
 
 
 @dataclass(frozen=True)

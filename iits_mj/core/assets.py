@@ -9,6 +9,8 @@ from iits_mj.core.errors import InputError
 _PACKAGE = Path(__file__).resolve().parents[1]
 # Vehicle types of the traffic, read by the SUMO traffic and by the fast world.
 VEHICLE_TYPES = _PACKAGE / "parameters" / "vehicle_types.toml"
+# Their names and shares in the default traffic of both.
+DEFAULT_MIX = (("car", 0.70), ("van", 0.12), ("truck", 0.08), ("articulated", 0.10))
 
 
 def mjcf_dir() -> Path:
