@@ -11,11 +11,9 @@ import enum
 import math
 from dataclasses import dataclass
 
-from controllers.safe_stop.stop import SafeStop, StopPhase
+from controllers.safe_stop.stop import SLACK, SafeStop, StopPhase
 from iits_mj.core.checks import require_positive
 from iits_mj.core.messages import EgoState, VehicleCommand, XbrMode
-
-_SLACK = 1e-6  # [s] in comparisons of times
 
 
 class CommandSource(enum.Enum):
@@ -122,7 +120,7 @@ class Fallback:
         stands = self.stop.phase is not StopPhase.BRAKING
         if config.acknowledge and stands and not self._acknowledged:
             return False
-        return ego.time - self._back_since >= config.return_time - _SLACK
+        return ego.time - self._back_since >= config.return_time - SLACK
 
     def _share(self, time: float) -> float:
         """Share of the commands in the blend, 0 to 1."""

@@ -16,10 +16,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from controllers.planning.lane_change import LaneChangeConfig, quintic_back
+from controllers.planning.config import LaneChangeConfig, PlannerConfig, SpeedConfig
+from controllers.planning.lane_change import BEHIND, quintic_back
 from controllers.planning.road_preview import LanePath, RoadPreview
+from controllers.planning.speed_plan import SpeedState
 from controllers.planning.trajectory import Quintic, on_road
 from controllers.tracking.lateral import USED, LateralConfig, LateralController, check_finite
+from iits_mj.core.angles import wrap_angle
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import require_positive
 from iits_mj.core.errors import InputError
@@ -32,12 +35,13 @@ from iits_mj.core.messages import (
     XbrEbiMode,
     XbrMode,
 )
+from iits_mj.core.timing import CONTROL_PERIOD, CYCLE_PERIOD
 from iits_mj.parameters import TruckParameters
 
 if TYPE_CHECKING:
     from iits_mj.road import Route
 
-_SLACK = 1e-6  # [s] in comparisons of times
+SLACK = 1e-6  # [s] in comparisons of times
 _USED = (*USED, "acceleration", "offset")
 
 
@@ -108,8 +112,7 @@ class SafeStopConfig:
       standing_speed: speed below which the truck counts as stopped [m/s].
       standing_time: at standstill before the parking brake is set [s].
       parking_time: for which the service brakes hold while the parking brake acts [s].
-      horizon: of the plan [s]; step: of its points [s]; plan_period: between plans [s].
-      control_period: between commands [s], the step of `lateral`.
+      horizon: of the plan [s]; step: of its points [s].
       preview: range ahead of lane and road [m].
       change: lateral limits of the way back to the lane's middle.
       lateral: settings of the steering.
@@ -119,8 +122,8 @@ class SafeStopConfig:
     deceleration_max: float = 4.0
     look_ahead: float = 1.0
     off_center: float = 0.2
-    stop_gap: float = 3.0
-    resync_speed: float = 0.5
+    stop_gap: float = SpeedConfig.stop_gap
+    resync_speed: float = PlannerConfig.resync_speed
     speed_gain: float = 0.5
     lead_time: float = 0.3
     hold_demand: float = 1.5
@@ -130,8 +133,6 @@ class SafeStopConfig:
     parking_time: float = 2.0
     horizon: float = 4.0
     step: float = 0.1
-    plan_period: float = 0.1
-    control_period: float = 0.02
     preview: float = 500.0
     change: LaneChangeConfig = field(default_factory=LaneChangeConfig)
     lateral: LateralConfig = field(default_factory=LateralConfig)
@@ -212,9 +213,9 @@ class SafeStop:
         check_finite(ego, _USED)
         if self.trajectory is None:
             self._begin(ego, last)
-        elif ego.time - self._commanded_at < self.config.control_period - _SLACK:
+        elif ego.time - self._commanded_at < CONTROL_PERIOD - SLACK:
             return self._command
-        if ego.time - self._planned_at >= self.config.plan_period - _SLACK:
+        if ego.time - self._planned_at >= CYCLE_PERIOD - SLACK:
             self._plan(ego)
         assert self.trajectory is not None
         self._stand(ego)
@@ -250,7 +251,7 @@ class SafeStop:
             return 0.0
         heading = float(self.preview.route.evaluate(ego.station, ego.offset).heading)
         course = ego.yaw + math.atan2(ego.lateral_speed, ego.speed) - heading
-        return math.tan(min(max(math.remainder(course, math.tau), -0.3), 0.3))
+        return math.tan(min(max(wrap_angle(course), -0.3), 0.3))
 
     def _bend(self, ego: EgoState) -> float:
         """Curvature of the motion against the road's [1/m]."""
@@ -260,7 +261,7 @@ class SafeStop:
         return min(max(ego.yaw_rate / ego.speed - road, -0.003), 0.003)
 
     def _follow(self, ego: EgoState, lane: int) -> LanePath:
-        path = self.preview.follow(max(lane, 0), ego.station, self.config.preview, 150.0)
+        path = self.preview.follow(max(lane, 0), ego.station, self.config.preview, BEHIND)
         if not np.isfinite(path.offset).all():
             # A road without a lane: parallel to its reference line.
             path = dataclasses.replace(path, offset=np.full_like(path.offset, self._kept))
@@ -294,18 +295,18 @@ class SafeStop:
         )
         self._planned_at = ego.time
 
-    def _start(self, ego: EgoState) -> StopStart:
+    def _start(self, ego: EgoState) -> SpeedState:
         """State of the last plan now, limited to near the truck's."""
         last, reach = self.trajectory, self.config.resync_speed
         if last is None or not last.time[0] <= ego.time <= last.time[-1]:
             begin = min(max(ego.acceleration, -self._limits.deceleration), 0.5)
-            return StopStart(ego.station, ego.speed, begin)
+            return SpeedState(ego.station, ego.speed, begin)
         speed = float(np.interp(ego.time, last.time, last.speed))
         acceleration = float(np.interp(ego.time, last.time, last.acceleration))
         speed = min(max(speed, ego.speed - reach), ego.speed + reach)
-        return StopStart(ego.station, max(speed, 0.0), acceleration)
+        return SpeedState(ego.station, max(speed, 0.0), acceleration)
 
-    def _sooner(self, start: StopStart, room: float) -> StopLimits:
+    def _sooner(self, start: SpeedState, room: float) -> StopLimits:
         """Limits that stop the truck within a distance [m], as far as allowed."""
         if stop_distance(start.speed, start.acceleration, self._limits) <= room:
             return self._limits
@@ -330,7 +331,7 @@ class SafeStop:
         if self.phase is StopPhase.BRAKING:
             self.phase = StopPhase.STANDING
         still = ego.time - self._still_since
-        if self.phase is StopPhase.STANDING and still >= config.standing_time - _SLACK:
+        if self.phase is StopPhase.STANDING and still >= config.standing_time - SLACK:
             self.phase = StopPhase.PARKED
 
     def _brake(self, ego: EgoState, trajectory: Trajectory) -> None:
@@ -346,7 +347,7 @@ class SafeStop:
                 wanted = max(wanted, self._limits.deceleration_end)
         else:
             wanted = config.hold_demand
-        reach = 2.0 * self._limits.jerk * config.control_period
+        reach = 2.0 * self._limits.jerk * CONTROL_PERIOD
         wanted = min(max(wanted, self._demand - reach), self._demand + reach)
         self._demand = min(max(wanted, 0.0), config.deceleration_max)
 
@@ -372,17 +373,8 @@ class SafeStop:
         return dataclasses.replace(parked, xbr_demand=0.0, xbr_mode=XbrMode.OFF)
 
 
-@dataclass(frozen=True, slots=True)
-class StopStart:
-    """Initial state of a stop's plan: station [m], speed [m/s], acceleration [m/s2]."""
-
-    station: float
-    speed: float
-    acceleration: float
-
-
 def roll_to_stop(
-    start: StopStart, limits: StopLimits, steps: int, step: float
+    start: SpeedState, limits: StopLimits, steps: int, step: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Station, speed and acceleration of a stop at steps + 1 times from now on.
 

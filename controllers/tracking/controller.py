@@ -13,6 +13,8 @@ from iits_mj.parameters import TruckParameters
 if TYPE_CHECKING:
     from iits_mj.road import Route
 
+_USED = (*USED, "engine_speed", "engine_torque")
+
 
 @dataclass(frozen=True)
 class TrackingConfig:
@@ -66,6 +68,3 @@ class Tracker:
         front = float(self.route.smoothed_grade(ego.station - tractor.cg_position))
         rear = float(self.route.smoothed_grade(ego.station - behind))
         return share * front + (1.0 - share) * rear
-
-
-_USED = (*USED, "engine_speed", "engine_torque")

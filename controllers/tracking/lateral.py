@@ -24,6 +24,7 @@ from controllers.tracking.lateral_model import LateralModel
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Trajectory
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.parameters import Steering, TruckParameters
 
 # Change of mass at which the gains are computed again [kg].
@@ -107,9 +108,9 @@ class DisturbanceObserver:
       value: the estimate, (3,) [m/s2, rad/s2, rad/s2].
     """
 
-    def __init__(self, time: float, step: float) -> None:
-        """Filters with a time constant `time` [s], called every `step` [s]."""
-        self._share = 1.0 - float(np.exp(-step / time))
+    def __init__(self, time: float) -> None:
+        """Filters with a time constant `time` [s]."""
+        self._share = 1.0 - float(np.exp(-CONTROL_PERIOD / time))
         self.reset()
 
     def reset(self) -> None:
@@ -180,13 +181,12 @@ class SteeringPlay:
         self._output = min(max(self._output, wheel - half), wheel + half)
         return self._output
 
-    def turn(self, demand: float, gain: float, step: float) -> float:
+    def turn(self, demand: float, gain: float) -> float:
         """Steering wheel angle [rad] that brings the gear's output to the demand.
 
         Args:
           demand: of the road wheels' angle [rad].
           gain: lateral acceleration by road wheel angle, steady [m/s2 per rad].
-          step: since the last call [s].
         """
         config, ratio = self.config, self.steering.ratio
         half = 0.5 * self.steering.dead_band
@@ -198,7 +198,7 @@ class SteeringPlay:
         # The wheel never moves off its flank toward the play.
         target = output + self._flank * (max(missing * self._flank, 0.0) + half)
         contact = output + self._flank * half
-        reach = config.crossing_rate * step
+        reach = config.crossing_rate * CONTROL_PERIOD
         crossed = (contact - self._wheel) * self._flank
         if crossed > reach:
             self._wheel += self._flank * reach
@@ -221,14 +221,14 @@ class LateralController:
         self.config = config = config or LateralConfig()
         self._mass = math.nan
         self._gains: LateralGains | None = None
-        count = round(config.preview_time / config.step) + 1
+        count = round(config.preview_time / CONTROL_PERIOD) + 1
         self._ages: FloatArray = np.linspace(0.0, config.preview_time, count)
         # Sine of the road wheels' greatest angle.
         self._most = math.sin(parameters.steering.angle_max / parameters.steering.ratio)
-        self._steady_share = 1.0 - math.exp(-config.step / config.steady_time)
-        self._near = max(1, round(2.0 * config.lag / config.step))
+        self._steady_share = 1.0 - math.exp(-CONTROL_PERIOD / config.steady_time)
+        self._near = max(1, round(2.0 * config.lag / CONTROL_PERIOD))
         self._play = SteeringPlay(parameters.steering, config.play)
-        self._observer = DisturbanceObserver(config.disturbance_time, config.step)
+        self._observer = DisturbanceObserver(config.disturbance_time)
         self.reset()
 
     def reset(self) -> None:
@@ -273,9 +273,7 @@ class LateralController:
         near = float(np.add.reduce(ahead[: self._near])) / self._near
         self._lasting += self._steady_share * (push - self._lasting)
         steady = speed**2 * near / gains.response + float(gains.balance @ self._lasting)
-        self._wheel = self._play.turn(
-            math.asin(self._quieted(steady, gains)), gains.response, config.step
-        )
+        self._wheel = self._play.turn(math.asin(self._quieted(steady, gains)), gains.response)
         return self._wheel
 
     def _quieted(self, steady: float, gains: Gains) -> float:
@@ -294,10 +292,10 @@ class LateralController:
         """Advances the demanded angle, within the limits of the gear, and the integral."""
         config, steering = self.config, self.parameters.steering
         limit = steering.rate_max / steering.ratio
-        demand = (self._demand or 0.0) + min(max(rate, -limit), limit) * config.step
+        demand = (self._demand or 0.0) + min(max(rate, -limit), limit) * CONTROL_PERIOD
         self._demand = min(max(demand, -self._most), self._most)
         if abs(self.error) < config.integral_error_max and speed > 2.0:
-            grown = self._integral + error * config.step
+            grown = self._integral + error * CONTROL_PERIOD
             self._integral = min(max(grown, -config.integral_max), config.integral_max)
 
     def _trust(self, speed: float) -> float:
@@ -313,18 +311,14 @@ class LateralController:
         return self._gains
 
 
-def check_finite(ego: EgoState, names: tuple[str, ...] = USED) -> None:
-    """Checks values of a state.
-
-    Raises:
-      InputError: one of them is not finite.
-    """
+def check_finite(ego: EgoState, names: tuple[str, ...]) -> None:
+    """Raises InputError unless the named values of a state are finite."""
     if all(map(math.isfinite, _reader(names)(ego))):
         return
     for name in names:
         value = getattr(ego, name)
         if not math.isfinite(value):
-            raise InputError(f"ego state: {name} is {value}: must be finite")
+            raise InputError(f"state of the truck: {name} is {value}: must be finite")
 
 
 @functools.cache

@@ -7,7 +7,6 @@ of the observed disturbance, assumed to last. One Riccati equation per speed giv
 
 from __future__ import annotations
 
-import math
 from bisect import bisect
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
@@ -18,7 +17,9 @@ from scipy.linalg import solve_discrete_are
 
 from controllers.tracking.lateral_model import STATES, LateralModel
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.checks import require_positive
 from iits_mj.core.errors import InputError
+from iits_mj.core.timing import CONTROL_PERIOD
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class LateralConfig:
       rate_weight: on the rate of the road wheel angle [s2/rad2].
       rate_speed: below it that weight falls with the fourth power of speed, as the path responds
         with the square [m/s]; rate_weight_min: its least value [s2/rad2].
-      preview_time: of curvature [s]; step: of the controller [s].
+      preview_time: of curvature [s].
       lag: steering and tire relaxation [s].
       speed_grid: [m/s], rising.
       disturbance_time: time constant of the disturbance's estimate [s].
@@ -74,7 +75,6 @@ class LateralConfig:
     rate_speed: float = 12.0
     rate_weight_min: float = 0.1
     preview_time: float = 2.0
-    step: float = 0.02
     lag: float = 0.12
     speed_grid: tuple[float, ...] = (1.0, 2.0, 4.0, 7.0, 10.0, 13.0, 16.0, 19.0, 22.0, 25.0, 28.0)
     disturbance_time: float = 0.18
@@ -89,15 +89,12 @@ class LateralConfig:
     play: PlayConfig = field(default_factory=PlayConfig)
 
     def __post_init__(self) -> None:
-        for entry in fields(self):
-            value = getattr(self, entry.name)
-            if isinstance(value, float) and not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"steering: {entry.name} = {value}: must be positive and finite")
+        require_positive(self, *(entry.name for entry in fields(self) if entry.type == "float"))
         grid = np.array(self.speed_grid)
         if not (len(grid) > 1 and grid[0] > 0.0 and np.all(np.diff(grid) > 0.0)):
             raise InputError(
-                f"steering: speed_grid = {self.speed_grid}: at least two positive, rising speeds "
-                "are needed"
+                f"LateralConfig: speed_grid is {self.speed_grid}: at least two positive, rising "
+                "speeds are needed"
             )
 
 
@@ -146,7 +143,7 @@ class LateralGains:
 
 
 def _design(model: LateralModel, speed: float, config: LateralConfig) -> Gains:
-    a, b, e, disturb = model.discrete(speed, config.step)
+    a, b, e, disturb = model.discrete(speed, CONTROL_PERIOD)
     share = min(1.0, speed / config.rate_speed) ** 4
     rate = np.array([[max(config.rate_weight * share, config.rate_weight_min)]])
     riccati = solve_discrete_are(a, b, state_weight(speed, config), rate)
@@ -155,7 +152,7 @@ def _design(model: LateralModel, speed: float, config: LateralConfig) -> Gains:
     closed = (a - b @ gain).T
     # Preview: u = -K x - sum_k inv B' (Acl')^k P E kappa_k.
     row, term = [], riccati @ e
-    for _ in range(round(config.preview_time / config.step)):
+    for _ in range(round(config.preview_time / CONTROL_PERIOD)):
         row.append((inverse @ b.T @ term).item())
         term = closed @ term
     # The last curvature is assumed to last beyond the preview, the disturbance from now on.

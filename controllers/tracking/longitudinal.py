@@ -22,6 +22,7 @@ from controllers.tracking.driveline_inverse import (
     xbr_deceleration,
 )
 from iits_mj.core.messages import EgoState, Trajectory, VehicleCommand, XbrEbiMode, XbrMode
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 
@@ -46,7 +47,6 @@ class LongitudinalConfig:
     Attributes:
       speed_gain: [1/s]; integral_gain: [1/s2]; integral_max: [m/s2].
       lead_time: by which the planned acceleration is applied earlier, for lags [s].
-      step: of the controller [s].
       overrun_enter: torque below the engine's drag that ends driving [N m].
       overrun_leave: torque above the engine's drag that begins driving again [N m].
       retard_enter: deceleration beyond the engine's drag that ends coasting [m/s2]. A request to
@@ -76,7 +76,6 @@ class LongitudinalConfig:
     integral_gain: float = 0.06
     integral_max: float = 0.35
     lead_time: float = 0.3
-    step: float = 0.02
     overrun_enter: float = 150.0
     overrun_leave: float = 120.0
     retard_enter: float = 0.06
@@ -131,18 +130,13 @@ class SpeedView:
 
 
 class KickDown:
-    """Condition of the gearbox for a kick-down: pedal near the floor, far above its recent level.
+    """The gearbox's condition for a kick-down: pedal near the floor, far above its recent level."""
 
-    Args:
-      parameters: of the truck.
-      step: between two calls [s].
-    """
-
-    def __init__(self, parameters: TruckParameters, step: float) -> None:
+    def __init__(self, parameters: TruckParameters) -> None:
         shifting = parameters.gearbox.shifting
         self._near_floor = _SURELY * shifting.kick_down_pedal
         self._rise = _SURELY * shifting.kick_down_rise
-        self._share = min(step / shifting.pedal_lag, 1.0)
+        self._share = min(CONTROL_PERIOD / shifting.pedal_lag, 1.0)
         self.reset()
 
     def reset(self) -> None:
@@ -168,7 +162,7 @@ class LongitudinalController:
         self.parameters = parameters
         self.config = config or LongitudinalConfig()
         self.inverse = DrivelineInverse(parameters)
-        self._kick_down = KickDown(parameters, self.config.step)
+        self._kick_down = KickDown(parameters)
         self.reset()
 
     def reset(self) -> None:
@@ -193,7 +187,7 @@ class LongitudinalController:
           grade: under the combination, rise over run.
         """
         config = self.config
-        self._since += config.step
+        self._since += CONTROL_PERIOD
         if ego.gear >= 1:
             self._gear = ego.gear
         view = self._view
@@ -260,7 +254,7 @@ class LongitudinalController:
         resistance = inverse.resistance(ego.mass, 0.1, grade)
         torque = inverse.engine_torque(0.35 * ego.mass + resistance, gear)
         target = max(inverse.pedal(torque, max(ego.engine_speed, 70.0)), 0.12)
-        self._pedal = min(target, self._pedal + config.pedal_rise * config.step)
+        self._pedal = min(target, self._pedal + config.pedal_rise * CONTROL_PERIOD)
         return self._output()
 
     def _may_start(self, ego: EgoState, grade: float) -> bool:
@@ -313,7 +307,7 @@ class LongitudinalController:
           torque: wanted at the crankshaft [N m].
           gain: speed still to be gained by the plan [m/s].
         """
-        config, step = self.config, self.config.step
+        config = self.config
         if self.phase is not Phase.DRIVE:
             self._pedal = 0.0
             return
@@ -322,8 +316,8 @@ class LongitudinalController:
             pedal = self.inverse.pedal(torque, ego.engine_speed)
         if gain < config.kick_down_gain:
             pedal = min(pedal, self._kick_down.greatest_pedal)
-        lowest = self._pedal - config.pedal_fall * step
-        self._pedal = min(max(pedal, lowest), self._pedal + config.pedal_rise * step)
+        lowest = self._pedal - config.pedal_fall * CONTROL_PERIOD
+        self._pedal = min(max(pedal, lowest), self._pedal + config.pedal_rise * CONTROL_PERIOD)
 
     def _retard(self, shared: Retardation, wanted: float, engaged: bool) -> None:
         """Sets engine brake and retarder; a gear change keeps the engine brake's request."""
@@ -333,7 +327,7 @@ class LongitudinalController:
         resting = self.phase in (Phase.DRIVE, Phase.COAST)
         if resting or wanted < -self.config.urgent:
             engine_brake = retarder = 0.0
-        reach = self.config.endurance_rate * self.config.step
+        reach = self.config.endurance_rate * CONTROL_PERIOD
         self._engine_brake += min(max(engine_brake - self._engine_brake, -reach), reach)
         self._retarder += min(max(retarder - self._retarder, -reach), reach)
 
@@ -348,7 +342,7 @@ class LongitudinalController:
             level /= ego.mass + self.inverse.wheel_mass
             demand = xbr_deceleration(-wanted, level, brake.trim_max, brake.trim_share)
             demand = min(max(demand, 1e-3), config.demand_max)
-        rise = (10.0 if wanted < -2.5 else config.demand_rate) * config.step
+        rise = (10.0 if wanted < -2.5 else config.demand_rate) * CONTROL_PERIOD
         self._demand = min(demand, self._demand + rise)
 
     def _learn(self, ego: EgoState, error: float) -> None:
@@ -363,7 +357,7 @@ class LongitudinalController:
         )
         if stuck or coasting or ego.shift_in_process or ego.speed < 1.0:
             return
-        grown = self._integral + config.integral_gain * error * config.step
+        grown = self._integral + config.integral_gain * error * CONTROL_PERIOD
         self._integral = min(max(grown, -config.integral_max), config.integral_max)
 
     def _enter(self, phase: Phase) -> None:

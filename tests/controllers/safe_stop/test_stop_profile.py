@@ -5,14 +5,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controllers.safe_stop.stop import StopLimits, StopStart, roll_to_stop, stop_distance
+from controllers.planning.speed_plan import SpeedState
+from controllers.safe_stop.stop import StopLimits, roll_to_stop, stop_distance
 from iits_mj.core.errors import InputError
 
 STEP = 0.05
 
 
 def _rolled(speed, acceleration, limits, duration=60.0):
-    start = StopStart(0.0, speed, acceleration)
+    start = SpeedState(0.0, speed, acceleration)
     return roll_to_stop(start, limits, round(duration / STEP), STEP)
 
 

@@ -12,6 +12,7 @@ from controllers.tracking.lateral_gains import LateralConfig, LateralGains
 from controllers.tracking.lateral_model import LateralModel
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision, EgoState, Scene, XbrMode
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
 from tests.controllers.scenes import car
@@ -94,9 +95,9 @@ def test_closed_loop_is_well_damped_at_every_speed_and_load():
         gains = LateralGains.design(model, config)
         for speed in (1.5, 5.5, 12.0, 20.0, 25.0):
             feedback = gains.at(speed).feedback
-            a, b, *_ = model.discrete(speed, config.step)
+            a, b, *_ = model.discrete(speed, CONTROL_PERIOD)
             poles = np.log(np.linalg.eigvals(a - b @ feedback[None]).astype(complex))
-            poles /= config.step
+            poles /= CONTROL_PERIOD
             assert poles.real.max() < -0.02
             oscillating = poles[np.abs(poles.imag) > 0.3]
             assert np.all(-oscillating.real / np.abs(oscillating) > 0.3)

@@ -15,6 +15,7 @@ from controllers.tracking.lateral_gains import LateralConfig, LateralGains, Play
 from controllers.tracking.lateral_model import LateralModel
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Trajectory
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.parameters import TruckParameters
 
 PARAMETERS = TruckParameters.load()
@@ -106,7 +107,7 @@ class Gear:
 
     def turn(self, demand, gain=90.0):
         self.play.follow(self.wheel, self.output / STEERING.ratio)
-        asked = self.play.turn(demand, gain, 0.02)
+        asked = self.play.turn(demand, gain)
         self.wheel += 0.33 * (asked - self.wheel)
         self.output = min(max(self.output, self.wheel - HALF), self.wheel + HALF)
         return self.output / STEERING.ratio
@@ -145,7 +146,7 @@ def test_the_play_is_crossed_at_its_own_rate():
     asked = []
     for _ in range(10):
         gear.play.follow(gear.wheel, 0.0)
-        asked.append(gear.play.turn(0.002, 90.0, 0.02))
+        asked.append(gear.play.turn(0.002, 90.0))
     assert np.abs(np.diff(asked[:4])).max() <= PlayConfig().crossing_rate * 0.02 + 1e-12
 
 
@@ -158,13 +159,13 @@ def test_the_observer_finds_a_steady_push_and_nothing_where_there_is_none(speed)
     gains = LateralGains.design(model, dataclasses.replace(CONFIG, speed_grid=(speed, 30.0))).at(
         speed
     )
-    _, _, _, disturb = model.discrete(speed, CONFIG.step)
+    _, _, _, disturb = model.discrete(speed, CONTROL_PERIOD)
     for push in (np.zeros(3), np.array([0.3, -0.02, 0.01])):
-        observer = DisturbanceObserver(CONFIG.disturbance_time, CONFIG.step)
+        observer = DisturbanceObserver(CONFIG.disturbance_time)
         state = np.array([0.1, 0.02, 0.01, 0.03, 0.004])
         for _ in range(150):
             state[:3], turned = gains.motion @ state + disturb[:3] @ push, state[1] - state[2]
-            state[3] += CONFIG.step * turned
+            state[3] += CONTROL_PERIOD * turned
             seen = observer.update(state, gains)
         assert seen == pytest.approx(push, abs=1e-4)
 
@@ -201,8 +202,8 @@ def closed_loop(plant, gains, speed):
     low, high = CONFIG.disturbance_speed
     trust = min(max((speed - low) / (high - low), 0.0), 1.0)
     at = gains.at(speed)
-    a, b, *_ = plant.discrete(speed, CONFIG.step)
-    share = 1.0 - np.exp(-CONFIG.step / CONFIG.disturbance_time)
+    a, b, *_ = plant.discrete(speed, CONTROL_PERIOD)
+    share = 1.0 - np.exp(-CONTROL_PERIOD / CONFIG.disturbance_time)
     moving, measured = np.eye(3, 9), np.zeros((5, 9))
     measured[:4, :4], measured[4, 6] = np.eye(4), 1.0
     estimate = np.hstack([share * at.blame @ moving, (1.0 - share) * np.eye(3), -share * at.blame])
@@ -229,7 +230,7 @@ def test_the_loop_is_damped_although_stiffness_and_mass_are_off_by_a_fifth(mass,
         )
         for speed in (1.0, 2.0, 4.0, 7.0, 12.0, 18.0, 25.0):
             values = np.linalg.eigvals(closed_loop(plant, gains, speed)).astype(complex)
-            poles = np.log(values[np.abs(values) > 1e-9]) / CONFIG.step
+            poles = np.log(values[np.abs(values) > 1e-9]) / CONTROL_PERIOD
             assert poles.real.max() < -0.03
             oscillating = poles[(np.abs(poles.imag) > 0.3) & (np.abs(poles) < 25.0)]
             assert np.all(-oscillating.real / np.abs(oscillating) > 0.22)
@@ -256,7 +257,7 @@ def test_the_wheel_is_held_at_standstill_and_asked_angles_are_finite():
     "wrong",
     [
         {"rate_weight": 0.0},
-        {"step": float("nan")},
+        {"lag": float("nan")},
         {"speed_grid": (5.0, 4.0)},
         {"speed_grid": (5.0,)},
         {"speed_grid": (0.0, 4.0)},

@@ -7,6 +7,7 @@ import pytest
 
 from controllers.tracking.longitudinal import LongitudinalConfig, LongitudinalController, Phase
 from iits_mj.core.messages import EgoState, Trajectory, XbrEbiMode, XbrMode
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.parameters import TruckParameters
 
 PARAMETERS = TruckParameters.load()
@@ -123,7 +124,7 @@ def test_requests_grow_and_fall_at_their_rate():
     steep = run(controller, LADEN, plan(16.67), -0.06, 2.0)
     climb = run(controller, LADEN, plan(16.67), 0.03, 2.0)
     requests = np.array([(c.engine_brake, c.retarder) for c in (*steep, *climb)])
-    reach = controller.config.endurance_rate * controller.config.step
+    reach = controller.config.endurance_rate * CONTROL_PERIOD
     assert np.abs(np.diff(requests, axis=0)).max() <= reach + 1e-12
     assert requests[-1].max() == 0.0
     assert climb[-1].accelerator_pedal > 0.2
