@@ -197,14 +197,8 @@ def quintic_back(
 ) -> Quintic:
     """The quick return to a lane's middle for aborts and recoveries; there is always one.
 
-    Args:
-      station: start [m].
-      value: offset from the lane's path [m].
-      slope: first derivative of the offset [1].
-      bend: second derivative of the offset [1/m].
-      speed: greatest during the maneuver [m/s].
-      config: limits.
-      limit: greatest lateral acceleration here [m/s2], None if it is not known.
+    The arguments are those of `quintic_change`; `value` is the offset from the lane's path [m] and
+    `limit` the greatest lateral acceleration here [m/s2], None if it is not known.
     """
     bearable, longest = config.abort_acceleration, 3.0 * config.duration_max
     if limit is not None:

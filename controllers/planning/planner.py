@@ -288,7 +288,7 @@ class Planner:
         if deceleration != speed.following.preview_deceleration:
             following = replace(speed.following, preview_deceleration=deceleration)
             speed = replace(speed, following=following)
-        station, v, a = roll_out(
+        rolled = roll_out(
             self._start(scene, stop),
             path,
             cap,
@@ -302,17 +302,8 @@ class Planner:
             demand,
             self._stops.holds(stop, scene.ego),
         )
-        return on_road(
-            self.preview,
-            path,
-            self.maneuver.residual,
-            scene.time,
-            station,
-            v,
-            a,
-            config.step,
-            urgency,
-        )
+        residual = self.maneuver.residual
+        return on_road(self.preview, path, residual, scene.time, *rolled, config.step, urgency)
 
 
 def named_decision(value: object) -> Decision:

@@ -11,8 +11,6 @@ truck stops early enough behind it.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from controllers.planning.config import PassingConfig, PlannerConfig
@@ -69,23 +67,6 @@ def way_past(
         if not any(unit.touch(boxes, config.room)[1:].any() for unit in units):
             return residual
     return None
-
-
-def stop_behind(
-    leader: Neighbor | None, speed: float, front: float, config: PassingConfig
-) -> float:
-    """Station of the front bumper behind a stopped vehicle with room to pass it, or inf [m].
-
-    Args:
-      leader: the stopped vehicle, None for none.
-      speed: of the truck [m/s].
-      front: station of its front bumper [m].
-      config: settings.
-    """
-    if leader is None:
-        return math.inf
-    stop = front + leader.gap - config.gap
-    return stop if stop - front >= speed**2 / (2.0 * config.deceleration) - 1.0 else math.inf
 
 
 def _is_alone(

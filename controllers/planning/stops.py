@@ -23,7 +23,7 @@ from controllers.planning.crossing import is_free
 from controllers.planning.lane_change import Change
 from controllers.planning.road_preview import LanePath, RoadPreview
 from controllers.planning.speed_plan import HOLD_REACH
-from controllers.planning.stopped_vehicle import stop_behind, stopped_leader
+from controllers.planning.stopped_vehicle import stopped_leader
 from controllers.planning.tight_bend_yield import DECELERATION, RESTS, TightBends
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
@@ -50,7 +50,7 @@ class LightDemand:
     """
 
     stop: float = math.inf
-    deceleration: float = 0.8
+    deceleration: float = LightConfig.deceleration
     speed: float = math.inf
     reason: str = ""
 
@@ -99,7 +99,12 @@ class LightStop:
             self.reset()
         self._line = light.station
         if light.state is LightState.STOP:
-            self._wait(light, front, speed, time, free)
+            # The light releases a truck that has waited for long enough if nothing crosses.
+            waits = speed <= _AT_REST and light.station - front <= config.stop_before + _SAME
+            stood = time if self._stood is None else self._stood
+            self._stood = stood if waits else None
+            if waits and time - stood >= config.stand_time - 1e-6 and free(light.station):
+                self._released = True
         if self._goes(light, front, speed):
             self._stops = self._arrives = False
             self._deceleration = config.deceleration
@@ -120,23 +125,6 @@ class LightStop:
             return False
         room = light.station - self.config.stop_before - front
         return room > light.next_switch * max(speed, self.config.slow_speed)
-
-    def _wait(
-        self,
-        light: TrafficLight,
-        front: float,
-        speed: float,
-        time: float,
-        free: Callable[[float], bool],
-    ) -> None:
-        """Releases a truck that has waited at a line for long enough, if nothing crosses."""
-        config = self.config
-        if speed > _AT_REST or light.station - front > config.stop_before + _SAME:
-            self._stood = None
-            return
-        self._stood = time if self._stood is None else self._stood
-        if time - self._stood >= config.stand_time - 1e-6 and free(light.station):
-            self._released = True
 
     def _choose(self, light: TrafficLight, front: float, speed: float) -> None:
         """Chooses to stop where it is possible, and the deceleration."""
@@ -303,4 +291,9 @@ class Stops:
         if under_way or not any(self._preview.lane_exists(i, ego.station) for i in usable):
             return math.inf
         leader = stopped_leader(scene, path, config, self._config.speed.preview)
-        return stop_behind(leader, ego.speed, scene.neighbors.front, config)
+        if leader is None:
+            return math.inf
+        front = scene.neighbors.front
+        stop = front + leader.gap - config.gap
+        can_stop = stop - front >= ego.speed**2 / (2.0 * config.deceleration) - 1.0
+        return stop if can_stop else math.inf

@@ -134,7 +134,7 @@ def on_road(
     speed: FloatArray,
     acceleration: FloatArray,
     step: float,
-    urgency: float,
+    urgency: float = 0.0,
 ) -> Trajectory:
     """Trajectory in the map frame: lane path plus quintic over station, with speed over time.
 
@@ -147,7 +147,7 @@ def on_road(
       speed: of shape (n,) [m/s].
       acceleration: of shape (n,) [m/s2].
       step: between points [s].
-      urgency: greatest deceleration that a leader requires, for logs [m/s2].
+      urgency: greatest deceleration that a leader requires, for the log [m/s2].
     """
     slopes, bends = preview.course(path)
     slope = np.interp(station, path.station, slopes)

@@ -1,8 +1,8 @@
-"""Safe stop: a smooth stop in the lane that the truck makes by itself without commands.
+"""Safe stop: the truck's smooth stop in its lane without commands.
 
 It uses the truck's state and the road alone: it keeps the lane with the tracking controller's
 steering, brakes all axles by XBR at a moderate, jerk-limited deceleration, reduces it before
-standstill and then sets the parking brake. It does not know the traffic, and brakes harder only
+standstill and then sets the parking brake. It does not know the traffic. It brakes harder only
 where the lane or the road ends sooner.
 """
 
@@ -62,19 +62,12 @@ class StopLimits:
     deceleration_end: float = 0.25
 
     def __post_init__(self) -> None:
-        for name in ("deceleration", "jerk", "jerk_end", "deceleration_end"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and 0.0 < value <= 10.0):
-                raise InputError(f"stop limit {name} = {value!r}: allowed is above 0 to 10")
-        if self.jerk_end > self.jerk:
-            raise InputError(
-                f"stop limit jerk_end = {self.jerk_end!r}: at most jerk = {self.jerk!r}"
-            )
-        if self.deceleration_end > self.deceleration:
-            raise InputError(
-                f"stop limit deceleration_end = {self.deceleration_end!r}: at most "
-                f"deceleration = {self.deceleration!r}"
-            )
+        for name in ("deceleration", "jerk", "deceleration_end", "jerk_end"):
+            value, whole = getattr(self, name), name.removesuffix("_end")
+            most = 10.0 if name == whole else getattr(self, whole)
+            if not 0.0 < value <= most:
+                bound = f"{most:g}" if name == whole else f"{whole} = {most:g}"
+                raise InputError(f"stop limit {name} = {value!r}: allowed is above 0 to {bound}")
 
     def wanted(self, speed: float) -> float:
         """Wanted acceleration at a speed [m/s2], zero or negative.
@@ -100,18 +93,18 @@ class SafeStopConfig:
     Attributes:
       limits: deceleration and jerk, see `StopLimits`.
       deceleration_max: greatest, where lane or road end too soon for the limits [m/s2].
-      look_ahead: time for which the sideways motion is extrapolated to choose the lane [s].
+      look_ahead: time of the lateral extrapolation that chooses the lane [s].
       off_center: distance from the lane's middle beyond which a transition curve leads back [m].
-      stop_gap: left before the end of lane or road, from the front bumper [m].
+      stop_gap: from the front bumper to the end of lane or road [m].
       resync_speed: greatest difference of the plan's speed from the truck's [m/s].
-      speed_gain: deceleration added for a speed above the plan's [1/s].
-      lead_time: by which the planned deceleration is demanded earlier, for the brakes' lag [s].
+      speed_gain: added deceleration by a speed above the plan's [1/s].
+      lead_time: lead of the demand over the planned deceleration, for the brakes' lag [s].
       hold_demand: XBR demand at standstill [m/s2].
       neutral_speed: speed below which the driveline is open, so that no gear change disturbs the
         stop [m/s].
       standing_speed: speed below which the truck counts as stopped [m/s].
-      standing_time: at standstill before the parking brake is set [s].
-      parking_time: for which the service brakes hold while the parking brake acts [s].
+      standing_time: at standstill until the parking brake is set [s].
+      parking_time: during which the service brakes hold until the parking brake acts [s].
       horizon: of the plan [s]; step: of its points [s].
       preview: range ahead of lane and road [m].
       change: lateral limits of the way back to the lane's middle.
@@ -150,11 +143,6 @@ class SafeStopConfig:
 class SafeStop:
     """Stops the truck in its lane and parks it; the first `command` begins the stop.
 
-    Args:
-      route: the truck's road.
-      parameters: of the truck; default: the shipped one.
-      config: settings.
-
     Attributes:
       phase: of the stop; lane: index of the kept lane, -1 before the stop begins.
       trajectory: the tracked one, None before the stop begins.
@@ -166,6 +154,7 @@ class SafeStop:
         parameters: TruckParameters | None = None,
         config: SafeStopConfig | None = None,
     ) -> None:
+        """Makes the stop for a route; the default parameters are those of the shipped truck."""
         self.config = config or SafeStopConfig()
         self.preview = RoadPreview(route)
         parameters = parameters or TruckParameters.load()
@@ -203,9 +192,8 @@ class SafeStop:
 
         Args:
           ego: the truck.
-          last: command before the stop, used when it begins: its selector, driver's brake pedal and
-            parking brake stay, and the stop is not weaker than its XBR demand, up to
-            `deceleration_max`.
+          last: command before the stop. Its selector, driver's brake pedal and parking brake stay,
+            and the stop is at least as strong as its XBR demand, up to `deceleration_max`.
 
         Raises:
           InputError: a value of the state that the stop uses is not finite.
@@ -261,9 +249,10 @@ class SafeStop:
         return min(max(ego.yaw_rate / ego.speed - road, -0.003), 0.003)
 
     def _follow(self, ego: EgoState, lane: int) -> LanePath:
+        """The path of a lane around the truck."""
         path = self.preview.follow(max(lane, 0), ego.station, self.config.preview, BEHIND)
         if not np.isfinite(path.offset).all():
-            # A road without a lane: parallel to its reference line.
+            # On a road without lanes the truck stops parallel to the reference line.
             path = dataclasses.replace(path, offset=np.full_like(path.offset, self._kept))
         self._middle = float(path.offset_at(ego.station))
         return path
@@ -271,32 +260,22 @@ class SafeStop:
     def _plan(self, ego: EgoState) -> None:
         """A trajectory along the lane, from the last plan's speed or the truck's."""
         config = self.config
-        # Lanes that begin or end on the right shift the indices: the middle identifies the lane.
+        # The middle identifies the lane: lanes that begin or end on the right shift the indices.
         self.lane = self.preview.nearest_lane(ego.station, self._middle)
         path = self._follow(ego, self.lane)
         start = self._start(ego)
         room = path.end - config.stop_gap - self._overhang - ego.station
         limits = self._sooner(start, room)
         steps = round(config.horizon / config.step)
-        station, speed, acceleration = roll_to_stop(start, limits, steps, config.step)
-        planned = on_road(
-            self.preview,
-            path,
-            self._residual,
-            ego.time,
-            station,
-            speed,
-            acceleration,
-            config.step,
-            0.0,
-        )
+        rolled = roll_to_stop(start, limits, steps, config.step)
+        planned = on_road(self.preview, path, self._residual, ego.time, *rolled, config.step)
         self.trajectory = dataclasses.replace(
             planned, mode=PlanMode.EMERGENCY, reason="stop in lane", target_lane=self.lane
         )
         self._planned_at = ego.time
 
     def _start(self, ego: EgoState) -> SpeedState:
-        """State of the last plan now, limited to near the truck's."""
+        """State of the last plan now, held near the truck's."""
         last, reach = self.trajectory, self.config.resync_speed
         if last is None or not last.time[0] <= ego.time <= last.time[-1]:
             begin = min(max(ego.acceleration, -self._limits.deceleration), 0.5)
@@ -310,10 +289,11 @@ class SafeStop:
         """Limits that stop the truck within a distance [m], as far as allowed."""
         if stop_distance(start.speed, start.acceleration, self._limits) <= room:
             return self._limits
-        # The build-up of the brakes takes more than v^2 / 2 s.
+        # The brakes need time to build up, hence more than v^2 / 2 s.
         return self._at_least(1.15 * start.speed**2 / (2.0 * max(room, 0.1)))
 
     def _at_least(self, deceleration: float) -> StopLimits:
+        """The limits with a greater deceleration, as far as allowed."""
         most = self.config.deceleration_max
         wanted = min(max(deceleration, self._limits.deceleration), most)
         jerk = self._limits.jerk * wanted / self._limits.deceleration
@@ -389,7 +369,7 @@ def roll_to_stop(
     reach = limits.jerk * step
     for k in range(steps + 1):
         if k:
-            # A stop within the step: only the distance up to it.
+            # If the truck stops within the step, it moves only until then.
             stays = v + a * step > 0.0
             s += v * step + 0.5 * a * step**2 if stays else 0.5 * v * step
             v = max(v + a * step, 0.0)

@@ -46,7 +46,7 @@ class Tracker:
         self.longitudinal = LongitudinalController(self.parameters, self.config.longitudinal)
 
     def reset(self) -> None:
-        """Forgets everything but the gains."""
+        """Clears everything but the gains."""
         self.lateral.reset()
         self.longitudinal.reset()
 
@@ -61,7 +61,7 @@ class Tracker:
         return replace(command, steering_wheel_angle=self.lateral.steer(ego, trajectory))
 
     def grade(self, ego: EgoState) -> float:
-        """Grade under the combination, tractor and trailer weighted by mass."""
+        """Grade under the combination, rise over run, tractor and trailer weighted by mass."""
         tractor, trailer = self.parameters.tractor, self.parameters.semitrailer
         behind = self.parameters.fifth_wheel.position + trailer.cg_position
         share = tractor.mass / max(ego.mass, tractor.mass)

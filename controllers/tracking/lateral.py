@@ -4,9 +4,9 @@ State feedback with preview of curvature and with the observed disturbance, see 
 gains are computed once per mass. A slow integral removes the remaining error; `SteeringPlay` then
 inverts the play of the steering gear.
 
-The model is one of small angles. Tight turns are expressed in its terms by what is exact in a
-steady turn without tire slip: `sin(delta) = L r / V`, course `psi + asin(w / V)`, with V the speed
-of the steer axle.
+The model is one of small angles. In tight turns the controller uses the relations that are exact in
+a steady turn without tire slip: `sin(delta) = L r / V`, course `psi + asin(w / V)`, with V the
+speed of the steer axle.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class PathView:
         places, yaws, xs, ys = self._places, self._yaws, self._x, self._y
         row = min(max(bisect_right(places, ego.station) - 1, 0), len(places) - 2)
         start, end = places[row], places[row + 1]
-        # Beyond its ends the path continues straight.
+        # The path continues straight beyond its ends.
         way = ego.station - start
         share = way / (end - start) if end > start else 0.0
         held = min(max(share, 0.0), 1.0)
@@ -87,7 +87,7 @@ class PathView:
     def curvature(self, stations: FloatArray) -> FloatArray:
         """Mean curvature [1/m] between rising stations of shape (n + 1,); shape (n,).
 
-        It is the change of heading over distance; the last curvature holds beyond the path's end.
+        It is the change of heading over distance; beyond the path's end the last curvature holds.
         """
         yaw = np.interp(stations, self.station, self.yaw)
         end, curvature = self._last
@@ -97,11 +97,11 @@ class PathView:
 
 
 class DisturbanceObserver:
-    """Estimates the lateral disturbance: wind, cross slope, model error; called every step.
+    """Estimates the lateral disturbance by wind, cross slope and model error; one call per step.
 
-    The truck's lateral motion is compared with the prediction of the linear model one step ago. The
+    It compares the truck's lateral motion with the prediction of the linear model one step ago. The
     difference, as three accelerations of (lateral speed, yaw rate, trailer yaw rate), passes a
-    first-order filter (disturbance observer, Ohnishi 1987). A gust shows in the yaw rates long
+    first-order filter (disturbance observer, Ohnishi 1987). A gust appears in the yaw rates long
     before the truck leaves its path.
 
     Attributes:
@@ -114,7 +114,7 @@ class DisturbanceObserver:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets the estimate and the prediction."""
+        """Clears the estimate and the prediction."""
         self.value = np.zeros(3)
         self._expected: FloatArray | None = None
 
@@ -132,19 +132,19 @@ class DisturbanceObserver:
         return self.value
 
     def rest(self) -> None:
-        """Forgets the prediction and lets the estimate decay, for steps without steering."""
+        """Clears the prediction and lets the estimate decay, for steps without steering."""
         self._expected = None
         self.value = (1.0 - self._share) * self.value
 
 
 class SteeringPlay:
-    """Inverse of the steering gear's play; one call every control step.
+    """Inverse of the steering gear's play; one call per control step.
 
     The gear's output follows the steering wheel only while one of the two flanks of its play is in
-    contact; on a reversal the wheel must cross the play first while the road wheels rest. Crossing
-    at every small reversal would make the wheel jump to and fro in a long bend. So the wheel stays
-    on its flank until the angle missing on the other side is large enough, and then crosses at a
-    steady rate. The inverse of play is that of Tao and Kokotovic (1996), with hysteresis and a
+    contact; on a reversal the wheel must first cross the play while the road wheels rest. Crossing
+    at every small reversal would make the wheel jump to and fro in a long bend. The wheel therefore
+    stays on its flank until the missing angle on the other side is large enough, and then crosses
+    at a steady rate. The inverse of play is that of Tao and Kokotovic (1996), with hysteresis and a
     bounded rate.
 
     Args:
@@ -158,16 +158,16 @@ class SteeringPlay:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets the state of the gear."""
+        """Clears the state of the gear."""
         self._output: float | None = None
         self._flank = 1.0
         self._wheel = 0.0
 
     def follow(self, wheel: float, road_wheel: float) -> float:
-        """Follows the gear's output, on the steering wheel's side [rad].
+        """Updates and returns the gear's output on the steering wheel's side [rad].
 
-        The measured wheel drags it along within the play. The first call reads it from the road
-        wheels, whose compliance would disturb it later.
+        The measured wheel drags the output along within the play. Only the first call reads it from
+        the road wheels, whose compliance would disturb it later.
 
         Args:
           wheel: angle of the steering wheel as measured [rad].
@@ -232,7 +232,7 @@ class LateralController:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets everything but the gains."""
+        """Clears everything but the gains."""
         self.error = 0.0
         self._demand: float | None = None
         self._integral = 0.0
@@ -277,11 +277,9 @@ class LateralController:
         return self._wheel
 
     def _quieted(self, steady: float, gains: Gains) -> float:
-        """The demand without corrections that are too small to cross the play for.
+        """Sine of the demand without corrections that are too small for a crossing of the play.
 
-        Args:
-          steady: angle for the path and the disturbance alone [rad].
-          gains: at the present speed.
+        `steady` is the sine of the angle for the path and the disturbance alone.
         """
         beyond = (self._demand or 0.0) - steady
         idle = min(self.config.idle_angle, self.config.idle_acceleration / gains.response)

@@ -47,18 +47,19 @@ class LateralConfig:
       articulation_weight: on the articulation rate [s2/rad2].
       integral_weight: on the integral of the offset [1/(m2 s2)].
       rate_weight: on the rate of the road wheel angle [s2/rad2].
-      rate_speed: below it that weight falls with the fourth power of speed, as the path responds
-        with the square [m/s]; rate_weight_min: its least value [s2/rad2].
+      rate_speed: below it `rate_weight` falls with the fourth power of speed, since the path
+        responds with the square [m/s]; rate_weight_min: its least value [s2/rad2].
       preview_time: of curvature [s].
       lag: steering and tire relaxation [s].
       speed_grid: [m/s], rising.
       disturbance_time: time constant of the disturbance's estimate [s].
       steady_time: time constant of the lasting disturbance [s].
-      disturbance_speed: it counts from the first of these speeds on, fully from the second [m/s].
-      idle_acceleration: lateral acceleration of a correction that is left out [m/s2].
+      disturbance_speed: above the first of these speeds the disturbance counts, above the second
+        fully [m/s].
+      idle_acceleration: lateral acceleration of the greatest omitted correction [m/s2].
       idle_angle: the same as road wheel angle, at low speed [rad].
       error_max: greatest offset in the feedback [m].
-      integral_error_max: offset beyond which the integral rests [m].
+      integral_error_max: offset above which the integral does not change [m].
       integral_max: [m s].
       speed_min: speed below which the wheel is held [m/s].
       play: see `PlayConfig`.
@@ -106,7 +107,7 @@ class Gains(NamedTuple):
       preview: of the curvatures ahead, (n,).
       disturbance: of the three disturbing accelerations, (3,).
       motion: (w, r, r_t) a step later as a product with (w, r, r_t, articulation, delta), (3, 5).
-      blame: disturbing accelerations by the prediction error of (w, r, r_t), (3, 3).
+      blame: disturbing accelerations from the prediction error of (w, r, r_t), (3, 3).
       balance: road wheel angle that holds a disturbance on a straight path, (3,).
       response: steady lateral acceleration by road wheel angle [m/s2 per rad].
     """
@@ -163,7 +164,7 @@ def _design(model: LateralModel, speed: float, config: LateralConfig) -> Gains:
         feedback=gain[0],
         preview=np.array(row),
         disturbance=lasting[0],
-        # The measured angle stays over a step, as if it were demanded, too.
+        # Over a step the road wheel angle stays at its measured value.
         motion=np.column_stack([a[:3, :4], a[:3, 6] + a[:3, 7]]),
         blame=np.asarray(np.linalg.inv(disturb[:3]), dtype=float),
         balance=model.balance(speed),

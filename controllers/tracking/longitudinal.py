@@ -2,11 +2,11 @@
 
 Feed-forward of acceleration, grade, rolling and air through the inverse powertrain, plus a slow
 integral. Accelerator, coasting, endurance brakes and friction alternate with hysteresis and dwell
-times, so that they never chatter. Where the plan asks for about the engine's drag the truck coasts
+times, so that they do not chatter. Where the plan needs about the engine's drag, the truck coasts
 in gear and ignores small errors of speed: correcting them by accelerator and engine brake in turn
 costs fuel and gear changes. For the same reason the pedal moves too slowly for a kick-down, unless
-much speed is to be gained. Engine brake, then retarder, hold the speed on a descent, each by its
-own TSC1; an XBR demand that may use both adds what they lack. At standstill the brakes hold.
+the truck has to gain much speed. Engine brake, then retarder, hold the speed on a descent, each by
+its own TSC1; an XBR demand that may use both adds the missing force. At standstill the brakes hold.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 
-_SURELY = 0.99  # share of the gearbox's thresholds that is surely below them
+_SURELY = 0.99  # share of the gearbox's thresholds that does not reach them
 
 
 class Phase(enum.Enum):
-    """What controls the speed: engine, its drag, endurance brakes, friction too, or standstill."""
+    """Actuator of the speed: engine, its drag, endurance brakes, friction too, or standstill."""
 
     DRIVE = "drive"
     COAST = "coast"
@@ -57,18 +57,18 @@ class LongitudinalConfig:
       brake_leave: the same, below which friction is released [m/s2].
       build_up: time from the demand for friction to its force [s].
       dwell: least time in a phase [s].
-      urgent: demanded deceleration that ends the dwell time and brakes at once; brake control then
-        commands engine brake and retarder alone, and releases them while ABS works [m/s2].
-      calm: the same, below which the brakes may be released again [m/s2].
+      urgent: demanded deceleration that ends the dwell time and brakes at once; brake control alone
+        then commands engine brake and retarder, and releases them while ABS works [m/s2].
+      calm: the same, below which the brakes may release again [m/s2].
       pedal_rise, pedal_fall: rates of the pedal [1/s].
-      kick_down_gain: speed to be gained within the plan that justifies a kick-down [m/s].
+      kick_down_gain: gain of speed in the plan that justifies a kick-down [m/s].
       endurance_rate: of the requests to engine brake and retarder [1/s].
-      demand_rate: of the XBR demand when it grows, outside emergencies [m/s3].
-      demand_max: [m/s2].
+      demand_rate: of a rising XBR demand outside emergencies [m/s3].
+      demand_max: of XBR [m/s2].
       stop_speed: speed below which a plan to stop applies the hold [m/s].
-      go_speed: planned speed that ends holding [m/s].
-      level: grade below which a start needs no hold before.
-      roll_back: backward speed that ends a start; the truck is held again [m/s].
+      go_speed: planned speed that ends the hold [m/s].
+      level: grade below which a start needs no hold.
+      roll_back: backward speed that ends a start and holds the truck again [m/s].
       hold_demand: XBR demand at standstill [m/s2].
     """
 
@@ -100,7 +100,7 @@ class LongitudinalConfig:
     hold_demand: float = 1.0
 
     def coasting_error(self, error: float, speed: float) -> float:
-        """The error of speed [m/s] to correct while coasting at a speed [m/s]."""
+        """The part of a speed error that is corrected while coasting at a speed [m/s]."""
         band = self.coast_error * min(max(speed, 0.0) / self.coast_speed, 1.0)
         return error - min(max(error, -band), band)
 
@@ -140,7 +140,7 @@ class KickDown:
         self.reset()
 
     def reset(self) -> None:
-        """Assumes that the pedal was up for long."""
+        """Assumes that the pedal has been released for long."""
         self._slow_pedal = 0.0
 
     def follow(self, pedal: float) -> None:
@@ -149,7 +149,7 @@ class KickDown:
 
     @property
     def greatest_pedal(self) -> float:
-        """Greatest pedal position, 0 to 1, without a kick-down now."""
+        """Greatest pedal position without a kick-down now, 0 to 1."""
         return min(max(self._near_floor, self._slow_pedal + self._rise), 1.0)
 
 
@@ -166,7 +166,7 @@ class LongitudinalController:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets phase and integral."""
+        """Clears phase and integral."""
         self.phase = Phase.DRIVE
         self._since = self.config.dwell
         self._integral = 0.0
@@ -229,7 +229,7 @@ class LongitudinalController:
         return share_out(-force, then).short
 
     def _stand(self, ego: EgoState, planned: float, soon: float) -> bool:
-        """Whether the truck is at standstill and shall stay there or start."""
+        """Whether the truck is at standstill and stays there or starts."""
         config = self.config
         if self.phase in (Phase.HOLD, Phase.LAUNCH):
             return ego.speed < config.stop_speed or soon <= config.go_speed
@@ -247,8 +247,8 @@ class LongitudinalController:
         if self.phase is Phase.HOLD:
             self._pedal, self._demand = 0.0, config.hold_demand
             return self._output()
-        # Hill hold of brake control holds the truck until the driveline does; an XBR demand would
-        # cut the engine.
+        # Brake control's hill hold keeps the truck until the driveline does; an XBR demand would
+        # cut the engine's torque.
         self._demand = 0.0
         gear = max(self._gear, 1)
         resistance = inverse.resistance(ego.mass, 0.1, grade)

@@ -1,4 +1,4 @@
-"""Steering: the path as seen, the play of the gear, what pushes the truck, the loop's damping."""
+"""Steering: errors from the path, the play of the gear, disturbances, the loop's damping."""
 
 import dataclasses
 
@@ -13,6 +13,7 @@ from controllers.tracking.lateral import (
 )
 from controllers.tracking.lateral_gains import LateralConfig, LateralGains, PlayConfig
 from controllers.tracking.lateral_model import LateralModel
+from iits_mj.core.angles import wrap_angles
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Trajectory
 from iits_mj.core.timing import CONTROL_PERIOD
@@ -54,9 +55,6 @@ def on_arc(station, aside=0.0, turned=0.0, radius=100.0):
     )
 
 
-# The path -----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("station", [0.0, 1.0, 7.3, 30.0, 59.9])
 def test_a_truck_on_the_arc_has_no_error_between_the_points_of_its_path(station):
     error, heading = PathView(arc()).error(on_arc(station))
@@ -72,7 +70,7 @@ def test_the_offset_is_positive_to_the_left_and_the_heading_error_counter_clockw
 
 def test_the_heading_error_does_not_jump_where_yaw_wraps():
     path = arc()
-    wrapped = dataclasses.replace(path, yaw=np.angle(np.exp(1j * (path.yaw + np.pi - 0.3))))
+    wrapped = dataclasses.replace(path, yaw=wrap_angles(path.yaw + np.pi - 0.3))
     errors = [
         PathView(wrapped).error(EgoState(station=s, yaw=s / 100.0 + np.pi - 0.3))[1]
         for s in np.arange(60.0)
@@ -85,7 +83,7 @@ def test_curvature_ahead_is_that_of_the_arc_and_lasts_beyond_its_end():
     assert seen == pytest.approx(np.full(100, 0.01), rel=1e-9)
 
 
-def test_a_path_that_stands_still_gives_a_finite_error():
+def test_a_plan_at_standstill_gives_a_finite_error():
     path = arc()
     standing = dataclasses.replace(
         path, **{name: np.full(4, getattr(path, name)[0]) for name in ("station", "x", "y", "yaw")}
@@ -95,11 +93,8 @@ def test_a_path_that_stands_still_gives_a_finite_error():
     assert heading == 0.0
 
 
-# The play -----------------------------------------------------------------------------------------
-
-
 class Gear:
-    """The play as it is: its output dragged along by the wheel."""
+    """A gear whose output the wheel drags along within the play."""
 
     def __init__(self, config=None):
         self.play = SteeringPlay(STEERING, config or PlayConfig())
@@ -150,11 +145,8 @@ def test_the_play_is_crossed_at_its_own_rate():
     assert np.abs(np.diff(asked[:4])).max() <= PlayConfig().crossing_rate * 0.02 + 1e-12
 
 
-# The disturbance ----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("speed", [8.0, 16.0, 25.0])
-def test_the_observer_finds_a_steady_push_and_nothing_where_there_is_none(speed):
+def test_the_observer_finds_a_steady_disturbance_and_no_other(speed):
     model = LateralModel.of(PARAMETERS, 55_000.0, CONFIG.lag)
     gains = LateralGains.design(model, dataclasses.replace(CONFIG, speed_grid=(speed, 30.0))).at(
         speed
@@ -180,7 +172,7 @@ def test_the_balancing_angle_keeps_a_pushed_truck_on_a_straight_path(mass):
     assert steady[2] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_model_answers_the_wheel_as_the_understeer_gradient_says():
+def test_the_model_has_a_plausible_wheelbase_and_understeer_gradient():
     model = LateralModel.of(PARAMETERS, 55_000.0, CONFIG.lag)
     slow, fast = (model.steady_acceleration(speed) / speed**2 for speed in (0.5, 25.0))
     # A tandem's scrub lengthens the wheelbase (Winkler 1998); the tri-axle's, at the hitch ahead
@@ -192,9 +184,6 @@ def test_the_model_answers_the_wheel_as_the_understeer_gradient_says():
     assert 1.0 / slow == pytest.approx(base + longer, abs=0.15)
     gradient = np.rad2deg(1.0 / fast - 1.0 / slow) / 25.0**2 * 9.81
     assert 0.5 < gradient < 3.0
-
-
-# The loop -----------------------------------------------------------------------------------------
 
 
 def closed_loop(plant, gains, speed):
@@ -236,7 +225,7 @@ def test_the_loop_is_damped_although_stiffness_and_mass_are_off_by_a_fifth(mass,
             assert np.all(-oscillating.real / np.abs(oscillating) > 0.22)
 
 
-def test_the_wheel_is_held_at_standstill_and_asked_angles_are_finite():
+def test_the_wheel_is_held_at_standstill_and_demanded_angles_are_finite():
     controller = LateralController(PARAMETERS)
     held = controller.steer(
         dataclasses.replace(on_arc(5.0), speed=0.0, steering_wheel_angle=0.4), arc()
@@ -263,6 +252,6 @@ def test_the_wheel_is_held_at_standstill_and_asked_angles_are_finite():
         {"speed_grid": (0.0, 4.0)},
     ],
 )
-def test_settings_that_cannot_be_are_refused_by_name(wrong):
+def test_invalid_settings_are_refused_by_name(wrong):
     with pytest.raises(InputError, match=next(iter(wrong))):
         LateralConfig(**wrong)
