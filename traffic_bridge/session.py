@@ -221,12 +221,9 @@ class Session:
     def getter(self, domain: str, name: str) -> Callable[[str], Any]:
         """A fast function of libsumo that reads a value by id.
 
-        The call from libsumo's public function to the native one takes as long as the native
-        function itself. So the native function is returned if this version of libsumo has it.
-
-        Args:
-          domain: such as "vehicle" or "lane".
-          name: such as "getSpeed".
+        `getter("vehicle", "getSpeed")` returns a function of a vehicle's name. The call from
+        libsumo's public function to the native one takes as long as the native function itself. So
+        the native function is returned if this version of libsumo has it.
         """
         native = getattr(self.api.libsumo, "_libsumo", None)
         found = getattr(native, f"{domain}_{name}", None)

@@ -9,6 +9,7 @@ import numpy as np
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint, EgoState
 from iits_mj.road import Route
+from traffic_bridge.config import TrafficConfig
 from traffic_bridge.modes.smoothing import Box
 from traffic_bridge.modes.teleported_vehicle import (
     ALONG,
@@ -76,26 +77,19 @@ class EgoInTraffic:
     In SUMO a vehicle has one lane. While the truck occupies two lanes, in a lane change or with its
     trailer still in the old lane, a second vehicle of the same length (the shadow) drives in the
     other lane beside it, so that no vehicle there hits its side. On an oncoming lane the shadow
-    stands still, and oncoming vehicles stop before it. `step` is the length of a traffic step [s].
+    stands still, and oncoming vehicles stop before it.
     """
 
-    def __init__(
-        self,
-        session: Session,
-        lanes: RouteLanes,
-        route: Route,
-        footprint: EgoFootprint,
-        step: float,
-    ) -> None:
+    def __init__(self, session: Session, lanes: RouteLanes, config: TrafficConfig) -> None:
         self._session = session
         self._api = session.api
         self._lanes = lanes
-        self._route = route
-        self._footprint = footprint
-        self._step = step
+        self._route = lanes.route
+        self._config = config
+        self._footprint = config.footprint
         # The truck by its name, the shadows by their SUMO routes.
         self._teleported: dict[str, TeleportedVehicle] = {}
-        self._overlap = LaneOverlap(lanes, route)
+        self._overlap = LaneOverlap(lanes)
         self._has_way_against = False
         self._shadows = 0
 
@@ -115,13 +109,8 @@ class EgoInTraffic:
             Box(middle, ego.trailer_offset, ego.speed, size.length, size.width),
         )
 
-    def room(self, ego: EgoState, traffic_speed: float) -> EgoRoom:
-        """The space that the truck needs when the road is populated.
-
-        Args:
-          ego: the truck.
-          traffic_speed: typical speed of the traffic [m/s].
-        """
+    def room(self, ego: EgoState) -> EgoRoom:
+        """The space that the truck needs when the road is populated."""
         _, _, station, offset = self.front(ego)
         part = np.linspace(0.0, 1.0, AXIS_POINTS)
         offsets = ego.trailer_offset + part * (offset - ego.trailer_offset)
@@ -132,7 +121,7 @@ class EgoInTraffic:
             ego.speed,
             np.stack((points.x, points.y), axis=1),
             self._footprint,
-            traffic_speed,
+            self._config.speed_limit,
         )
 
     def place(self, ego: EgoState) -> None:
@@ -197,7 +186,7 @@ class EgoInTraffic:
                 self._shadows += 1
             way = AGAINST if role == AGAINST else ALONG
             self._teleported[role] = TeleportedVehicle(
-                self._session, self._lanes, name, self._step, way=way
+                self._session, self._lanes, name, self._config.step_length, way=way
             )
         return self._teleported[role]
 

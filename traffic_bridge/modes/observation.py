@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import EgoState
 from iits_mj.core.vehicles import COLUMNS, VehicleFrame
-from iits_mj.road import Route
+from traffic_bridge.config import TrafficConfig
 from traffic_bridge.modes.smoothing import Box, LateralSmoother, Shift, nearest_turn
 from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.session import Session
@@ -34,25 +34,11 @@ LANE_COST = 3  # vehicles whose lanes are read in about the time of reading one 
 class Observation:
     """Reads the traffic of a running simulation after each step.
 
-    Args:
-      session: the running SUMO.
-      lanes: of the route.
-      vehicles: the registry.
-      route: the ego's road.
-      view_range: vehicles within this distance of the ego are read [m].
-      step_length: time between two readings [s].
-      lane_change_duration: see `LateralSmoother` [s].
+    Vehicles within `config.view_range` of the ego are read.
     """
 
     def __init__(
-        self,
-        session: Session,
-        lanes: RouteLanes,
-        vehicles: Vehicles,
-        route: Route,
-        view_range: float,
-        step_length: float,
-        lane_change_duration: float,
+        self, session: Session, lanes: RouteLanes, vehicles: Vehicles, config: TrafficConfig
     ) -> None:
         self._api = session.api
         self._get_speed = session.getter("vehicle", "getSpeed")
@@ -62,10 +48,9 @@ class Observation:
         self._get_ids = session.getter("lane", "getLastStepVehicleIDs")
         self._lanes = lanes
         self._vehicles = vehicles
-        self._route = route
-        self._range = view_range
-        self._step = step_length
-        self._smoother = LateralSmoother(lane_change_duration)
+        self._range = config.view_range
+        self._step = config.step_length
+        self._smoother = LateralSmoother(config.lane_change_duration)
         self._last_lane: dict[str, str] = {}
         self._history: dict[str, tuple[str, ...]] = {}
         self._view_place: tuple[float, float] | None = None
@@ -163,7 +148,7 @@ class Observation:
         columns[_OFFSET, k] += direction * shift.offset
         if direction > 0:
             station, offset = float(columns[_STATION, k]), float(columns[_OFFSET, k])
-            route_lane[k] = self._route.lane_at(station, offset)
+            route_lane[k] = self._lanes.route.lane_at(station, offset)
 
     def _find_vehicles(self, ego: EgoState | None) -> bool:
         """Finds the vehicles and their lanes; returns whether the vehicles are unchanged."""

@@ -73,7 +73,6 @@ class TrafficWorlds(Closing):
 
     Attributes:
       specs: one for each world, with the present seeds.
-      timeout: as given.
 
     Raises:
       InputError: no spec, or a value that is not usable.
@@ -139,7 +138,7 @@ class TrafficWorlds(Closing):
         given_egos = self._egos(egos, asked)
         specs = list(self.specs)
         if seeds is not None:
-            given = _one_a_world("seeds", seeds, asked)
+            given = _one_per_world("seeds", seeds, asked)
             for k, seed in zip(asked, given, strict=True):
                 specs[k] = replace(specs[k], seed=whole("seed", seed))
         messages = [
@@ -216,7 +215,7 @@ class TrafficWorlds(Closing):
         asked = self._asked(worlds)
         if not isinstance(path, str):
             raise InputError(f"{shown(path)} to call: must be a name, such as 'vehicles.change'")
-        message = message_of(("call", path, arguments, options), f"what {path!r} is called with")
+        message = message_of(("call", path, arguments, options), f"the arguments of {path!r}")
         self._send(asked, [message] * len(asked))
         return self._collect(asked, self.timeout)
 
@@ -248,7 +247,7 @@ class TrafficWorlds(Closing):
     ) -> tuple[EgoState | None, ...]:
         if egos is None:
             return (None,) * len(asked)
-        given = _one_a_world("egos", egos, asked)
+        given = _one_per_world("egos", egos, asked)
         for k, ego in zip(asked, given, strict=True):
             if not (ego is None or isinstance(ego, EgoState)):
                 raise InputError(f"ego of world {k}: {shown(ego)} is neither an EgoState nor None")
@@ -299,14 +298,14 @@ class TrafficWorlds(Closing):
         return tuple(answers)
 
 
-def _one_a_world(what: str, given: Any, asked: tuple[int, ...]) -> tuple[Any, ...]:
+def _one_per_world(what: str, given: Any, asked: tuple[int, ...]) -> tuple[Any, ...]:
     if isinstance(given, (str, bytes, Mapping)) or not isinstance(given, Iterable):
         raise InputError(
-            f"{what} = {shown(given)}: must be a sequence of {len(asked)}, one a world"
+            f"{what} = {shown(given)}: must be a sequence of {len(asked)}, one per world"
         )
     entries = tuple(given)
     if len(entries) != len(asked):
-        raise InputError(f"{len(entries)} {what} for {len(asked)} worlds: one a world is needed")
+        raise InputError(f"{len(entries)} {what} for {len(asked)} worlds: one per world is needed")
     return entries
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from iits_mj.road import Route
 from traffic_bridge.modes.teleported_vehicle import END, LaneOverlap, TeleportedVehicle
 from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.recording.replay import InterpolatedRecording
@@ -18,11 +17,9 @@ CENTERED = 0.25  # [m] from its lane's center, within which a vehicle reaches in
 # [s] before a recorded lane change in which a vehicle occupies its target lane, as if it indicated.
 INDICATED = 3.0
 
-_COLUMNS = ("x", "y", "yaw", "speed", "station", "offset", "length", "width")
-
 
 class _Place(NamedTuple):
-    """A vehicle after the next step: its lane and the values named by `_COLUMNS`."""
+    """A vehicle after the next step: its lane and columns of its frame."""
 
     lane: int
     x: float
@@ -57,16 +54,14 @@ class ReplayedVehicles:
         self,
         session: Session,
         lanes: RouteLanes,
-        route: Route,
         replay: InterpolatedRecording,
         step: float,
     ) -> None:
         self._session = session
         self._lanes = lanes
-        self._route = route
         self._replay = replay
         self._step = step
-        self._overlap = LaneOverlap(lanes, route)
+        self._overlap = LaneOverlap(lanes)
         self._teleported: dict[str, TeleportedVehicle] = {}
 
     def place(self, time: float) -> None:
@@ -97,13 +92,13 @@ class ReplayedVehicles:
         soon = self._replay.at(min(time + INDICATED, self._replay.duration))
         ahead = dict(zip(soon.ids, soon.lanes.tolist(), strict=True))
         wanted: dict[str, _Place] = {}
-        rows = frame.columns(*_COLUMNS).T.tolist()
+        rows = frame.columns(*_Place._fields[1:]).T.tolist()
         for name, lane, row in zip(frame.ids, frame.lanes.tolist(), rows, strict=True):
             place = _Place(lane, *row)
             if lane < 0:
                 wanted[PREFIX + name] = place
                 continue
-            if place.front >= self._route.length - END:
+            if place.front >= self._lanes.route.length - END:
                 continue
             wanted[PREFIX + name] = place
             second = self._second_lane(place, ahead.get(name, lane))

@@ -192,7 +192,7 @@ class MixedSim(PureSim):
 
     def _prepare(self, world: SumoTraffic) -> None:
         world.replayed = ReplayedVehicles(
-            world.session, world.lanes, self.route, self.replay, self.config.step_length
+            world.session, world.lanes, self.replay, self.config.step_length
         )
 
     def _note_conflicts(self) -> None:

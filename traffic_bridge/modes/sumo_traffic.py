@@ -48,7 +48,6 @@ class SumoTraffic:
         with_ego: bool,
         lanes: RouteLanes | None = None,
     ) -> None:
-        self.route = route
         self.config = config
         self.replayed: ReplayedVehicles | None = None
         self._steps = 0
@@ -69,19 +68,11 @@ class SumoTraffic:
             self._demand = Demand(
                 self.session, lanes, self.vehicles, config, rng, self.signals.limits
             )
-        self._ego = EgoInTraffic(self.session, lanes, route, config.footprint, config.step_length)
+        self._ego = EgoInTraffic(self.session, lanes, config)
         self._with_ego = with_ego
         self._held: set[str] = set()
         self._api = self.session.api
-        self.observation = Observation(
-            self.session,
-            lanes,
-            self.vehicles,
-            route,
-            view_range=config.view_range,
-            step_length=config.step_length,
-            lane_change_duration=config.lane_change_duration,
-        )
+        self.observation = Observation(self.session, lanes, self.vehicles, config)
         self._lane_changer = (
             LaneChanger(self.session, lanes.graph, self.vehicles, config)
             if config.lane_change == "mobil"
@@ -102,7 +93,7 @@ class SumoTraffic:
             self.signals.begin(None if ego is None else ego.station)
             if self.replayed is not None:
                 self.replayed.place(0.0)
-            self._demand.fill(None if ego is None else self._ego.room(ego, self.config.speed_limit))
+            self._demand.fill(None if ego is None else self._ego.room(ego))
         if self._with_ego and ego is not None:
             self._ego.place(ego)
         self.session.step()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from iits_mj.road import Route
 from traffic_bridge.network.route_lanes import LaneTable, RouteLanes
 from traffic_bridge.session import Session
 
@@ -23,9 +22,8 @@ MATCH_RADIUS = 30.0  # [m] in which SUMO looks for the lane; SUMO's default of 1
 class LaneOverlap:
     """Finds the lanes under a vehicle, and puts it there."""
 
-    def __init__(self, lanes: RouteLanes, route: Route) -> None:
+    def __init__(self, lanes: RouteLanes) -> None:
         self._lanes = lanes
-        self._route = route
         open_lanes = {table.id for edge in lanes.oncoming_edges for table in lanes.of_edge(edge)}
         # First and last station, half the width [m], table.
         self._opposite = [
@@ -52,7 +50,7 @@ class LaneOverlap:
           edges: see `edges`.
         """
         for edge in edges:
-            other = int(self._route.lane_at(station, edge))
+            other = int(self._lanes.route.lane_at(station, edge))
             if other not in (-1, lane) and self.table(other, station) is not None:
                 return other
         return -1
@@ -65,7 +63,7 @@ class LaneOverlap:
         """The oncoming lane that a vehicle reaches into, or None; see `second`."""
         for edge in edges if self._opposite else ():
             # Usually the side is in a lane of the route.
-            if self._route.lane_at(station, edge) < 0 and (found := self._at(station, edge)):
+            if self._lanes.route.lane_at(station, edge) < 0 and (found := self._at(station, edge)):
                 return found
         return None
 

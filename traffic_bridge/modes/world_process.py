@@ -137,7 +137,9 @@ class WorldProcess:
             self.end(f"gave no answer for {timeout:g} s and was ended; reset it to start it again")
         except (EOFError, OSError):
             self._process.join(1.0)
-            self.end(f"its process ended by itself ({self._cause()}); reset it to start it again")
+            self.end(
+                f"its process ended unexpectedly ({self._cause()}); reset it to start it again"
+            )
         return Failure(TrafficError, self._ended)
 
     def ask_to_end(self) -> None:
@@ -225,7 +227,7 @@ def _remove(folder: str) -> None:
 
 
 def _do(traffic: PureSim, message: bytes) -> Any:
-    content = _read(message, InputError, "what was handed over")
+    content = _read(message, InputError, "the message")
     if isinstance(content, Failure):
         return content
     what, *arguments = content

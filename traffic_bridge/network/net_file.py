@@ -1,7 +1,7 @@
 """Reads a SUMO net file (`.net.xml`) into plain records, without starting SUMO.
 
-SUMO's own reader (`sumolib.net`) is not used: it drops the lanes' OpenDRIVE type, which says where
-cars may drive, takes twice as long, and reports a damaged file with errors of other libraries.
+SUMO's own reader (`sumolib.net`) is not used: it drops the lanes' OpenDRIVE type, which defines
+where cars may drive, takes twice as long, and raises errors of other libraries on a damaged file.
 """
 
 from __future__ import annotations

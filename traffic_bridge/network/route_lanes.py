@@ -41,7 +41,7 @@ class RouteLanes:
     positions of other lanes come from their roads (`LaneSurfaces`).
 
     Attributes:
-      net: as in the file.
+      net: as in the file; route: the ego's road.
       edges: ids of SUMO's edges in driving order; oncoming_edges: in the opposite direction.
       tables: lanes of the route by SUMO lane id, with junction-internal and oncoming lanes.
       graph: the connections between the lanes of the net.
@@ -55,7 +55,7 @@ class RouteLanes:
         self, session: Session, net: NetFile, route: Route, oncoming: bool = False
     ) -> None:
         self.net = net
-        self._route = route
+        self.route = route
         self.tables: dict[str, LaneTable] = {}
         self.poses = LanePoses(self.table)
         self.graph = LaneGraph.of(net)
@@ -165,10 +165,10 @@ class RouteLanes:
         return x + self.net.offset[0], y + self.net.offset[1]
 
     def _build(self, edges: tuple[str, ...], direction: int) -> None:
-        near = 0.0 if direction > 0 else self._route.length
+        near = 0.0 if direction > 0 else self.route.length
         for edge, after in zip(edges, (*edges[1:], None), strict=False):
             lanes = self.net.edge[edge].lanes
-            tables = _even(self._route, [self._table(lane.id, near, direction) for lane in lanes])
+            tables = _even(self.route, [self._table(lane.id, near, direction) for lane in lanes])
             self.tables.update((table.id, table) for table in tables)
             near = float(tables[0].station[-1])
             links = self.net.links_of(edge)
@@ -187,10 +187,10 @@ class RouteLanes:
         lane = self.net.lanes[name]
         x, y = sample_shape(lane)
         x, y = x - self.net.offset[0], y - self.net.offset[1]
-        station, offset = locate_along(self._route, x, y, near, direction)
+        station, offset = locate_along(self.route, x, y, near, direction)
         number = self._route_lane(station, offset) if direction > 0 else -1
         spacing = lane.length / (len(station) - 1)
-        pose = route_pose(self._route, station, offset, direction)
+        pose = route_pose(self.route, station, offset, direction)
         self.tables[name] = LaneTable(
             *(name, lane.edge, lane.index, number, direction),
             *(lane.length, spacing, station, offset, pose),
@@ -201,19 +201,19 @@ class RouteLanes:
         lane = self.net.lanes[name]
         surface = self._surfaces.surface(name, sample_spacing(lane))
         length = float(surface.position[-1])
-        station, offset = locate_each(self._route, surface.x, surface.y)
+        station, offset = locate_each(self.route, surface.x, surface.y)
         spacing = length / (len(station) - 1)
         pose = surface_pose(surface)
         return LaneTable(name, lane.edge, lane.index, -1, 0, length, spacing, station, offset, pose)
 
     @cached_property
     def _surfaces(self) -> LaneSurfaces:
-        return LaneSurfaces(self.net, RoadFrames(self._route.road_map))
+        return LaneSurfaces(self.net, RoadFrames(self.route.road_map))
 
     def _route_lane(self, station: FloatArray, offset: FloatArray) -> int:
         """The driving lane under most of a SUMO lane, -1 for a shoulder."""
         picks = np.linspace(0, len(station) - 1, 7)[1:-1].astype(int)
-        lanes = [self._route.lane_at(float(station[k]), float(offset[k])) for k in picks]
+        lanes = [self.route.lane_at(float(station[k]), float(offset[k])) for k in picks]
         return max(sorted(set(lanes)), key=lanes.count)
 
 

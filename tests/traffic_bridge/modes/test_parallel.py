@@ -169,7 +169,7 @@ def test_wrong_numbers_egos_and_seeds_are_refused_before_any_world_acts(worlds):
     with pytest.raises(InputError, match=r"worlds = 1: must be numbers of worlds"):
         worlds.step([ego(0, 1)], worlds=1)
     for wrong in (5, ego(0, 1), "ab", {0: None, 1: None}):
-        with pytest.raises(InputError, match="must be a sequence of 2, one a world"):
+        with pytest.raises(InputError, match="must be a sequence of 2, one per world"):
             worlds.step(wrong)
     with pytest.raises(InputError, match="5 to call: must be a name"):
         worlds.call(5)
@@ -187,7 +187,9 @@ class Unreadable:
 def test_arguments_that_cannot_be_pickled_are_refused_and_the_worlds_continue(worlds, alone):
     worlds.reset(egos(0), seeds=[3, 4])
     for lost in (lambda: 0, open(os.devnull), sys._getframe()):  # noqa: SIM115
-        with pytest.raises(InputError, match=r"'vehicles\.change' .* cannot be handed to another"):
+        with pytest.raises(
+            InputError, match=r"arguments of 'vehicles\.change' cannot be handed to"
+        ):
             worlds.call("vehicles.change", "car", time_headway=lost)
     # The first world's ego is valid; the second one cannot be pickled.
     with pytest.raises(InputError, match="ego of world 1 cannot be handed to another process"):
@@ -201,7 +203,7 @@ def test_arguments_that_cannot_be_pickled_are_refused_and_the_worlds_continue(wo
 def test_arguments_that_cannot_be_unpickled_are_an_error_of_their_world(worlds, alone):
     worlds.reset(egos(0), seeds=[3, 4])
     pids = worlds.pids
-    with pytest.raises(InputError, match="world 0: what was handed over cannot be read there"):
+    with pytest.raises(InputError, match="world 0: the message cannot be read there"):
         worlds.call("vehicles.change", "car", time_headway=Unreadable())
     assert worlds.step(egos(1)) == (alone[0][1], alone[1][1])
     assert worlds.pids == pids
