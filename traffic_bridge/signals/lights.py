@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,7 @@ from iits_mj.core.checks import in_range, is_number, is_whole
 from iits_mj.core.errors import InputError
 from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.overrides import Overrides, Undo
-from traffic_bridge.session import Guard, Session
+from traffic_bridge.session import Session
 from traffic_bridge.signals.events import LIGHT_LETTERS
 
 BY_HAND = "online"  # SUMO's name of the program after a state was set by hand
@@ -252,7 +253,7 @@ class TrafficLights:
         wait, after = self._next_letter(light, link)
         return LightAhead(light, link, letter, line, own_lane, wait, after)
 
-    def _reading(self, light: str) -> Guard:
+    def _reading(self, light: str) -> AbstractContextManager[None]:
         return self._session.guard(f"reading traffic light {light}")
 
     def _whole_state(self, light: str, state: str) -> str:
