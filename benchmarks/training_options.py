@@ -20,6 +20,8 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from iits_mj.core.tables import read_table
+
 # What makes a short training tell something.
 SHORT = ["--change-charge", "40", "--discount", "0.99", "--updates-per-decision", "0.5"]
 # What is left out of the defaults, or put in the place of one.
@@ -37,6 +39,7 @@ OPTIONS = {
     "target-rate 0.004": ["--target-rate", "0.004"],
 }
 FIGURES = ("score_per_s", "speed_loss", "changes_per_trip", "unsafe_per_trip", "collisions")
+COLUMNS = ("decisions", *(f"validation_{name}" for name in FIGURES))
 VALIDATIONS = 6
 
 
@@ -57,11 +60,9 @@ def train(name: str, seed: int, decisions: int, out: Path) -> None:
 def figures(name: str, seed: int, out: Path) -> list[list[str]]:
     """The rows of a finished training, one a validation."""
     table = out / f"{name.replace(' ', '_')}-{seed}" / "training.csv"
-    with table.open(encoding="utf-8", newline="") as file:
-        return [
-            [name, str(seed), row["decisions"], *(row[f"validation_{f}"] for f in FIGURES)]
-            for row in csv.DictReader(file)
-        ]
+    names, rows = read_table(table, "training table")
+    places = [names.index(column) for column in COLUMNS]
+    return [[name, str(seed), *(row[i] for i in places)] for row in rows]
 
 
 def main() -> None:

@@ -17,6 +17,7 @@ from controllers.decision.fast_world.env import HighwayEnv
 from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision
+from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.evaluation import trials
 from iits_mj.evaluation.trials import CLOSE, EMPTY, Task, Trial, weights_digest
 from iits_mj.road import Route
@@ -78,7 +79,7 @@ class _CountingMaker:
 class _TripObserver(Observer):
     """Measures time gaps and the speed error every 100 ms, and ends the trip after its length."""
 
-    period = 0.1  # [s]
+    period = CYCLE_PERIOD
 
     def __init__(self, length: float) -> None:
         self._length = length

@@ -25,6 +25,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
 from iits_mj.core.results import Findings, Line, Results
 from iits_mj.core.tables import write_table
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.core.units import DIESEL_DENSITY, KMH
 from iits_mj.parameters import payload_option, randomization
 from iits_mj.parameters.randomization import Drawn, Spread
@@ -165,7 +166,7 @@ class MonteCarloConfig:
     samples: int = option(200, help="number of trucks to draw", low=2, high=SAMPLES_MAX)
     payload: float = payload_option()
     timestep: float = option(
-        0.002, help="time step of the physics", unit="s", low=0.0005, high=0.005, metavar="S"
+        TIMESTEP, help="time step of the physics", unit="s", low=0.0005, high=0.005, metavar="S"
     )
     spread: Path | None = option(
         None,

@@ -17,6 +17,7 @@ from scipy.signal import savgol_filter
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import TransmissionMode, VehicleCommand, XbrEbiMode, XbrMode
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.identification.log import Log
 from iits_mj.j1939.command import XBR_DEMAND_MIN
 from iits_mj.parameters import TruckParameters
@@ -36,7 +37,6 @@ _COMMANDS = {
 }
 _MODES = {"xbr_mode": XbrMode, "xbr_ebi_mode": XbrEbiMode, "transmission_mode": TransmissionMode}
 _STEP = 0.005
-_PERIOD = 0.02
 # Station of the steer axle at the start, with road for the trailer; margin at the road's end.
 _START, _MARGIN = 50.0, 200.0
 # Spacing of the grade's changes along the road, and length of the parabolas between them [m].
@@ -98,7 +98,7 @@ def replay(
     )
     truck.reset(station=_START, speed=_initial_speed(log))
     start = float(speed.time[0])
-    time = np.arange(start, float(speed.time[-1]), _PERIOD)
+    time = np.arange(start, float(speed.time[-1]), CONTROL_PERIOD)
     columns = {
         name: np.clip(log.held(f"command_{name}", time), low, high)
         for name, (low, high) in _COMMANDS.items()
@@ -106,7 +106,7 @@ def replay(
     }
     names = list(columns)
     table = np.column_stack([columns[name] for name in names])
-    steps = round(_PERIOD / _STEP)
+    steps = round(CONTROL_PERIOD / _STEP)
     simulated = np.empty(len(time))
     for index, row in enumerate(table):
         simulated[index] = truck.read("tractor_velocity")
@@ -149,20 +149,15 @@ def graded_road(station: FloatArray, grade: FloatArray, length: float) -> Route:
     breaks = np.arange(_SPACING, length - _CURVE, _SPACING)
     design = Design(
         name="graded",
-        start=(0.0, 0.0, 0.0, 0.0),
         lane_width=4.0,
         lanes=1,
         left_shoulder=1.0,
         right_shoulder=2.5,
         speed_limit=25.0,
-        initial_grade=float(means[0]),
-        road_ends=(),
         alignment=((length, 0.0, 0.0, 0.0, 0.0),),
+        initial_grade=float(means[0]),
         grades=tuple(
             (float(at), float(after), _CURVE) for at, after in zip(breaks, means[1:], strict=False)
         ),
-        extra_lanes=(),
-        limits=((0.0, length, 25.0),),
-        structures=(),
     )
     return RoadMap(build(design), design.name).route()

@@ -23,7 +23,13 @@ from iits_mj.validation.handling.roll_plane import RollPlane
 from iits_mj.validation.handling.steady_turn import SteadyTurn
 from iits_mj.validation.handling.step_steer import FREE_HITCH
 from iits_mj.validation.harness.maneuver import restore_state, save_state, steady_truck
-from iits_mj.validation.harness.recorder import PERIOD, Recording, SpeedHold, drive, trailer_roll
+from iits_mj.validation.harness.recorder import (
+    PERIOD,
+    SpeedHold,
+    SteeringRecord,
+    drive,
+    trailer_roll,
+)
 
 RADIUS = 100.0
 # Lateral acceleration up to which the gradient is measured [m/s2].
@@ -120,8 +126,8 @@ class _Staircase:
         parameters = gears_held(TruckParameters.load(overlay=FREE_HITCH))
         return cls(*steady_truck(payload, speed, timestep, parameters=parameters), speed)
 
-    def climb(self, speed: float) -> Recording:
-        """Recording of the last seconds at a new speed [m/s], when it is steady or time is over."""
+    def climb(self, speed: float) -> SteeringRecord:
+        """Returns the last seconds at a new speed [m/s], when it is steady or the time is over."""
         before, self._speed = self._speed, speed
         rise = abs(speed - before) / _RAMP
         record = self._drive(
@@ -136,7 +142,7 @@ class _Staircase:
                 break
         return record
 
-    def _drive(self, duration: float, speed: Callable[[float], float]) -> Recording:
+    def _drive(self, duration: float, speed: Callable[[float], float]) -> SteeringRecord:
         return drive(
             self.truck,
             self._steering,
@@ -178,7 +184,7 @@ class _Staircase:
         return rolled or abs(self._outside()[0]) > _LOST
 
 
-def _circle(truck: Truck, records: list[Recording]) -> Circle:
+def _circle(truck: Truck, records: list[SteeringRecord]) -> Circle:
     """Steady states of recordings, and of the references at the same speed and radius."""
     wheelbase = Kinematic.from_parameters(truck.parameters).L
     turn = SteadyTurn.from_parameters(truck.parameters, truck.payload)
@@ -208,7 +214,7 @@ def gears_held(parameters: TruckParameters) -> TruckParameters:
     return replace(parameters, gearbox=replace(parameters.gearbox, upshift=later))
 
 
-def _ending(record: Recording, speed: float) -> str:
+def _ending(record: SteeringRecord, speed: float) -> str:
     """Why the circle was not held at a speed [m/s]; "" when it was held."""
     if np.max(np.abs(record.trailer_roll)) > _ROLLED:
         return "roll-over"
@@ -221,7 +227,7 @@ def _ending(record: Recording, speed: float) -> str:
     return "steer axle slides" if radius > RADIUS else "drive axles slide"
 
 
-def _sway(record: Recording) -> float:
+def _sway(record: SteeringRecord) -> float:
     """Greatest change of speed and yaw rate as a share of their means [1]."""
     return max(
         float(np.ptp(signal) / abs(np.mean(signal))) for signal in (record.speed, record.yaw_rate)

@@ -31,7 +31,7 @@ from iits_mj.core.units import GRAVITY, KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
 from iits_mj.validation.harness.maneuver import restore_state, save_state, steady_truck
-from iits_mj.validation.harness.recorder import PERIOD, Recording, SpeedHold, drive
+from iits_mj.validation.harness.recorder import PERIOD, SpeedHold, SteeringRecord, drive
 
 # PBS: rearward amplification is at most this many times the roll-over threshold in g.
 PBS_FACTOR = 5.7
@@ -54,7 +54,7 @@ _REPEATS = 3
 _BAND = 1.5
 
 
-def steer_axle_acceleration(record: Recording) -> FloatArray:
+def steer_axle_acceleration(record: SteeringRecord) -> FloatArray:
     """Lateral acceleration of the steer axle's center on the ground [m/s2], shape (n,)."""
     return np.asarray(
         np.gradient(record.lateral_velocity, record.time) + record.speed * record.yaw_rate
@@ -75,7 +75,7 @@ class LaneChange:
       recording: of the truck; model: of the linear model `system`.
     """
 
-    recording: Recording
+    recording: SteeringRecord
     model: Response
     system: LateralSystem
 
@@ -259,14 +259,14 @@ def compare_path(payload: float, kph: float, threshold: float, timestep: float) 
     return found
 
 
-def _path_error(record: Recording, speed: float) -> FloatArray:
+def _path_error(record: SteeringRecord, speed: float) -> FloatArray:
     """Distance of the path to the left of the steer axle [m], shape (n,)."""
     return path((record.x - record.x[0]) / speed - _LEAD) - (record.y - record.y[0])
 
 
 def _try(
     truck: Truck, steer: FloatArray, grid: FloatArray, speed: float, hold: SpeedHold
-) -> Recording:
+) -> SteeringRecord:
     """One drive with a road-wheel angle [rad] over the times of the grid [s], both (n,)."""
     gear = truck.parameters.steering
 
@@ -277,7 +277,7 @@ def _try(
     return drive(truck, steering, speed=speed, duration=_LEAD + _LENGTH, hold=hold)
 
 
-def _missing(record: Recording, error: FloatArray, grid: FloatArray) -> FloatArray:
+def _missing(record: SteeringRecord, error: FloatArray, grid: FloatArray) -> FloatArray:
     """Lateral acceleration [m/s2] over the grid that would bring the steer axle onto the path."""
     numerator, denominator = signal.butter(2, _BAND, fs=1.0 / PERIOD)
     smooth = signal.filtfilt(numerator, denominator, error)

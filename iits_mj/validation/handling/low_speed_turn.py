@@ -28,7 +28,7 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
 from iits_mj.truck import Truck
-from iits_mj.validation.harness.recorder import Recording, drive
+from iits_mj.validation.harness.recorder import SteeringRecord, drive
 
 RADIUS = 12.5
 SPEED = 5.0 * KMH
@@ -59,7 +59,7 @@ class Turn:
         model, whose tractor turns as the truck's does, (n, 2) [m].
     """
 
-    recording: Recording
+    recording: SteeringRecord
     kinematic_front: FloatArray
     kinematic_rear: FloatArray
 
@@ -122,7 +122,9 @@ def compare_kinematic(payload: float, timestep: float) -> Findings:
     return found
 
 
-def _kinematic_tracks(kinematic: Kinematic, recording: Recording) -> tuple[FloatArray, FloatArray]:
+def _kinematic_tracks(
+    kinematic: Kinematic, recording: SteeringRecord
+) -> tuple[FloatArray, FloatArray]:
     """Tracks of the kinematic model's steer axle and trailer axle, each (n, 2) [m].
 
     Its tractor turns as the truck's does: the yaw rate per speed becomes a steer angle.
@@ -161,7 +163,7 @@ class SweptTurn:
       kinematic: inner side of the kinematic model, whose tractor turns as the truck's does.
     """
 
-    recording: Recording
+    recording: SteeringRecord
     wall: FloatArray
     inner: FloatArray
     corner: FloatArray

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from iits_mj.analytic import laden_trailer
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
@@ -62,7 +63,7 @@ class Tilt:
 
 def tilt_table(
     payload: float,
-    timestep: float = 0.002,
+    timestep: float = TIMESTEP,
     height: float | None = None,
     parameters: Mapping[str, Any] | None = None,
 ) -> Tilt:

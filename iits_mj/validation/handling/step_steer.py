@@ -24,7 +24,7 @@ from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.validation.harness.maneuver import restore_state, save_state, steady_truck
-from iits_mj.validation.harness.recorder import Recording, drive, fit, harmonic, peak_ratio
+from iits_mj.validation.harness.recorder import SteeringRecord, drive, fit, harmonic, peak_ratio
 
 SPEED = 80.0 * KMH
 FREE_HITCH = {"fifth_wheel": {"yaw_friction": 0.0}}
@@ -54,7 +54,7 @@ class References:
 
 def step_steers(
     payload: float, angles: tuple[float, ...], timestep: float, *, free_hitch: bool = True
-) -> list[Recording]:
+) -> list[SteeringRecord]:
     """Recordings of steps at the steering wheel [rad] at 80 km/h, from 2 s before each step."""
     overlay = FREE_HITCH if free_hitch else None
     truck, hold = steady_truck(payload, SPEED, timestep, parameters=overlay)
@@ -73,7 +73,7 @@ def step_steers(
     return recordings
 
 
-def references(recording: Recording, payload: float) -> References:
+def references(recording: SteeringRecord, payload: float) -> References:
     """Answers of the shipped truck's linear models to the recorded road-wheel angle."""
     speed = float(recording.speed.mean())
     parameters = TruckParameters.load()
@@ -87,7 +87,7 @@ def references(recording: Recording, payload: float) -> References:
     return References(answer(plane.at(speed)), answer(roll.at(speed)))
 
 
-def compare_step(payload: float, degrees: float, must: str, recording: Recording) -> Findings:
+def compare_step(payload: float, degrees: float, must: str, recording: SteeringRecord) -> Findings:
     """One step steer [deg at the steering wheel] against both linear models."""
     answers = references(recording, payload)
     found = Findings(f"step steer {degrees:g} deg, {payload / 1e3:g} t")

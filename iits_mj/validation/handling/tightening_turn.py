@@ -31,7 +31,7 @@ from iits_mj.truck import Truck
 from iits_mj.validation.handling.circle import gears_held
 from iits_mj.validation.handling.steady_turn import effort, grip_limit
 from iits_mj.validation.harness.maneuver import steady_truck
-from iits_mj.validation.harness.recorder import PERIOD, Recording, drive, trailer_roll
+from iits_mj.validation.harness.recorder import PERIOD, SteeringRecord, drive, trailer_roll
 
 SPEED = 60.0 * KMH
 RATE = math.radians(4.0)
@@ -61,7 +61,7 @@ class Turn:
       effort: side force of these axles as a share of their greatest, shape (3, n) [1].
     """
 
-    recording: Recording
+    recording: SteeringRecord
     friction: float
     lateral: FloatArray
     inner: FloatArray
@@ -160,7 +160,7 @@ class _Watch:
         return rolled or (len(self.lateral) - self._best[1]) * PERIOD > _NO_RISE
 
 
-def _slips(record: Recording, parameters: TruckParameters) -> FloatArray:
+def _slips(record: SteeringRecord, parameters: TruckParameters) -> FloatArray:
     """Slip angles of steer axle, drive axles and trailer axles [rad], shape (3, n)."""
     behind = float(np.mean([axle.position for axle in parameters.tractor.axles[1:]]))
     speed = np.maximum(record.speed, 1.0)

@@ -18,7 +18,7 @@ from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
 from iits_mj.validation.handling.lane_change import linear_system
 from iits_mj.validation.harness.maneuver import steady_truck
-from iits_mj.validation.harness.recorder import Recording, drive
+from iits_mj.validation.harness.recorder import SteeringRecord, drive
 
 SIGNALS = (
     ("yaw rate of the tractor", "yaw_rate"),
@@ -48,7 +48,7 @@ class Pulse:
       system: the linear model.
     """
 
-    recording: Recording
+    recording: SteeringRecord
     model: Response
     system: LateralSystem
 
@@ -60,7 +60,7 @@ class Pulse:
         """Damping ratios of the linear model by the same procedure."""
         return self._ratios(self.model)
 
-    def _ratios(self, source: Recording | Response) -> dict[str, float]:
+    def _ratios(self, source: SteeringRecord | Response) -> dict[str, float]:
         free = self.recording.time >= _LEAD + 2.0 * _RISE
         return {name: damping_ratio(getattr(source, name)[free]) for _, name in SIGNALS}
 

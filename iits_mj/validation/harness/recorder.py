@@ -49,7 +49,7 @@ def harmonic(time: FloatArray, signal: FloatArray, frequencies: FloatArray) -> F
 
 
 @dataclass(frozen=True)
-class Recording:
+class SteeringRecord:
     """Time histories of a manoeuvre, each of shape (n,), sampled every 10 ms; SI, ISO 8855.
 
     Attributes:
@@ -80,12 +80,12 @@ class Recording:
     trailer_roll: FloatArray
     side_loads: FloatArray
 
-    def after(self, start: float) -> Recording:
+    def after(self, start: float) -> SteeringRecord:
         """Returns the recording from a time [s] on; its time starts at zero there."""
         keep = self.time >= start - 1e-9
         columns = {name: getattr(self, name)[keep] for name in self.__dataclass_fields__}
         columns["time"] = columns["time"] - columns["time"][0]
-        return Recording(**columns)
+        return SteeringRecord(**columns)
 
 
 class SpeedHold:
@@ -139,7 +139,7 @@ def drive(
     duration: float,
     stop: Callable[[float], bool] | None = None,
     hold: SpeedHold | None = None,
-) -> Recording:
+) -> SteeringRecord:
     """Runs a manoeuvre from the truck's present state (call `truck.reset` before).
 
     Args:
@@ -164,9 +164,9 @@ def drive(
         truck.command(hold.command(wanted(time) - state.speed, steering(time, state.yaw)))
         _advance(truck, start + (tick + 1) * PERIOD)
     table = np.array(rows)
-    columns = table.T[: len(Recording.__dataclass_fields__) - 1]
-    named = dict(zip(list(Recording.__dataclass_fields__)[:-1], columns, strict=True))
-    return Recording(**named, side_loads=table[:, len(columns) :])
+    columns = table.T[: len(SteeringRecord.__dataclass_fields__) - 1]
+    named = dict(zip(list(SteeringRecord.__dataclass_fields__)[:-1], columns, strict=True))
+    return SteeringRecord(**named, side_loads=table[:, len(columns) :])
 
 
 def sampled(
@@ -222,7 +222,7 @@ def _advance(truck: Truck, target: float) -> None:
 
 
 def _row(truck: Truck, state: EgoState) -> list[float]:
-    """Returns a sample of the last observation, in the order of `Recording` after time."""
+    """Returns a sample of the last observation, in the order of `SteeringRecord` after time."""
     data = truck.data
     rear = data.site("trailer_axle_center").xpos
     trailer = data.body("trailer").xmat.reshape(3, 3)

@@ -32,19 +32,14 @@ def sloping(length: float, initial: float, grades: tuple[Grade, ...]) -> Route:
     """
     design = Design(
         name="slopes",
-        start=(0.0, 0.0, 0.0, 0.0),
         lane_width=_LANE_WIDTH,
         lanes=1,
         left_shoulder=1.0,
         right_shoulder=2.5,
         speed_limit=_SPEED_LIMIT,
-        initial_grade=initial,
-        road_ends=(),
         alignment=((length, 0.0, 0.0, 0.0, 0.0),),
+        initial_grade=initial,
         grades=grades,
-        extra_lanes=(),
-        limits=((0.0, length, _SPEED_LIMIT),),
-        structures=(),
     )
     return RoadMap(build(design), design.name).route()
 

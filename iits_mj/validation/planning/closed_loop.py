@@ -18,7 +18,7 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import EgoState, Scene, SpeedProfile, VehicleCommand, XbrMode
 from iits_mj.core.timing import TIMESTEP
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
 from iits_mj.road import Route
 from iits_mj.simulation.lock_step import DrivenTruck, Driver, LockStep, Observer
 from iits_mj.truck import Truck
@@ -178,7 +178,7 @@ class DriveTask:
     speed: float
     cruise_speed: float
     profile: SpeedProfile | None = None
-    payload: float = 36_000.0
+    payload: float = MAX_PAYLOAD
     lane: int = 0
     timestep: float = TIMESTEP
     time_limit: float = 3600.0

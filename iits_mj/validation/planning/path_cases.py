@@ -281,19 +281,12 @@ def turn_road(
     )
     design = Design(
         name="bend",
-        start=(0.0, 0.0, 0.0, 0.0),
         lane_width=lane_width,
         lanes=1,
         left_shoulder=2.0,
         right_shoulder=2.0,
         speed_limit=90.0 * KMH,
-        initial_grade=0.0,
-        road_ends=(),
         alignment=alignment,
-        grades=(),
-        extra_lanes=(),
-        limits=(),
-        structures=(),
     )
     return RoadMap(build(design), f"bend of {radius:g} m").route()
 

@@ -24,6 +24,7 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.validation.planning.pcc_bound import certificate, lower_bound
 
 PAPER_SAVING_PERCENT = 21.68
+GROSS_MASS = 55_000.0  # [kg] of the truck with its greatest load
 _TIGHT = 1e-4  # relative gap that counts as none
 _RELAXED_MAX = 1_500_000.0  # [m]: IPOPT needs 3 s for the relaxation of 100 km, and memory
 # Gauss points of an interval, for integrals of the exact motion.
@@ -61,7 +62,7 @@ class SolvedPlan:
 def solve(
     road: RoadProfile,
     config: PccConfig,
-    mass: float = 55_000.0,
+    mass: float = GROSS_MASS,
     parameters: TruckParameters | None = None,
 ) -> SolvedPlan:
     """Plans, and solves the same problem again with its multipliers.

@@ -27,8 +27,8 @@ from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap
 from iits_mj.validation.harness.config import PAPER_ROAD, ValidateConfig, find_road
+from iits_mj.validation.planning.pcc_case import GROSS_MASS
 
-MASS = 55_000.0
 STEP = 0.1  # [s] of the plant
 FINE = 10.0  # [m], grid on which drives are compared
 STALL = 0.1  # [m/s]: the drive is over below this
@@ -123,8 +123,8 @@ def run_receding(config: ValidateConfig) -> Results:
     for road in roads:
         results.add(f"receding, {road.name}", _compare(road, config.quick))
     results.notes.append(
-        f"receding horizon: point mass of {MASS:.0f} kg that follows each plan exactly, a plan a "
-        "second over 5 km; fuel by the optimizer's model on a grid of 10 m, corrected for kinetic "
+        f"receding horizon: point mass of {GROSS_MASS:.0f} kg that follows each plan exactly, a "
+        "plan a second over 5 km; fuel by the optimizer's model on a grid of 10 m, corrected for kinetic "
         "energy and trip time at the optimum's own prices"
     )
     return results
@@ -133,12 +133,12 @@ def run_receding(config: ValidateConfig) -> Results:
 def _compare(road: RoadProfile, quick: bool) -> Findings:
     found = Findings(f"receding, {road.name}")
     parameters, settings = TruckParameters.load(), PccConfig(v_ref=20.0)
-    solution = plan(road, parameters, MASS, settings)
+    solution = plan(road, parameters, GROSS_MASS, settings)
     whole, first, last = solution.plan, float(road.station[0]), float(road.station[-1])
     start, end = float(whole.speed[0]), last - FINE
     trip = Appointment(last, whole.time, float(whole.speed[-1]))
     receding = RecedingConfig(time_limit=math.inf, power_share=1.0, surplus=0.0, reserve=0.0)
-    planner = RecedingPlanner(road, parameters, MASS, settings, receding, trip)
+    planner = RecedingPlanner(road, parameters, GROSS_MASS, settings, receding, trip)
     vehicle = planner.vehicle
     driven = drive(planner, first, last, start)
     best_fuel, best_time, best_speed = fuel_on(vehicle, road, road.station, whole.speed, end)

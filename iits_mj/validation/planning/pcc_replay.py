@@ -21,6 +21,7 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Check, Findings, Line, Panel, Results
 from iits_mj.core.timing import CONTROL_PERIOD, TIMESTEP
 from iits_mj.core.units import KMH
+from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.road import RoadMap
 from iits_mj.road.measured import Lanes, measured_route
 from iits_mj.validation.harness.config import (
@@ -62,7 +63,6 @@ _ABOVE, _BELOW = 5.0 * MPH, 15.0 * MPH
 _LEFT = 600.0
 # A bare profile has no limits; those of the plan are the planner's [m/s].
 _UNLIMITED = 40.0
-LADEN, EMPTY = 36_000.0, 0.0
 
 
 def run_replay(config: ValidateConfig) -> Results:
@@ -103,7 +103,7 @@ def full_cases(config: ValidateConfig) -> list[ReplayCase]:
         paper_case(config, mean, by_load=True),
         paper_case(config),
         paper_case(config, wide),
-        paper_case(config, payload=EMPTY),
+        paper_case(config, payload=0.0),
         highway_case(),
         cycle_case(config, CYCLE_55),
         cycle_case(config, CYCLE_65),
@@ -119,7 +119,7 @@ def full_cases(config: ValidateConfig) -> list[ReplayCase]:
 def paper_case(
     config: ValidateConfig,
     settings: PccConfig = BAND,
-    payload: float = LADEN,
+    payload: float = MAX_PAYLOAD,
     by_load: bool = False,
     must: bool = False,
 ) -> ReplayCase | None:
@@ -153,7 +153,7 @@ def cycle_case(config: ValidateConfig, name: str) -> ReplayCase | None:
     cycle = read_cycle(path, STEP)
     settings = PccConfig(v_ref=cycle.speed, v_min=cycle.speed - _BELOW, v_max=cycle.speed + _ABOVE)
     words = {CYCLE_55: "EPA GEM 55 mph", CYCLE_65: "EPA GEM 65 mph"}.get(name, name)
-    return _bare(words, cycle.road, cycle.road, settings, LADEN)
+    return _bare(words, cycle.road, cycle.road, settings, MAX_PAYLOAD)
 
 
 def highway_case(length: float | None = None) -> ReplayCase:
@@ -163,7 +163,7 @@ def highway_case(length: float | None = None) -> ReplayCase:
     road = RoadProfile.from_route(
         route, RUN_IN, wanted, STEP, lateral_acceleration=SpeedConfig.curve_acceleration
     )
-    return ReplayCase("our highway", route, road, 0.0, BAND, LADEN)
+    return ReplayCase("our highway", route, road, 0.0, BAND, MAX_PAYLOAD)
 
 
 def valley_case(length: float, timestep: float, depth: float = 0.04) -> ReplayCase:
@@ -171,7 +171,7 @@ def valley_case(length: float, timestep: float, depth: float = 0.04) -> ReplayCa
     fine = np.arange(0.0, length + 1.0, 10.0)
     height = -depth * (length - fine) * fine / length
     road = RoadProfile.from_heights(fine, height, STEP, name="valley")
-    return _bare("a valley", road, road, BAND, EMPTY, timestep)
+    return _bare("a valley", road, road, BAND, 0.0, timestep)
 
 
 def _bare(

@@ -25,10 +25,11 @@ from iits_mj.core.messages import (
     TrackedVehicle,
     Trajectory,
 )
+from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from iits_mj.validation.planning.ideal_drive import STEP, IdealDrive, car
+from iits_mj.validation.planning.ideal_drive import IdealDrive, car
 
 # A breach exceeds the limit by more than this share.
 _SLACK = 0.01
@@ -230,7 +231,7 @@ def ordinary_drive(probability: float, duration: float, seed: int = 0) -> Ordina
       seed: of the traffic.
     """
     route = Route.straight(length=30_000.0, lanes=2, lane_width=LANE_WIDTH)
-    config = HighwayConfig(probability, traffic_speed=12.5, timestep=STEP)
+    config = HighwayConfig(probability, traffic_speed=12.5, timestep=CYCLE_PERIOD)
     traffic = HighwayTraffic(config, np.random.default_rng(seed))
     drive = IdealDrive(route, 400.0, 0, 12.5)
     traffic.fill(_obstacles(drive.ego, route)[0])
@@ -243,7 +244,7 @@ def ordinary_drive(probability: float, duration: float, seed: int = 0) -> Ordina
         return tuple(dataclasses.replace(v, offset=v.offset + right) for v in traffic.tracked())
 
     def decide(scene: Scene) -> Decision:
-        if round(scene.time / STEP) % 10 or drive.planner.changing:
+        if round(scene.time / CYCLE_PERIOD) % 10 or drive.planner.changing:
             return Decision.KEEP
         lane = drive.planner.lane(scene)
         reference = drive.planner.config.speed.cruise_speed
@@ -255,8 +256,8 @@ def ordinary_drive(probability: float, duration: float, seed: int = 0) -> Ordina
         emergencies=drive.planner.emergencies,
         changes=drive.planner.lane_changes,
         aborted=drive.planner.aborted,
-        gap=min(drive.gap(scene) for scene in drive.scenes),
-        braking=-min(float(plan.acceleration[0]) for plan in drive.plans),
+        gap=drive.least_gap(),
+        braking=drive.strongest_braking(),
         cost=float(np.median(drive.cost)),
     )
 

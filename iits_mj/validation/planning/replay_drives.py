@@ -28,8 +28,8 @@ from controllers.pcc.vehicle import PointMass, brakeable, cruise, durations, fas
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.core.messages import SpeedProfile
-from iits_mj.core.timing import CONTROL_PERIOD
-from iits_mj.parameters import TruckParameters
+from iits_mj.core.timing import CONTROL_PERIOD, TIMESTEP
+from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
 from iits_mj.road import Route
 from iits_mj.validation.planning.closed_loop import DriveTask, Record, drive
 from iits_mj.validation.planning.pcc_roads import on_finer_road
@@ -73,8 +73,8 @@ class ReplayCase:
     road: RoadProfile
     origin: float
     config: PccConfig
-    payload: float = 36_000.0
-    timestep: float = 0.002
+    payload: float = MAX_PAYLOAD
+    timestep: float = TIMESTEP
     overlay: dict[str, dict[str, str]] = dataclasses.field(default_factory=dict)
     paper: bool = False
 

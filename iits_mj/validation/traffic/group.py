@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from iits_mj.core.results import Findings, Results
+from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import RoadMap, Route
 from iits_mj.validation.harness.config import ValidateConfig
@@ -162,8 +163,8 @@ def _difference(ours: Iterable[VehicleFrame], theirs: Iterable[VehicleFrame]) ->
 
 
 def _samples(frames: list[VehicleFrame]) -> FlowSamples:
-    """Samples of frames every 0.1 s."""
+    """Samples of frames, one each cycle."""
     log = FlowLog()
     for i, frame in enumerate(frames):
-        log.add(0.1 * i, frame)
+        log.add(CYCLE_PERIOD * i, frame)
     return log.samples

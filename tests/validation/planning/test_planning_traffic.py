@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +11,6 @@ import pytest
 
 from iits_mj.core.errors import InputError
 from iits_mj.core.results import Results
-from iits_mj.parameters import TruckParameters
 from iits_mj.validation.harness.config import ValidateConfig
 from iits_mj.validation.planning import planning_traffic, traffic_trips
 from iits_mj.validation.planning.planning_traffic import (
@@ -74,7 +72,7 @@ def rows() -> list[TripRow]:
 
 
 def test_saving_counts_kinetic_energy_at_the_end_as_fuel() -> None:
-    worth = worth_of_energy(TruckParameters.load())
+    worth = worth_of_energy()
     # 160 to 200 g/kWh more at the engine for a little more power, 0.93 to the wheels.
     assert 4.7e-8 < worth < 6e-8
     assert saving_percent(CRUISE, PCC, worth) == pytest.approx(10.0)
@@ -178,21 +176,12 @@ def test_rows_of_other_code_are_never_shown(
     write_rows(path, [replace(row, code="old", fuel=99.0) for row in rows()])
     asked: list[tuple[str, int]] = []
 
-    class Pool:
-        def __init__(self, *_: object, **__: object) -> None: ...
-
-        def __enter__(self) -> Pool:
-            return self
-
-        def __exit__(self, *_: object) -> None: ...
-
-        def submit(self, _: object, density: str, seed: int, folder: object) -> Future[list]:
+    def run_all(jobs, processes, work, keep, describe, what) -> None:
+        for density, seed in jobs:
             asked.append((density, seed))
-            found: Future[list] = Future()
-            found.set_result([replace(r, density=density, seed=seed) for r in (CRUISE, PCC)])
-            return found
+            keep([replace(row, density=density, seed=seed) for row in (CRUISE, PCC)])
 
-    monkeypatch.setattr(planning_traffic, "ProcessPoolExecutor", Pool)
+    monkeypatch.setattr(planning_traffic, "run_all", run_all)
     assert main(["--seeds", "3", "--out", str(path)]) == 0
     assert "24 trips of the table are of other code" in capsys.readouterr().out
     assert len(asked) == 9
