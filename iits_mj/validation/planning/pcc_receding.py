@@ -1,7 +1,7 @@
 """The receding-horizon planner on the point mass, against the plan of the whole trip.
 
-The optimizer's own point mass follows each plan for a second, so that only the cost of the short
-horizon is measured. The MuJoCo truck drives in `pcc_replay` and `planning_traffic`.
+The optimizer's own point mass follows each plan for a second, so that the difference is the cost of
+the short horizon alone. `pcc_replay` and `planning_traffic` use the MuJoCo truck.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from iits_mj.validation.planning.pcc_case import GROSS_MASS
 
 STEP = 0.1  # [s] of the plant
 FINE = 10.0  # [m], grid on which drives are compared
-STALL = 0.1  # [m/s]: the drive is over below this
+STALL = 0.1  # [m/s]: below it the drive ends
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class FreeDrive:
 
     Attributes:
       station: [m]; speed: [m/s]; time: [s]; lag: behind the schedule [s].
-      plan_time: CPU time of every plan that was optimized [s]; plans: number by status.
+      plan_time: CPU time of each optimized plan [s]; plans: number by status.
     """
 
     station: FloatArray
@@ -67,8 +67,8 @@ def drive(
       end: station [m].
       speed: at the start [m/s].
       period: between two plans [s].
-      held: from and to station [m] where the truck is held to a speed [m/s], as by traffic that
-        the planner does not know.
+      held: first and last station [m] of a stretch, and the speed [m/s] to which traffic that the
+        planner does not know holds the truck there.
     """
     station, time, next_plan = start, 0.0, 0.0
     rows, plan_time, plans = [], [], dict[str, int]()
@@ -124,8 +124,8 @@ def run_receding(config: ValidateConfig) -> Results:
         results.add(f"receding, {road.name}", _compare(road, config.quick))
     results.notes.append(
         f"receding horizon: point mass of {GROSS_MASS:.0f} kg that follows each plan exactly, a "
-        "plan a second over 5 km; fuel by the optimizer's model on a grid of 10 m, corrected for kinetic "
-        "energy and trip time at the optimum's own prices"
+        "plan a second over 5 km; fuel by the optimizer's model on a grid of 10 m, corrected for "
+        "kinetic energy and trip time at the optimum's own prices"
     )
     return results
 

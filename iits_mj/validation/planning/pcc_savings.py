@@ -1,8 +1,8 @@
 """Savings of predictive cruise control on several roads, by band, mass and other quantities.
 
-Every saving is against a constant-speed cruise with the same engine and brakes, in equal trip time,
-from and to the same speed, by fuel alone. The cruise loses that fuel in the brakes, so savings
-depend on hills, mass and band: each names its band, and a table shows the sensitivities.
+Every saving of fuel is relative to a constant-speed cruise with the same engine and brakes, with
+equal trip time and equal speeds at both ends. The cruise loses that fuel in the brakes, so savings
+depend on hills, mass and band: each check names its band, and a table shows the sensitivities.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ PAPER_LENGTH = 15_000.0
 MPH = 0.44704  # [m/s]
 STEP = 50.0  # [m]
 US_GROSS = 36_287.0  # [kg]: 80 000 lb, the greatest mass on US interstates
-# The paper's set speed; from what drivers behind accept to what the EU's speed limiter allows.
+# The paper's set speed; from a speed acceptable to following drivers to the EU's speed limiter.
 BAND = PccConfig(v_ref=72.0 * KMH, v_min=45.0 * KMH, v_max=90.0 * KMH)
 LONG, LONG_QUICK = 1000.0, 100.0  # [km]
 LOW_HILLS = 0.25  # share of the heights: the least saving, the greatest difference of models
@@ -65,8 +65,9 @@ class SavingsTable:
     """Savings of several plans.
 
     Attributes:
-      checks: by the engine's map with gears, the optimizer's model as reference; notes.
-      apart: difference of both [points]; gaps: of the plans' cost to the lower bound, relative.
+      checks: savings by the engine's map with gears, the reference by the optimizer's model.
+      notes: on plans that are missing or take another trip time.
+      apart: difference of both savings [points]; gaps: of the costs to the lower bound, relative.
     """
 
     checks: list[Check] = field(default_factory=list)
@@ -83,7 +84,7 @@ class SavingsTable:
         parameters: TruckParameters | None = None,
         must: str = "",
     ) -> SolvedPlan | None:
-        """Plans and adds the saving; None and a note when there is no plan."""
+        """Plans and adds the saving; without a plan adds a note and returns None."""
         try:
             case = solve(road, config, mass, parameters)
         except PlanningError as error:
@@ -102,9 +103,9 @@ class SavingsTable:
 
 
 def run_savings(config: ValidateConfig) -> Results:
-    """Returns savings on the paper's road, the GEM cycles and our highway, and the plans' quality.
+    """Returns savings on the paper's road, the GEM cycles and the highway, and the plans' quality.
 
-    Without the paper's road the highway without limits replaces it, and no saving is required.
+    The highway without limits replaces a missing paper's road; then no saving is required.
     """
     results = Results("validate planning pcc savings")
     warm_up(BAND)
@@ -162,7 +163,7 @@ def run_savings(config: ValidateConfig) -> Results:
 
 
 def _main_road(path: Path | None, step: float) -> RoadProfile:
-    """Returns the paper's road where its file is there, else the highway, on a grid [m]."""
+    """Returns the paper's road if its file exists, else the highway, on a grid [m]."""
     if path is None:
         return highway_without_limits(step)
     return RoadProfile.from_csv(path, step, PAPER_LENGTH)
@@ -188,8 +189,8 @@ def _other_roads(config: ValidateConfig, table: SavingsTable) -> None:
             table.notes.append(f"{label}: {name} was not named: give --roads DIR")
             continue
         cycle = read_cycle(path, STEP)
-        # No faster than the cycle, up to the EU's speed limiter, and 5 mph faster, as the limits of
-        # such roads often allow.
+        # Greatest speeds: that of the cycle, the EU's speed limiter, and 5 mph more than the cycle,
+        # a frequent limit of such roads.
         tops = {cycle.speed, max(cycle.speed, BAND.v_max), cycle.speed + 5.0 * MPH}
         for top in sorted(tops):
             band = PccConfig(v_ref=cycle.speed, v_min=cycle.speed - 15.0 * MPH, v_max=top)

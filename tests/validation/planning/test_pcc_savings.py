@@ -90,7 +90,7 @@ def test_bound_is_below_plan_and_below_that_with_k_a(case):
     whole, _ = bound(case, case.task.k_a)
     assert fuel <= case.solution.fuel
     # The solver meets the trip time and the limits to a tolerance of its own.
-    assert fuel < whole <= case.cost(case.solution.plan.speed) * (1.0 + 1e-7)
+    assert fuel < whole <= case.task.cost(case.solution.plan.speed) * (1.0 + 1e-7)
     assert -1e-7 < gap < 1e-4
 
 
