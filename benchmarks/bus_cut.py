@@ -1,10 +1,10 @@
-"""The bus is cut at 80 km/h in a bend: what the truck's two safe states make of it.
+"""Compares the truck's two safe states after a cut of the bus at 80 km/h in a bend.
 
     python benchmarks/bus_cut.py --picture bus_cut.png > bus_cut.md
 
-A left-hand bend of 620 m on the built-in highway, laden and empty. The stack drives through frames
-and the truck's receiver; 4 s after the start nothing is sent any more. `release` lets go of pedal
-and brakes and holds the steering wheel, `stop` is the stop in lane.
+A left-hand bend of 620 m on the built-in highway, laden and empty. The stack sends frames to the
+truck's receiver; the frames end 4 s after the start. `release` releases pedal and brakes and holds
+the steering wheel, `stop` is the stop in lane.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ STATION, SPEED, CUT, DURATION = 10_960.0, 80.0 / 3.6, 4.0, 26.0
 
 
 def drive(route: Route, payload: float, stops: bool) -> FloatArray:
-    """Rows of time, station, speed, distance to the lane's middle, of the trailer's end as well."""
+    """Rows of time, station, speed, and distances of truck and trailer from the lane's middle."""
     truck = Truck.load(payload=payload, route=route, visuals=False)
     truck.reset(station=STATION, offset=float(route.lane_offset(0, STATION)), speed=SPEED)
     config = PlannerConfig(speed=SpeedConfig(cruise_speed=SPEED))
@@ -67,7 +67,7 @@ def smoothed(speed: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def row_of(name: str, rows: FloatArray, half: float) -> str:
-    """One row of the table; half: from the lane's middle to where the truck's side touches."""
+    """One row of the table; half: greatest distance from the lane's middle inside the lane [m]."""
     time, station, speed, error, trailer = rows.T
     deceleration, jerk = smoothed(speed)
     after = time >= CUT

@@ -1,9 +1,9 @@
-"""What the plan for a cluster rests on: cost of a task, a shard and a row, on this machine.
+"""Costs on which the plan for a cluster rests: a task, a shard and a row, on this machine.
 
     python benchmarks/cluster_cost.py
 
-Measures one core's work (a trip of the full chain and of the fast world, a Monte-Carlo truck), a
-head's throughput over a local cluster of three nodes in processes, and what a shard weighs.
+Measures one core's work (a trip of the full chain and of the fast world, a Monte-Carlo truck), the
+throughput of a head with a local cluster of three nodes in processes, and the size of a shard.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Drives the truck with the recorded commands, to check the identified parameters.
 
 The truck gets the recorded commands, not the recorded speed, on a straight road of the recorded
-grade. Errors accumulate along the drive, and this truck's gearbox decides on its gear changes.
+grade. Errors accumulate along the drive, and the gear changes are those of the simulated gearbox.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from scipy.signal import savgol_filter
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import TransmissionMode, VehicleCommand, XbrEbiMode, XbrMode
+from iits_mj.core.messages import VehicleCommand, XbrEbiMode, XbrMode
 from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.identification.log import Log
 from iits_mj.j1939.command import XBR_DEMAND_MIN
@@ -35,7 +35,7 @@ _COMMANDS = {
     "brake_pedal": (0.0, 1.0),
     "xbr_ebi_mode": (0.0, 2.0),
 }
-_MODES = {"xbr_mode": XbrMode, "xbr_ebi_mode": XbrEbiMode, "transmission_mode": TransmissionMode}
+_MODES = {"xbr_mode": XbrMode, "xbr_ebi_mode": XbrEbiMode}
 _STEP = 0.005
 # Station of the steer axle at the start, with road for the trailer; margin at the road's end.
 _START, _MARGIN = 50.0, 200.0
@@ -54,7 +54,7 @@ class Replay:
     simulated: FloatArray
 
     def smoothed(self) -> FloatArray:
-        """The record smoothed by parabolas over 2 s, since its noise is no error of the truck."""
+        """The record smoothed by parabolas over 2 s: its noise is not an error of the truck."""
         step = float(np.median(np.diff(self.time)))
         length = max(round(_SMOOTH / step) // 2 * 2 + 1, 5)
         return np.asarray(savgol_filter(self.recorded, length, 2))
@@ -104,13 +104,11 @@ def replay(
         for name, (low, high) in _COMMANDS.items()
         if f"command_{name}" in log
     }
-    names = list(columns)
-    table = np.column_stack([columns[name] for name in names])
     steps = round(CONTROL_PERIOD / _STEP)
     simulated = np.empty(len(time))
-    for index, row in enumerate(table):
+    for index in range(len(time)):
         simulated[index] = truck.read("tractor_velocity")
-        fields: dict[str, Any] = dict(zip(names, map(float, row), strict=True))
+        fields: dict[str, Any] = {name: float(values[index]) for name, values in columns.items()}
         for name, kind in _MODES.items():
             if name in fields:
                 fields[name] = kind(round(fields[name]))
@@ -134,13 +132,13 @@ def _road(log: Log) -> Route:
     speed = log.series("speed")
     place = np.maximum.accumulate(speed.integral()) + _START
     moved = np.concatenate([[True], np.diff(place) > 1e-6])
-    # The simulated truck may drive further than the recorded one: the last grade goes on.
+    # The simulated truck may drive further than the recorded truck: the last grade continues.
     length = float(place[-1]) + 0.1 * float(place[-1] - _START) + _MARGIN
     return graded_road(place[moved], log.at("grade", speed.time)[moved], length)
 
 
 def graded_road(station: FloatArray, grade: FloatArray, length: float) -> Route:
-    """A straight road of `length` [m] whose grade a table over station [m] gives, (n,) both.
+    """A straight road of a length [m] with grades from a table over station [m], (n,) both.
 
     Every 25 m the mean grade changes, over a parabola of nearly that length.
     """

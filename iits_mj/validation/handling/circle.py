@@ -40,15 +40,22 @@ _AVERAGE = 4.0
 _DRIVER = 0.6
 # Speeds of upshifts relative to the shipped table: the driver holds the gear by hand.
 _LATER = 1.3
-# Lowest speed [m/s], growth of speed [m/s2], and its steps at the limit [m/s].
-_SLOWEST, _RAMP, _FINE = 6.0, 0.15, 0.25
-# Speed and yaw rate are steady when they change by less than this share in a window; the truck gets
-# this many windows to settle. A circle is held when radius [m] and speed [m/s] have at most these
-# errors, and speed and yaw rate change by no more than this share.
+# Least speed [m/s], growth of speed [m/s2], and its steps at first and at the limit [m/s].
+_SLOWEST, _RAMP, _COARSE, _FINE = 6.0, 0.15, 2.0, 0.25
+# Speed and yaw rate are steady when they change by less than this share in a window; the greatest
+# number of windows. A circle is held within these errors of radius [m] and speed [m/s], and this
+# change of speed and yaw rate [1].
 _STEADY, _WINDOWS = 0.002, 8
 _HELD, _HELD_SPEED, _HELD_SWAY = 1.0, 0.3, 0.02
 # A circle is lost when the trailer rolls beyond this [rad] or the steer axle is this far off [m].
 _ROLLED, _LOST = np.deg2rad(15.0), 6.0
+# Allowed error of the statics with the full law of the tires, up to `LINEAR` [%].
+_ERROR = 10.0
+# The tires saturate when the slope near the end exceeds the slope at the beginning by this factor.
+_SATURATED = 1.5
+# Near the end: between these shares of the static roll-over threshold, at any time step.
+_LATE = (0.6, 0.8)
+_SCALE = float(np.rad2deg(GRAVITY))  # from rad s2/m to deg/g
 
 
 @dataclass(frozen=True)
@@ -80,16 +87,13 @@ def circle(payload: float, timestep: float, speeds: tuple[float, ...]) -> Circle
     return _circle(run.truck, records)
 
 
-def limit(payload: float, timestep: float, *, coarse: float = 2.0) -> tuple[Circle, str]:
+def limit(payload: float, timestep: float) -> tuple[Circle, str]:
     """Drives faster and faster until the circle cannot be held; also returns the reason, in words.
 
-    Args:
-      payload: [kg].
-      timestep: of the physics [s].
-      coarse: first steps of speed [m/s]; they shrink near the limit.
+    The first steps of speed [m/s] are coarse; they shrink near the limit.
     """
     run = _Staircase.start(payload, timestep, _SLOWEST)
-    records, speed, step = [run.climb(_SLOWEST)], _SLOWEST, coarse
+    records, speed, step = [run.climb(_SLOWEST)], _SLOWEST, _COARSE
     while True:
         before = run.save()
         record = run.climb(speed + step)
@@ -121,8 +125,8 @@ class _Staircase:
 
     @classmethod
     def start(cls, payload: float, timestep: float, speed: float) -> _Staircase:
-        """The truck straight on at this speed [m/s], at the entry of the circle."""
-        # With a free hitch; in a bend the automatic gearbox would change between two gears.
+        """The truck on the straight at this speed [m/s], at the entry of the circle."""
+        # In a bend the automatic gearbox would change between two gears.
         parameters = gears_held(TruckParameters.load(overlay=FREE_HITCH))
         return cls(*steady_truck(payload, speed, timestep, parameters=parameters), speed)
 
@@ -130,10 +134,11 @@ class _Staircase:
         """Returns the last seconds at a new speed [m/s], when it is steady or the time is over."""
         before, self._speed = self._speed, speed
         rise = abs(speed - before) / _RAMP
-        record = self._drive(
-            rise + _SETTLE,
-            lambda time: before + (speed - before) * min(time / max(rise, 1e-9), 1.0),
-        )
+
+        def ramp(time: float) -> float:
+            return before + (speed - before) * min(time / max(rise, 1e-9), 1.0)
+
+        record = self._drive(rise + _SETTLE, ramp)
         for _ in range(_WINDOWS):
             if self._lost():
                 break
@@ -193,18 +198,14 @@ def _circle(truck: Truck, records: list[SteeringRecord]) -> Circle:
         rate, speed = float(record.yaw_rate.mean()), float(record.speed.mean())
         curvature, lateral = rate / speed, rate * speed
         model = YawSideslip.from_parameters(truck.parameters, truck.payload, cruise_speed=speed)
-        angles = np.array(
-            [
-                record.road_wheel.mean(),
-                rate / yaw_rate_gain(model.at(speed)),
-                turn.steer(1.0 / curvature, lateral),
-            ]
-        )
+        linear = rate / yaw_rate_gain(model.at(speed))
+        statics = turn.steer(1.0 / curvature, lateral)
+        angles = np.array([record.road_wheel.mean(), linear, statics])
         rows.append([lateral, *(angles - wheelbase * curvature)])
-    lateral, steer, linear, saturating = np.array(rows).T
-    low = lateral <= LINEAR
-    slopes = [float(np.polyfit(lateral[low], y[low], 1)[0]) for y in (steer, linear, saturating)]
-    return Circle(lateral, steer, linear, saturating, *slopes)
+    accelerations, *curves = np.array(rows).T
+    low = accelerations <= LINEAR
+    slopes = [float(np.polyfit(accelerations[low], y[low], 1)[0]) for y in curves]
+    return Circle(accelerations, *curves, *slopes)
 
 
 def gears_held(parameters: TruckParameters) -> TruckParameters:
@@ -215,7 +216,7 @@ def gears_held(parameters: TruckParameters) -> TruckParameters:
 
 
 def _ending(record: SteeringRecord, speed: float) -> str:
-    """Why the circle was not held at a speed [m/s]; "" when it was held."""
+    """Reason why the circle was not held at a speed [m/s]; "" if it was held."""
     if np.max(np.abs(record.trailer_roll)) > _ROLLED:
         return "roll-over"
     if float(record.speed.mean()) < speed - _HELD_SPEED:
@@ -232,17 +233,6 @@ def _sway(record: SteeringRecord) -> float:
     return max(
         float(np.ptp(signal) / abs(np.mean(signal))) for signal in (record.speed, record.yaw_rate)
     )
-
-
-# --- Comparison with the references ---
-
-# Allowed error of the statics with the full law of the tires, up to `LINEAR` [%].
-_ERROR = 10.0
-# The tires saturate when the slope near the end exceeds the slope at the beginning by this factor.
-_SATURATED = 1.5
-# Near the end: between these shares of the static roll-over threshold, the same at any time step.
-_LATE = (0.6, 0.8)
-_SCALE = float(np.rad2deg(GRAVITY))  # from rad s2/m to deg/g
 
 
 def compare(payload: float, timestep: float, speeds: tuple[float, ...]) -> Findings:
@@ -303,13 +293,11 @@ def _panel(found: Findings, *lines: Line) -> None:
 
 
 def _late_slope(found: Circle, threshold: float) -> float:
-    """Slope of steer over lateral acceleration near the end [rad s2/m]; NaN when not reached.
+    """Slope of steer over lateral acceleration near the end [rad s2/m]; NaN if it is not reached.
 
-    Args:
-      found: steady states.
-      threshold: of roll-over [m/s2].
+    The end is near the roll-over threshold [m/s2].
     """
-    # At the limit a faster circle may be a wider one: only states with more acceleration count.
+    # At the limit a faster circle may be wider: only states with more acceleration count.
     before = np.maximum.accumulate(np.concatenate([[-np.inf], found.lateral[:-1]]))
     further = found.lateral > before
     steer = PchipInterpolator(found.lateral[further], found.steer[further], extrapolate=False)

@@ -80,12 +80,12 @@ def check_folder(config: ValidateConfig) -> list[str]:
     """Names of the roads and cycles that are missing.
 
     Raises:
-      InputError: a folder was given that does not exist, or that holds none of them.
+      InputError: the given folder does not exist or has none of them.
     """
     missing = [name for name in NAMES if find_road(config, name) is None]
     if config.roads is not None and len(missing) == len(NAMES):
         raise InputError(
-            f"roads: {str(config.roads)!r} is no folder that holds one of {', '.join(NAMES)}, "
+            f"roads: {str(config.roads)!r} is not a folder with one of {', '.join(NAMES)}, "
             "itself or in road/ or cycles/"
         )
     return missing

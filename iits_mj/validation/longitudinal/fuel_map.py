@@ -33,7 +33,7 @@ class Point:
     """Means of a steady point: engine speed [rad/s], torque [N m] and fuel rate [kg/s].
 
     Attributes:
-      spread: greatest less smallest measured torque, over the mean [1].
+      spread: greatest less least measured torque over the mean [1].
       used: fuel by the counter [kg] in the measured time [s].
     """
 
@@ -107,11 +107,7 @@ def compare(timestep: float, *, quick: bool) -> Findings:
     found.label = ""
     order = np.argsort(powers)
     x = np.array(powers)[order]
-    found.panel(
-        "Fuel at steady points",
-        "power [kW]",
-        "fuel rate [g/s]",
-        Line("map x power", x, np.array(wanted)[order], "reference"),
-        Line("truck", x, np.array(rates)[order], "simulation"),
-    )
+    by_map = Line("map x power", x, np.array(wanted)[order], "reference")
+    truck = Line("truck", x, np.array(rates)[order], "simulation")
+    found.panel("Fuel at steady points", "power [kW]", "fuel rate [g/s]", by_map, truck)
     return found
