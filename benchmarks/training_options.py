@@ -3,8 +3,8 @@
     python benchmarks/training_options.py --out out/options --seeds 0 1 > docs/training_options.csv
 
 Every training is a process of its own in a folder of its own; an interrupted run continues. A row
-is one of a training's six validations, 30 trips in the fast world on seeds that training does not use;
-figures are those of `training.csv`.
+is one of a training's six validations, 30 trips in the fast world on seeds that the training does
+not use; figures are those of `training.csv`.
 
 With the default charge on changes and the default discount, a training of this length would stay at
 the policy without lane changes. Here changes are cheaper, the future counts less, and updates are

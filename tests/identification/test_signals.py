@@ -1,4 +1,4 @@
-"""Grade from heights, gear changes, tables in overlays, and replays that cannot be."""
+"""Grade from heights, gear changes, tables in overlays, and impossible replays."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The table of trips in traffic: pairs, corrections, and a runner that goes on."""
+"""The table of trips in traffic: pairs, corrections, and the runner of trips."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_saving_counts_kinetic_energy_at_the_end_as_fuel() -> None:
     assert saving_percent(CRUISE, faster, worth) == pytest.approx(wanted)
 
 
-def test_figures_are_of_pairs_with_their_interval() -> None:
+def test_figures_are_means_of_pairs_with_their_interval() -> None:
     results = Results("test")
     summarize(results, rows())
     found = {check.name: check for check in results.checks}
@@ -95,7 +95,7 @@ def test_figures_are_of_pairs_with_their_interval() -> None:
     assert results.ok
 
 
-def test_a_failed_trip_counts_and_its_pair_does_not_save() -> None:
+def test_failed_trip_is_counted_and_its_pair_has_no_saving() -> None:
     spoiled = [
         replace(r, failed=int(r.seed == FIRST_SEED + 1 and r.planner == "pcc")) for r in rows()
     ]
@@ -129,14 +129,14 @@ def test_another_table_is_refused(tmp_path: Path) -> None:
         read_rows(path)
 
 
-def test_runner_drives_nothing_that_is_there(
+def test_runner_does_not_repeat_trips_of_the_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "trips.csv"
     write_rows(path, rows())
 
     def forbidden(*_: object) -> None:
-        raise AssertionError("a trip was driven that is in the table")
+        raise AssertionError("a trip of the table was driven again")
 
     monkeypatch.setattr(planning_traffic, "drive_pair", forbidden)
     assert main(["--seeds", "4", "--out", str(path)]) == 0
@@ -144,7 +144,7 @@ def test_runner_drives_nothing_that_is_there(
 
 
 def driver(drives: list[tuple[str, int, str]]) -> Callable[..., TripRow]:
-    """Drives nothing, and notes what it should have."""
+    """Returns a replacement of `drive_trip` that only records its calls."""
 
     def drive(density: str, seed: int, planner: str, cruise: TripRow | None = None) -> TripRow:
         assert (planner == "pcc") == (cruise is not None)
@@ -155,7 +155,7 @@ def driver(drives: list[tuple[str, int, str]]) -> Callable[..., TripRow]:
     return drive
 
 
-def test_a_kept_pair_is_taken_while_the_code_is_the_same(
+def test_kept_pair_is_used_only_for_the_same_code(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drives: list[tuple[str, int, str]] = []
@@ -169,7 +169,7 @@ def test_a_kept_pair_is_taken_while_the_code_is_the_same(
     assert len(drives) == 4
 
 
-def test_rows_of_other_code_are_never_shown(
+def test_rows_of_other_code_are_replaced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "trips.csv"
@@ -188,7 +188,7 @@ def test_rows_of_other_code_are_never_shown(
     assert {row.fuel for row in read_rows(path)} == {CRUISE.fuel, PCC.fuel}
 
 
-def test_quick_form_says_that_traffic_is_left_out_and_the_full_one_drives_it(
+def test_quick_form_leaves_traffic_out_and_full_form_drives_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     quick = run_traffic(ValidateConfig(quick=True, runs=tmp_path))
@@ -205,7 +205,7 @@ def test_quick_form_says_that_traffic_is_left_out_and_the_full_one_drives_it(
 
 
 @pytest.mark.parametrize("words", [["--seeds", "0"], ["--jobs", "0"]])
-def test_wrong_use_of_the_runner_is_one_line(
+def test_wrong_use_of_the_runner_gives_a_one_line_error(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([*words, "--out", str(tmp_path / "t.csv")]) == 2
