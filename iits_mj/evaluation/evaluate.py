@@ -90,7 +90,7 @@ class EvaluateConfig:
         self.chosen_cells()
 
     def names(self) -> tuple[str, ...]:
-        """The methods without repetitions."""
+        """The methods, each once."""
         return tuple(dict.fromkeys(name.strip() for name in self.methods.split(",")))
 
     def chosen_cells(self) -> tuple[tuple[str, float], ...]:
@@ -142,11 +142,11 @@ def run(
     say: Callable[[str], None] | None = None,
     drive_all: Callable[..., None] | None = None,
 ) -> list[Trial]:
-    """Drives the trials that the file does not contain yet; returns all trials asked for.
+    """Drives the trials that the file does not contain yet; returns all trials of the settings.
 
     Args:
       config: settings.
-      progress: called with (trials done, trials in all).
+      progress: called with the numbers of finished trials and of all trials.
       say: gets messages for the user; default: they are printed on stderr.
       drive_all: drives tasks; default: `drive_trials`.
 
