@@ -20,7 +20,7 @@ from iits_mj.core.results import Results
 from iits_mj.scale.ray_executor import RayExecutor
 
 if TYPE_CHECKING:
-    from iits_mj.simulation import Frame
+    from iits_mj.simulation import DriveFrame
 
 
 def prepare_folder(folder: Path, name: str = "out") -> Path:
@@ -60,7 +60,7 @@ def _check_writable(folder: Path, shown: str) -> None:
 
 
 @contextmanager
-def progress_bar(duration: float | None) -> Iterator[Callable[[Frame], None]]:
+def progress_bar(duration: float | None) -> Iterator[Callable[[DriveFrame], None]]:
     """A progress bar on stderr over the simulated time [s]; silent when that is not a terminal.
 
     Without a duration it shows only the time.
@@ -71,7 +71,7 @@ def progress_bar(duration: float | None) -> Iterator[Callable[[Frame], None]]:
     total = None if duration is None else round(duration, 1)
     bar = tqdm(total=total, unit="s", disable=None, bar_format=form)
 
-    def progress(frame: Frame) -> None:
+    def progress(frame: DriveFrame) -> None:
         bar.set_description_str(f"{frame.ego.speed * 3.6:3.0f} km/h", refresh=False)
         time = frame.time if total is None else min(frame.time, total)
         bar.update(max(0.0, time - bar.n))

@@ -14,7 +14,7 @@ import mujoco.viewer
 
 from iits_mj.core.options import given_names, option
 from iits_mj.render.offscreen import check_display, follow
-from iits_mj.simulation import DriveConfig, Frame, Observer, Simulation
+from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation
 from iits_mj.simulation.drive_log import check_given
 from iits_mj.simulation.lock_step import LockStep
 
@@ -41,7 +41,7 @@ class _Window(Observer):
         self._pace = pace
         self._start = time.perf_counter()
 
-    def observe(self, simulation: LockStep, frame: Frame) -> None:
+    def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         """Draws the frame and waits for its time."""
         if not self._window.is_running():
             simulation.stop("the window was closed")

@@ -14,7 +14,7 @@ from iits_mj.core.messages import PlanMode, Trajectory
 from iits_mj.road import Route
 
 if TYPE_CHECKING:
-    from iits_mj.simulation import Frame
+    from iits_mj.simulation import DriveFrame
 
 # --- The ribbon, with a color for each mode of the planner ---
 
@@ -130,7 +130,7 @@ class LaneSketch:
         self._width, self._height = width, height
         self._pad = 6.0 * scale
 
-    def draw(self, image: Image.Image, frame: Frame) -> None:
+    def draw(self, image: Image.Image, frame: DriveFrame) -> None:
         """Draws the surroundings of the truck in this frame."""
         image.paste(self._background, self._corner, self._background)
         pen = ImageDraw.Draw(image, "RGB")
@@ -177,7 +177,7 @@ class LaneSketch:
         center = ego.station + foot.front_overhang - 0.5 * foot.length
         self._box(pen, point, center, ego.offset, foot.length, foot.width, TRUCK)
 
-    def _plan(self, pen: ImageDraw.ImageDraw, frame: Frame, point: Project) -> None:
+    def _plan(self, pen: ImageDraw.ImageDraw, frame: DriveFrame, point: Project) -> None:
         plan = frame.trajectory
         shown = (plan.time >= frame.time) & (plan.station < frame.ego.station + AHEAD)
         if np.count_nonzero(shown) < 2:

@@ -19,7 +19,7 @@ from iits_mj.render.lane_sketch import MODE_COLORS, LaneSketch
 from iits_mj.road import Route
 
 if TYPE_CHECKING:
-    from iits_mj.simulation import Frame
+    from iits_mj.simulation import DriveFrame
 
 Color = tuple[int, int, int]
 Box = tuple[float, float, float, float]
@@ -66,7 +66,7 @@ class Overlay:
         self._background = self._draw_background()
         self._sketch = LaneSketch(size, k, route)
 
-    def draw(self, picture: NDArray[np.uint8], frame: Frame) -> NDArray[np.uint8]:
+    def draw(self, picture: NDArray[np.uint8], frame: DriveFrame) -> NDArray[np.uint8]:
         """A copy of the picture (height, width, 3) with the instruments."""
         image = Image.fromarray(picture)
         corner = (round(self._origin[0]), round(self._origin[1]))
@@ -82,7 +82,7 @@ class Overlay:
         self._clock(pen, frame)
         return np.asarray(image)
 
-    def _speed(self, pen: ImageDraw.ImageDraw, frame: Frame) -> None:
+    def _speed(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         self._text(pen, 76, 58, f"{abs(frame.ego.speed) * 3.6:.0f}", 46, INK, "rs")
         self._text(pen, 82, 58, "km/h", 12, DIM, "ls")
         self._text(pen, 16, 78, "SET", 10, DIM, "ls")
@@ -91,7 +91,7 @@ class Overlay:
             self._text(pen, 74, 78, "LIMIT", 10, DIM, "ls")
             self._text(pen, 108, 78, f"{frame.speed_limit * 3.6:.0f}", 15, INK, "ls")
 
-    def _engine(self, pen: ImageDraw.ImageDraw, frame: Frame) -> None:
+    def _engine(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         ego = frame.ego
         gear = {0: "N", -1: "R"}.get(ego.gear, str(ego.gear))
         self._text(pen, 162, 47, gear, 24, AMBER if ego.shift_in_process else INK, "mm")
@@ -103,21 +103,21 @@ class Overlay:
         pen.arc(box, 135.0, 135.0 + 270.0 * share, fill=color, width=width)
         self._text(pen, 162, 73, f"{rpm:.0f}", 12, INK, "mm")
 
-    def _pedals(self, pen: ImageDraw.ImageDraw, frame: Frame) -> None:
+    def _pedals(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         pedal = min(max(frame.command.accelerator_pedal, 0.0), 1.0)
         brake = min(max(-frame.command.xbr_demand / 4.0, 0.0), 1.0)
         for x, share, color in ((212, pedal, GREEN), (232, brake, RED)):
             if share > 0.005:
                 pen.rectangle(self._box(x, 78 - 58 * share, x + 12, 78), fill=color)
 
-    def _brakes(self, pen: ImageDraw.ImageDraw, frame: Frame) -> None:
+    def _brakes(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         for i, pressure in enumerate(frame.ego.brake_pressures):
             share = min(max(pressure / BRAKE_PRESSURE_MAX, 0.0), 1.0)
             if share > 0.005:
                 x = 262 + 15 * i
                 pen.rectangle(self._box(x, 78 - 58 * share, x + 9, 78), fill=AMBER)
 
-    def _grade(self, pen: ImageDraw.ImageDraw, frame: Frame) -> None:
+    def _grade(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         slope = frame.grade
         # The wedge exaggerates the grade six times.
         rise = 6.0 * min(max(slope, -0.1), 0.1) * 36.0
@@ -130,7 +130,7 @@ class Overlay:
         used = frame.ego.fuel_used / DIESEL_DENSITY
         self._text(pen, 452, 102, f"{used:.2f} l", 12, INK, "rs")
 
-    def _plan(self, pen: ImageDraw.ImageDraw, frame: Frame) -> None:
+    def _plan(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         mode = frame.trajectory.mode
         name = MODE_NAMES.get(mode, mode.value.upper())
         if mode is PlanMode.LANE_CHANGE:
@@ -161,7 +161,7 @@ class Overlay:
                 )
             pen.text(where, reason, font=font, fill=INK, anchor="lm")
 
-    def _clock(self, pen: ImageDraw.ImageDraw, frame: Frame) -> None:
+    def _clock(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         texts = (
             (16, f"{frame.time:6.1f} s"),
             (92, f"{frame.ego.station / 1000.0:.2f} km"),

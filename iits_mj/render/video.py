@@ -26,7 +26,7 @@ from iits_mj.render.overlay import Overlay
 from iits_mj.simulation.lock_step import LockStep, Observer
 
 if TYPE_CHECKING:
-    from iits_mj.simulation import Frame
+    from iits_mj.simulation import DriveFrame
     from iits_mj.truck import Truck
 
 
@@ -255,7 +255,7 @@ class VideoObserver(Finishing, Observer):
         """Number of pictures so far."""
         return self._writer.frames
 
-    def observe(self, simulation: LockStep | None, frame: Frame) -> None:
+    def observe(self, simulation: LockStep | None, frame: DriveFrame) -> None:
         """Adds a picture of this instant; `simulation` is not used."""
         del simulation
         picture = self._writer.picture(self._truck.data, frame.trajectory, frame.ego.station)
@@ -264,7 +264,7 @@ class VideoObserver(Finishing, Observer):
         self._writer.append(picture)
         self.last = picture
 
-    def __call__(self, frame: Frame) -> None:
+    def __call__(self, frame: DriveFrame) -> None:
         """The same as `observe`."""
         self.observe(None, frame)
 

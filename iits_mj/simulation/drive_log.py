@@ -18,13 +18,12 @@ import numpy as np
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Scene, Trajectory, VehicleCommand
-from iits_mj.j1939 import Frame as BusFrame
-from iits_mj.j1939 import LogWriter
+from iits_mj.j1939 import Frame, LogWriter
 from iits_mj.j1939.state import TruckSender
 from iits_mj.parameters import TruckParameters
 from iits_mj.plugin import library_path
 from iits_mj.simulation.config import DriveConfig
-from iits_mj.simulation.frame import Frame
+from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.lock_step import LockStep, Observer
 from iits_mj.truck import Truck
 from traffic_bridge import Recorder, Recording, read_events
@@ -138,7 +137,7 @@ class BusLog(Closing, Observer):
         self._sender = TruckSender(truck.parameters)
         self._writer = LogWriter(path)
 
-    def observe(self, simulation: LockStep, frame: Frame) -> None:
+    def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         """Writes the reports that are due."""
         del simulation
         # Log files keep microseconds, and the sum of many steps is not exact.
@@ -146,7 +145,7 @@ class BusLog(Closing, Observer):
         for report in self._sender.frames(state, self._truck.report()):
             self.sent(report)
 
-    def sent(self, frame: BusFrame) -> None:
+    def sent(self, frame: Frame) -> None:
         """Writes a frame."""
         self._writer.write(frame)
         self.count += 1

@@ -11,12 +11,11 @@ import numpy as np
 from controllers.stack import Stack
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision, EgoState, Scene, Trajectory, VehicleCommand
-from iits_mj.j1939 import CommandReceiver, command_to_frames, pgn_of
-from iits_mj.j1939 import Frame as BusFrame
+from iits_mj.j1939 import CommandReceiver, Frame, command_to_frames, pgn_of
 from iits_mj.j1939.network import CONTROLLER
 from iits_mj.j1939.receiver import STEERING_ANGLE_MAX
 from iits_mj.road import Route
-from iits_mj.simulation.frame import Frame
+from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.lock_step import LockStep, Observer
 
 # Longest silence of the whole bus within a drive [s]; a clock that was set leaves years.
@@ -49,7 +48,7 @@ class LogDriver(Observer):
 
     def __init__(
         self,
-        read: Callable[[], Iterable[BusFrame]],
+        read: Callable[[], Iterable[Frame]],
         route: Route,
         *,
         steering_angle_max: float = STEERING_ANGLE_MAX,
@@ -61,8 +60,8 @@ class LogDriver(Observer):
         self._steering_angle_max = steering_angle_max
         self._source = source
         self._keeper = keeper
-        self._left: Iterator[BusFrame] = iter(())
-        self._next: BusFrame | None = None
+        self._left: Iterator[Frame] = iter(())
+        self._next: Frame | None = None
         self._end = ""
         self.receiver = self._new_receiver()
         self.heard = self.lane_changes = 0
@@ -113,7 +112,7 @@ class LogDriver(Observer):
         del station
         return math.nan
 
-    def observe(self, simulation: LockStep, frame: Frame) -> None:
+    def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         """Ends the drive when the log has no more frames, or none for a long time."""
         del frame
         if self._next is None:
@@ -127,10 +126,10 @@ class LogDriver(Observer):
                 return
             self.heard += 1
             if self._passes(frame):
-                self.receiver.receive(BusFrame(frame.can_id, frame.data, stamp))
+                self.receiver.receive(Frame(frame.can_id, frame.data, stamp))
             self._next = self._following(frame.time)
 
-    def _following(self, time: float) -> BusFrame | None:
+    def _following(self, time: float) -> Frame | None:
         """Returns the frame after one of a time [s]; None at the end and before a long silence."""
         frame = next(self._left, None)
         # The comparison is false for a time that is not a number, too.
@@ -142,7 +141,7 @@ class LogDriver(Observer):
             return None
         return frame
 
-    def _passes(self, frame: BusFrame) -> bool:
+    def _passes(self, frame: Frame) -> bool:
         """Returns False for frames that the keeper replaces."""
         if self._keeper is None:
             return True

@@ -1,4 +1,4 @@
-"""A drive at one instant: `Frame`, the signals that the driver sees, and what ends a drive."""
+"""A drive at one instant: `DriveFrame`, the signals that the driver sees, and what ends a drive."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _numbers = operator.attrgetter(
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class DriveFrame:
     """One instant of a drive.
 
     Attributes:

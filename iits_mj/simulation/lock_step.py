@@ -14,10 +14,9 @@ from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision, EgoState, Scene, Trajectory, VehicleCommand
 from iits_mj.core.timing import CONTROL_PERIOD, CYCLE_PERIOD, TIMESTEP
-from iits_mj.j1939 import CommandReceiver, CommandSender
-from iits_mj.j1939 import Frame as BusFrame
+from iits_mj.j1939 import CommandReceiver, CommandSender, Frame
 from iits_mj.j1939.receiver import STEERING_ANGLE_MAX
-from iits_mj.simulation.frame import Frame
+from iits_mj.simulation.frame import DriveFrame
 
 
 class Driver(Protocol):
@@ -70,7 +69,7 @@ class Observer:
     period: float = CYCLE_PERIOD
     reads_bus: bool = False
 
-    def observe(self, simulation: LockStep, frame: Frame) -> None:
+    def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         """Receives the drive at its start and after every period; may call `simulation.stop`."""
 
     def planned(self, scene: Scene, trajectory: Trajectory) -> None:
@@ -85,14 +84,14 @@ class Observer:
           obeyed: the command that reaches the truck.
         """
 
-    def sent(self, frame: BusFrame) -> None:
+    def sent(self, frame: Frame) -> None:
         """Receives every command frame in the order of sending."""
 
 
 class Sender(Protocol):
     """The controller's end of the bus."""
 
-    def frames(self, command: VehicleCommand, time: float) -> list[BusFrame]:
+    def frames(self, command: VehicleCommand, time: float) -> list[Frame]:
         """Returns the frames that are due at this time [s]."""
 
 
@@ -133,7 +132,7 @@ class CommandPath:
         self,
         command: VehicleCommand,
         time: float,
-        listeners: Sequence[Callable[[BusFrame], None]] = (),
+        listeners: Sequence[Callable[[Frame], None]] = (),
     ) -> VehicleCommand:
         """Returns what reaches the truck of a command; calls the listeners with its frames.
 

@@ -23,7 +23,7 @@ from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.drive_log import DriveLog
 from iits_mj.simulation.frame import (
     DivergedError,
-    Frame,
+    DriveFrame,
     check_finite,
     find_ending,
     read_signals,
@@ -128,7 +128,7 @@ class Simulation(LockStep):
             self.close()
             raise
 
-    def reset(self) -> Frame:
+    def reset(self) -> DriveFrame:
         """Puts everything back to the start; the same drive follows, bit for bit."""
         config = self.config
         lane, station = config.start_lane, config.start_station
@@ -172,7 +172,7 @@ class Simulation(LockStep):
             raise InputError(f"no stack drives here, but a {type(self.driver).__name__}")
         return self.driver
 
-    def cycle(self, observers: Sequence[Observer] = ()) -> Frame:
+    def cycle(self, observers: Sequence[Observer] = ()) -> DriveFrame:
         """Advances 100 ms and returns the frame at its end.
 
         Raises:
@@ -196,7 +196,7 @@ class Simulation(LockStep):
     def run(
         self,
         observers: Sequence[Observer] = (),
-        progress: Callable[[Frame], None] | None = None,
+        progress: Callable[[DriveFrame], None] | None = None,
     ) -> DriveSummary:
         """Drives to the end of the time or of the route, to a collision or a roll-over.
 
@@ -333,12 +333,12 @@ class Simulation(LockStep):
         if new:
             self._watching = self.mirror.may_touch(self.truck.data, CYCLE_PERIOD)
 
-    def _make_frame(self, ego: EgoState) -> Frame:
+    def _make_frame(self, ego: EgoState) -> DriveFrame:
         route = self.route
         lane = int(route.lane_at(ego.station, ego.offset))
         point = route.evaluate(ego.station, ego.offset)
         ahead, behind = self.scene.neighbors.corridor_gaps(lane)
-        return Frame(
+        return DriveFrame(
             time=self.time,
             ego=ego,
             scene=self.scene,

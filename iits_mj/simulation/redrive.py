@@ -16,7 +16,7 @@ from iits_mj.road import Route
 from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.drive_log import FILES, StateHash, options_of, truck_versions
 from iits_mj.simulation.driver import CommandPlayer
-from iits_mj.simulation.frame import Frame
+from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.loop import Simulation
 from iits_mj.simulation.parts import load_map
 from iits_mj.truck import Truck
@@ -48,7 +48,7 @@ def redrive(
     recording: Recording,
     name: str,
     map_path: Path | None,
-    progress: Callable[[Frame], None] | None = None,
+    progress: Callable[[DriveFrame], None] | None = None,
 ) -> Redriven:
     """Repeats a recorded drive.
 

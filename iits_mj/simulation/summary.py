@@ -9,7 +9,7 @@ from typing import Any
 
 from iits_mj.core.messages import LightState, PlanMode
 from iits_mj.core.units import DIESEL_DENSITY
-from iits_mj.simulation.frame import Frame
+from iits_mj.simulation.frame import DriveFrame
 
 # Units of the figures, which stand in their names in JSON.
 _UNITS = {
@@ -150,7 +150,7 @@ class SummaryBuilder:
     _front: float = math.inf
     _braking: bool = False
 
-    def add(self, frame: Frame) -> None:
+    def add(self, frame: DriveFrame) -> None:
         """Adds one frame."""
         ego = frame.ego
         self._add_red_light(frame)
@@ -165,7 +165,7 @@ class SummaryBuilder:
         )
         self.max_articulation = max(self.max_articulation, abs(ego.articulation))
 
-    def _add_red_light(self, frame: Frame) -> None:
+    def _add_red_light(self, frame: DriveFrame) -> None:
         """Adds a stop line that the front bumper has crossed at red since the last frame."""
         front = frame.ego.station + frame.scene.footprint.front_overhang
         light = frame.scene.signals.light
@@ -176,7 +176,7 @@ class SummaryBuilder:
 
     def build(
         self,
-        last: Frame,
+        last: DriveFrame,
         *,
         wall_time: float,
         ended: str,

@@ -24,7 +24,7 @@ from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError
 from iits_mj.core.results import Line, Panel
 from iits_mj.core.units import KMH, RPM
-from iits_mj.simulation.frame import Frame
+from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.lock_step import Driver, LockStep, Observer
 from iits_mj.simulation.summary import counts_text
 
@@ -36,7 +36,7 @@ _PRESSURES = ("front_left", "front_right", "rear_left", "rear_right", "trailer")
 
 # Column name with its unit, and its source; SI except engine speed and brake pressure, which have
 # their customary units.
-COLUMNS: dict[str, Callable[[Frame], Value]] = {
+COLUMNS: dict[str, Callable[[DriveFrame], Value]] = {
     "time [s]": lambda f: f.time,
     "station [m]": lambda f: f.ego.station,
     "offset [m]": lambda f: f.ego.offset,
@@ -122,7 +122,7 @@ class Telemetry(Closing, Observer):
         self._writer = csv.writer(self._file, lineterminator="\n")
         self._writer.writerow(COLUMNS)
 
-    def observe(self, simulation: LockStep, frame: Frame) -> None:
+    def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         """Adds one row."""
         del simulation
         row = [value(frame) for value in COLUMNS.values()]

@@ -16,7 +16,7 @@ import pytest
 
 from iits_mj import cli
 from iits_mj.core.errors import InputError
-from iits_mj.simulation import DriveConfig, Frame, Observer, Simulation
+from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation
 from iits_mj.simulation import drive_log as drive_log_module
 from iits_mj.simulation.drive_log import check_options
 from iits_mj.simulation.parts import load_map
@@ -343,7 +343,7 @@ def test_replayed_bodies_are_where_the_replay_has_them_between_two_frames(record
     class Watch(Observer):
         period = 0.02
 
-        def observe(self, simulation: Simulation, frame: Frame) -> None:
+        def observe(self, simulation: Simulation, frame: DriveFrame) -> None:
             assert isinstance(simulation.traffic, RepSim)
             vehicles = simulation.traffic.at(frame.time)
             for name in simulation.mirror.shown:

@@ -8,7 +8,7 @@ import pytest
 
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import TrackedVehicle
-from iits_mj.simulation import DriveConfig, Frame, Observer, Simulation, Telemetry
+from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation, Telemetry
 from iits_mj.simulation.frame import DivergedError
 from iits_mj.simulation.telemetry import COLUMNS
 
@@ -21,7 +21,7 @@ class Listener(Observer):
         self.times: list[float] = []
         self.ego_times: list[float] = []
 
-    def observe(self, simulation: Simulation, frame: Frame) -> None:
+    def observe(self, simulation: Simulation, frame: DriveFrame) -> None:
         self.times.append(frame.time)
         self.ego_times.append(frame.ego.time)
 
@@ -146,7 +146,7 @@ def test_stopped_drive_keeps_its_rows_and_replaces_an_older_table_whole(tmp_path
     path.write_text("older")
     config = DriveConfig(duration=5.0, traffic_mode="none")
 
-    def interrupt(frame: Frame) -> None:
+    def interrupt(frame: DriveFrame) -> None:
         assert path.read_text() == "older"
         raise KeyboardInterrupt
 
