@@ -1,7 +1,7 @@
 """The instrument panel of a video: speed, gear, engine, pedals, brakes, grade, plan and lanes.
 
-The static part is drawn once at four times the size and scaled down; a frame adds needles, bars and
-text, which takes about 2 ms at 960x540.
+The static background is drawn once at four times the size and scaled down. Each frame adds
+needles, bars and text, which takes about 2 ms at 960x540.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from iits_mj.core.messages import Decision, PlanMode
-from iits_mj.core.units import DIESEL_DENSITY
-from iits_mj.render.lane_sketch import MODE_COLORS, LaneSketch
+from iits_mj.core.units import DIESEL_DENSITY, RPM
+from iits_mj.render.lane_sketch import MARGIN, PANEL, LaneSketch, mode_color
 from iits_mj.road import Route
 
 if TYPE_CHECKING:
@@ -31,7 +31,6 @@ GREEN: Color = (46, 204, 150)
 RED: Color = (235, 74, 70)
 AMBER: Color = (255, 176, 46)
 BLUE: Color = (86, 168, 255)
-PANEL = (14, 20, 27, 205)
 RPM_MAX, RPM_RED = 2500.0, 2100.0
 BRAKE_PRESSURE_MAX = 850e3
 MODE_NAMES = {
@@ -41,7 +40,6 @@ MODE_NAMES = {
     PlanMode.EMERGENCY: "EMERGENCY",
 }
 _PANEL_SIZE = (470.0, 112.0)
-_MARGIN = 14.0
 _OVERSAMPLING = 4
 
 
@@ -56,10 +54,10 @@ class Overlay:
     def __init__(self, size: tuple[int, int], route: Route) -> None:
         self.size = size
         width, height = size
-        # Designed for 960x540 and scaled, so that small pictures show all instruments.
+        # The layout for 960x540 is scaled, so that small pictures show all instruments.
         self.scale = min(width / 960.0, height / 540.0)
         k = self.scale
-        self._origin = (_MARGIN * k, height - (_MARGIN + _PANEL_SIZE[1]) * k)
+        self._origin = (MARGIN * k, height - (MARGIN + _PANEL_SIZE[1]) * k)
         self._fonts = {
             points: ImageFont.load_default(max(points * k, 4.0)) for points in (46, 24, 15, 12, 10)
         }
@@ -67,7 +65,7 @@ class Overlay:
         self._sketch = LaneSketch(size, k, route)
 
     def draw(self, picture: NDArray[np.uint8], frame: DriveFrame) -> NDArray[np.uint8]:
-        """A copy of the picture (height, width, 3) with the instruments."""
+        """Returns a copy of the picture (height, width, 3) with the instruments."""
         image = Image.fromarray(picture)
         corner = (round(self._origin[0]), round(self._origin[1]))
         image.paste(self._background, corner, self._background)
@@ -95,7 +93,7 @@ class Overlay:
         ego = frame.ego
         gear = {0: "N", -1: "R"}.get(ego.gear, str(ego.gear))
         self._text(pen, 162, 47, gear, 24, AMBER if ego.shift_in_process else INK, "mm")
-        rpm = max(ego.engine_speed, 0.0) * 60.0 / (2.0 * math.pi)
+        rpm = max(ego.engine_speed, 0.0) / RPM
         share = min(rpm / RPM_MAX, 1.0)
         color = RED if rpm > RPM_RED else BLUE
         box = self._box(132, 17, 192, 77)
@@ -119,7 +117,7 @@ class Overlay:
 
     def _grade(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         slope = frame.grade
-        # The wedge exaggerates the grade six times.
+        # The wedge is six times as steep as the road.
         rise = 6.0 * min(max(slope, -0.1), 0.1) * 36.0
         base = 62.0
         points = [(350, base + 0.5 * rise), (422, base - 0.5 * rise)]
@@ -132,19 +130,17 @@ class Overlay:
 
     def _plan(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         mode = frame.trajectory.mode
-        name = MODE_NAMES.get(mode, mode.value.upper())
+        name = MODE_NAMES[mode]
         if mode is PlanMode.LANE_CHANGE:
             to_left = frame.trajectory.target_lane > frame.lane or frame.decision is Decision.LEFT
             name += " LEFT" if to_left else " RIGHT"
-        red, green, blue = MODE_COLORS.get(mode, (1.0, 1.0, 1.0))
-        color = (round(255 * red), round(255 * green), round(255 * blue))
         k = self.scale
         font = self._fonts[15]
         width = font.getlength(name)
-        x, y = _MARGIN * k, _MARGIN * k
+        x, y = MARGIN * k, MARGIN * k
         box = (x, y, x + width + 36 * k, y + 27 * k)
         pen.rounded_rectangle(box, radius=6 * k, fill=PANEL[:3])
-        pen.ellipse((x + 9 * k, y + 8.5 * k, x + 19 * k, y + 18.5 * k), fill=color)
+        pen.ellipse((x + 9 * k, y + 8.5 * k, x + 19 * k, y + 18.5 * k), fill=mode_color(mode))
         pen.text((x + 26 * k, y + 13.5 * k), name, font=font, fill=INK, anchor="lm")
         reason = frame.trajectory.reason
         if reason:

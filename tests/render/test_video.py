@@ -2,6 +2,7 @@
 
 import math
 import sys
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -14,7 +15,7 @@ from iits_mj.render import offscreen
 from iits_mj.render.cameras import CAMERAS, FollowCamera
 from iits_mj.render.lane_sketch import add_trajectory
 from iits_mj.render.offscreen import Offscreen, camera_pose, check_size
-from iits_mj.render.video import Mp4Encoder, VideoWriter
+from iits_mj.render.video import Mp4Encoder, VideoObserver
 from iits_mj.road import RoadMap
 from iits_mj.truck import Truck
 
@@ -217,14 +218,16 @@ def test_pictures_show_the_truck_and_hide_what_is_far_or_behind(scene):
 
 
 @pytest.mark.usefixtures("opengl")
-def test_writer_films_a_moving_model(scene, tmp_path):
+def test_video_shows_a_moving_model(scene, tmp_path):
     model, data = scene
     path = tmp_path / "film.mp4"
-    with VideoWriter(path, model, (161, 121), 10, "side") as writer:
+    truck = SimpleNamespace(model=model, data=data, route=SimpleNamespace(tunnels=()))
+    frame = SimpleNamespace(trajectory=plan(), ego=SimpleNamespace(station=0.0))
+    with VideoObserver(path, truck, (161, 121), "side", 10, overlay=False) as video:
         for i in range(3):
             data.time = 0.1 * i
             data.qpos[0] = 2.0 * i
             mujoco.mj_forward(model, data)
-            writer.add(data, plan())
-        assert writer.frames == 3
+            video.observe(None, frame)
+        assert video.frames == 3
     assert path.stat().st_size > 500

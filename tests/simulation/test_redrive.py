@@ -134,9 +134,11 @@ def test_options_that_are_given_must_be_those_of_then(recorded: Path) -> None:
     recording = Recording.load(recorded)
     check_options(recording, "drive", DriveConfig(), ())
     check_options(recording, "drive", CONFIG, [f.name for f in dataclasses.fields(DriveConfig)])
-    with pytest.raises(InputError, match="made with density dense, asked is density sparse"):
+    with pytest.raises(
+        InputError, match="made with density dense, not sparse; leave --density out"
+    ):
         check_options(recording, "drive", DriveConfig(density="sparse"), ["density"])
-    with pytest.raises(InputError, match="made with seed 3, asked is seed 0"):
+    with pytest.raises(InputError, match="made with seed 3, not 0; leave --seed out"):
         check_options(recording, "drive", DriveConfig(seed=0), ["seed"])
 
 
@@ -145,7 +147,9 @@ def test_events_that_are_given_must_be_those_of_then(recorded: Path, tmp_path: P
     first, other = tmp_path / "first.toml", tmp_path / "other.toml"
     first.write_text(closure.format(2750.0))
     other.write_text(closure.format(2760.0))
-    with pytest.raises(InputError, match=r"drive: made with no events, .*other\.toml"):
+    with pytest.raises(
+        InputError, match=r"drive: made with no events, not with .*other\.toml; leave"
+    ):
         check_options(Recording.load(recorded), "drive", DriveConfig(events=other), {"events"})
     with Simulation(
         dataclasses.replace(CONFIG, events=first, duration=1.0), record=True, visuals=False
@@ -153,7 +157,7 @@ def test_events_that_are_given_must_be_those_of_then(recorded: Path, tmp_path: P
         simulation.run()
         recording = Recording.load(simulation.save_recording(tmp_path / "works"))
     check_options(recording, "works", DriveConfig(events=first), {"events"})
-    with pytest.raises(InputError, match=r"made with other events than those of .*other\.toml"):
+    with pytest.raises(InputError, match=r"made with other events than .*other\.toml; leave"):
         check_options(recording, "works", DriveConfig(events=other), {"events"})
 
 
@@ -169,8 +173,8 @@ def test_traffic_without_a_truck_answers_for_its_own_options_alone(
     words = ["--density", "sparse", "--seed", "4", "--traffic-mode", "pure"]
     assert cli.main(["replay", path, "--verify", *words]) == 0
     for flag, value, said in (
-        ("--seed", "0", "made with seed 4, asked is seed 0"),
-        ("--payload", "36000", "does not hold payload"),
+        ("--seed", "0", "made with seed 4, not 0"),
+        ("--payload", "36000", "has no payload; leave --payload out"),
     ):
         assert cli.main(["replay", path, "--verify", flag, value]) == 2
         assert said in capsys.readouterr().err
@@ -196,7 +200,7 @@ def test_a_stored_option_of_another_kind_is_one_clear_error(
     path = edited(recorded, meta={"drive": drive}).save(tmp_path / "edited.npz")
     assert cli.main(["replay", str(path), "--verify", "--truck"]) == 2
     said = capsys.readouterr().err
-    assert "edited.npz: its options are not usable: " + option.replace("_", "-") in said
+    assert "edited.npz: a stored option is not usable: " + option.replace("_", "-") in said
 
 
 @pytest.mark.parametrize("versions", [None, [], "old", {"mujoco": 3}])
@@ -246,7 +250,7 @@ def test_a_recording_that_cannot_be_written_is_named_as_it_was_given(
 def test_options_of_another_time_are_refused(recorded: Path) -> None:
     drive = Recording.load(recorded).meta["drive"]
     drive = drive | {"options": drive["options"] | {"wind": 3.0}}
-    with pytest.raises(InputError, match="other options than there are now: wind"):
+    with pytest.raises(InputError, match="other options than today's: wind"):
         redrive(edited(recorded, meta={"drive": drive}), "drive", None)
 
 
@@ -288,18 +292,18 @@ def test_live_traffic_joins_the_recorded_one_on_request(recorded: Path) -> None:
         (["--truck"], "--verify --truck"),
         (["--reactive", "--traffic-mode", "none", "--out", "out"], "use traffic-mode inter"),
         (["--verify", "--density", "sparse"], "made with density dense"),
-        (["--verify", "--truck", "--payload", "1000"], "made with payload 36000.0, asked"),
+        (["--verify", "--truck", "--payload", "1000"], "made with payload 36000.0, not 1000.0"),
         # The defaults of these flags, given all the same.
-        (["--verify", "--seed", "0"], "made with seed 3, asked is seed 0"),
-        (["--verify", "--truck", "--duration", "120"], "made with duration 4.0, asked is"),
+        (["--verify", "--seed", "0"], "made with seed 3, not 0"),
+        (["--verify", "--truck", "--duration", "120"], "made with duration 4.0, not 120"),
         (["--verify", "--events", "missing.toml"], "missing.toml: cannot be read"),
         (["--verify", "--truck", "--events", "missing.toml"], "missing.toml: cannot be read"),
         (["--verify", "--reactive"], "made with reactive False"),
-        (["--verify", "--out", "out"], "--out has no meaning with --verify"),
-        (["--density", "dense"], "--density has no meaning in recorded traffic"),
-        (["--lane-change", "mobil"], "--lane-change has no meaning in recorded traffic"),
-        (["--seed", "0"], "--seed has no meaning in recorded traffic"),
-        (["--traffic-mode", "inter"], "--traffic-mode has no meaning in recorded traffic"),
+        (["--verify", "--out", "out"], "--out has no effect with --verify"),
+        (["--density", "dense"], "--density has no effect on recorded traffic"),
+        (["--lane-change", "mobil"], "--lane-change has no effect on recorded traffic"),
+        (["--seed", "0"], "--seed has no effect on recorded traffic"),
+        (["--traffic-mode", "inter"], "--traffic-mode has no effect on recorded traffic"),
     ],
 )
 def test_wrong_use_is_one_line(

@@ -224,5 +224,5 @@ def test_truck_outlives_a_network_that_goes_down_and_comes_back() -> None:
     assert summary["dropped"] > 100
     assert summary["silences"] >= 1
     assert summary["rejected"] == {}
-    assert "is down, will be opened again" in done.stderr
+    assert "is down, will be reopened" in done.stderr
     assert "is up again" in done.stderr

@@ -268,7 +268,7 @@ def test_truck_outlives_a_pulled_plug_and_obeys_again_after_it(
     summary = here.server.summary()
     assert (summary.bus_failures, summary.bus_restarts, summary.bus_state) == (1, 1, "up")
     assert summary.dropped > 100
-    assert sum("will be opened again" in line for line in here.told) == 1
+    assert sum("will be reopened" in line for line in here.told) == 1
 
 
 @pytest.mark.usefixtures("plug")
@@ -299,7 +299,7 @@ def test_controller_that_recovers_from_bus_off_by_itself_is_told_as_up_again(
     name = here.server.bus.link.name
     assert here.server.bus.link.restarts == 0
     assert here.told == [
-        f"CAN bus {name} is bus-off, will be opened again",
+        f"CAN bus {name} is bus-off, will be reopened",
         f"CAN bus {name} is up again",
     ]
 
@@ -316,7 +316,7 @@ def test_every_change_of_the_bus_within_a_tick_is_told(bench: Callable[..., Benc
         here.server.tick()
     assert [line.split(" is ")[1] for line in here.told[first:]] == [
         "up again",
-        "bus-off, will be opened again",
+        "bus-off, will be reopened",
     ]
 
 
@@ -327,7 +327,7 @@ def test_frames_that_never_came_are_counted(bench: Callable[..., Bench]) -> None
     here.serve(0.2, KEEP)
     summary = here.server.summary()
     assert (summary.lost["XBR"], summary.lost["IITS_COMMAND"]) == (3, 3)
-    assert "3 x XBR" in dict(summary.rows())["commands that never came"]
+    assert "3 x XBR" in dict(summary.rows())["commands missing"]
     assert summary.as_dict()["lost"] == summary.lost
 
 
@@ -343,7 +343,7 @@ def test_full_disk_ends_the_log_and_not_the_serving(
     assert (summary.ended, summary.failed) == ("reached the end of the time", False)
     assert summary.duration == pytest.approx(2.0)
     assert len(here.told) == 1
-    assert here.told[0].startswith("nothing more is logged from t = ")
+    assert here.told[0].startswith("the log ends at t = ")
     assert "No space left on device" in summary.log_failure
     assert "No space left on device" in dict(summary.rows())["log"]
     here.server.close()

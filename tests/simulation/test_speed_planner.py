@@ -68,7 +68,7 @@ def test_flags_that_contradict_a_profile_are_refused(
     route: Route, tmp_path: Path, beside: dict
 ) -> None:
     file = profile(tmp_path / "speed.csv", 0.0, 900.0)
-    with pytest.raises(InputError, match="driven as it stands"):
+    with pytest.raises(InputError, match="followed unchanged"):
         reference(route, speed_profile=file, **beside)
 
 
