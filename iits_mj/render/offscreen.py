@@ -61,7 +61,7 @@ def check_size(size: tuple[int, int]) -> tuple[int, int]:
     for value in (width, height):
         if not SIZE_MIN <= value <= SIZE_MAX:
             raise InputError(
-                f"size {width}x{height} is not allowed: use sides of {SIZE_MIN} to {SIZE_MAX} pixels"
+                f"size {width}x{height} is not allowed: use {SIZE_MIN} to {SIZE_MAX} for each side"
             )
     return width - width % 2, height - height % 2
 
