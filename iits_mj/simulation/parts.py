@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from controllers import decision
 from controllers.planning.planner import PlannerConfig
@@ -32,6 +33,9 @@ from traffic_bridge import (
     TrafficConfig,
     read_events,
 )
+
+if TYPE_CHECKING:
+    from controllers.pcc import PccConfig
 
 SPEED_LIMITER = 25.0  # [m/s]: 90 km/h, directive 92/6/EEC
 SLOWEST_SHARE = 0.75  # of the reference speed: a slower truck would obstruct the traffic
@@ -169,7 +173,25 @@ def make_reference(
             raise InputError("only speed-planner pcc uses speed-min and speed-max: leave them out")
         return CruiseReference(config.speed)
     # Load CasADi and SciPy's optimizers only for PCC.
-    from controllers.pcc import PccConfig, PccReference, RecedingConfig
+    from controllers.pcc import PccReference, RecedingConfig
+
+    # Without a limit of wall time: the load of the computer must not change the drive.
+    receding = RecedingConfig(time_limit=math.inf)
+    try:
+        return PccReference(route, pcc_config(config), parameters, receding)
+    except InputError as error:
+        if banded:
+            raise
+        return CruiseReference(config.speed, f"no speed can be planned: {error}")
+
+
+def pcc_config(config: DriveConfig) -> PccConfig:
+    """Returns set speed and range of speeds for PCC.
+
+    Raises:
+      InputError: the reference speed is outside the range.
+    """
+    from controllers.pcc import PccConfig
 
     low = SLOWEST_SHARE * config.speed if config.speed_min is None else config.speed_min
     high = max(SPEED_LIMITER, config.speed) if config.speed_max is None else config.speed_max
@@ -177,12 +199,4 @@ def make_reference(
         raise InputError(
             f"speed {config.speed:g} m/s is outside speed-min {low:g} to speed-max {high:g} m/s"
         )
-    # Without a limit of wall time: the load of the computer must not change the drive.
-    receding = RecedingConfig(time_limit=math.inf)
-    try:
-        settings = PccConfig(v_ref=config.speed, v_min=max(low, 1.0), v_max=high)
-        return PccReference(route, settings, parameters, receding)
-    except InputError as error:
-        if banded:
-            raise
-        return CruiseReference(config.speed, f"no speed can be planned: {error}")
+    return PccConfig(v_ref=config.speed, v_min=max(low, 1.0), v_max=high)

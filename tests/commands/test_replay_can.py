@@ -52,7 +52,7 @@ def test_log_of_a_drive_in_traffic_gives_the_same_motion_on_an_empty_road(
     assert all((tmp_path / name).is_file() for name in pictures)
 
 
-def test_drive_by_a_log_in_json_says_what_was_accepted_and_rejected(
+def test_json_of_a_drive_by_a_log_counts_accepted_and_rejected_frames(
     tmp_path: Path, capsys: Capture
 ) -> None:
     log = tmp_path / "bus.log"
@@ -89,7 +89,7 @@ def test_decoding_writes_a_table_and_does_not_drive(
     assert len(rows(table)) > few
 
 
-def test_decoding_in_json_says_what_was_on_the_bus(
+def test_json_of_a_decoded_log_summarizes_the_bus(
     drive: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     words = ["replay-can", str(drive / "bus.asc"), "--decode", str(tmp_path / "t.csv"), "--json"]
@@ -105,7 +105,7 @@ def test_decoding_in_json_says_what_was_on_the_bus(
 
 
 @pytest.mark.parametrize("flag", ["--decode", "--can-log"])
-def test_a_log_is_never_written_over_while_it_is_read(
+def test_a_log_is_never_overwritten_by_its_own_output(
     flag: str, tmp_path: Path, capsys: Capture
 ) -> None:
     log, other = tmp_path / "bus.csv", tmp_path / "link.csv"
@@ -146,7 +146,7 @@ def test_recorded_pedal_drives_the_truck_in_its_lane(
     assert max(pedals) > 0.05
 
 
-def test_recorded_pedal_is_not_obeyed_while_nobody_steers(
+def test_recorded_pedal_is_not_obeyed_without_steering(
     revved: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     assert cli.main(["replay-can", str(revved), "--source", "0", "--out", str(tmp_path)]) == 0
@@ -168,7 +168,7 @@ def test_recorded_pedal_is_not_obeyed_while_nobody_steers(
         (["drive", "--duration", "1", "--no-video", "--can-log", "bus.xyz"], ".asc"),
     ],
 )
-def test_wrong_use_is_told_on_one_line(
+def test_wrong_use_is_one_line(
     words: list[str], told: str, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -61,7 +61,7 @@ def test_ppo_learns_to_start_on_a_hill():
     assert _score(_learned(model), name, **settings) > 1.0
 
 
-def test_dqn_learns_not_to_ask_for_what_is_refused():
+def test_dqn_learns_to_avoid_refused_changes():
     name, settings = "iits_mj/HighwayFast-v0", {"duration": 60.0}
     model = DQN(
         "MlpPolicy", gymnasium.make(name, **settings), learning_rate=5e-4, learning_starts=200,
@@ -73,7 +73,7 @@ def test_dqn_learns_not_to_ask_for_what_is_refused():
 
 
 @pytest.mark.parametrize("name", ["iits_mj/LaneKeep-v0", "iits_mj/HighwayFast-v0"])
-def test_stable_baselines3_checker_has_nothing_to_say(name):
+def test_stable_baselines3_checker_has_no_complaint(name):
     environment = gymnasium.make(name).unwrapped
     check_env(environment, skip_render_check=True)
     assert environment.observation_space.dtype == np.float32

@@ -130,7 +130,7 @@ def test_camera_in_the_tunnel_is_inside_the_tube(truck, name, lane):
         assert 0.5 < height < TUNNEL_ROOF
 
 
-def test_film_has_the_size_and_number_of_its_pictures(tmp_path):
+def test_video_has_the_size_and_number_of_its_pictures(tmp_path):
     import imageio_ffmpeg
 
     path = tmp_path / "film.mp4"
@@ -149,7 +149,7 @@ def test_film_has_the_size_and_number_of_its_pictures(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["film.mp4"]
 
 
-def test_failed_film_leaves_the_old_one_and_nothing_half_written(tmp_path):
+def test_failed_video_leaves_the_old_video_and_no_partial_file(tmp_path):
     path = tmp_path / "film.mp4"
     path.write_bytes(b"old")
 
@@ -200,7 +200,7 @@ def test_ribbon_stops_where_the_scene_is_full(scene):
 
 
 @pytest.mark.usefixtures("opengl")
-def test_pictures_show_the_truck_and_hide_what_is_far_or_behind(scene):
+def test_pictures_show_the_truck_and_hide_distant_geoms(scene):
     model, data = scene
     groups = model.geom_group.copy()
     with Offscreen(model, SIZE) as view:

@@ -95,7 +95,7 @@ def test_a_parked_truck_sets_off_again_when_the_bus_returns():
     assert rows[:, REAL_SPEED].min() > -0.15
 
 
-def test_a_gap_within_the_time_outs_is_not_felt():
+def test_a_gap_shorter_than_the_time_outs_does_not_stop_the_truck():
     chain = Chain(0.0)
     chain.drive(1.0)
     chain.drive(0.08, cut=True)
@@ -104,7 +104,7 @@ def test_a_gap_within_the_time_outs_is_not_felt():
     assert rows[:, REAL_SPEED].min() > SPEED - 0.5
 
 
-def test_released_the_truck_rolls_on_with_the_wheel_held():
+def test_without_a_fallback_the_truck_coasts_with_the_wheel_held():
     chain = Chain(0.0, stops=False)
     chain.drive(2.0)
     angle = chain.truck.last_command().steering_wheel_angle

@@ -66,7 +66,7 @@ def hear(controller: object, frame: Frame, source: int | None = None) -> None:
     controller.take(to_can(Frame(can_id, frame.data, frame.time)))  # type: ignore[attr-defined]
 
 
-def test_speed_that_is_not_available_is_no_speed(example: ModuleType, clock: Clock) -> None:
+def test_speed_that_is_not_available_is_ignored(example: ModuleType, clock: Clock) -> None:
     controller = example.Controller(Silence(), 60.0 / 3.6)
     good = encode(groups.CCVS1(wheel_based_speed_kph=59.0))
     hear(controller, good)
@@ -87,7 +87,7 @@ def test_speed_that_is_not_available_is_no_speed(example: ModuleType, clock: Clo
     assert "CCVS1 wheel_based_speed_kph" in controller.missing()
 
 
-def test_speed_of_another_unit_and_of_a_frame_that_is_cut_is_not_taken(
+def test_speed_of_another_unit_and_of_a_short_frame_is_ignored(
     example: ModuleType, clock: Clock
 ) -> None:
     del clock
@@ -142,7 +142,7 @@ def angles(
 
 
 @pytest.mark.parametrize(("kmh", "payload"), [(5.0, 0.0), (13.0, 36_000.0)])
-def test_a_slow_truck_comes_to_its_line_without_the_wheel_being_thrown(
+def test_a_slow_truck_reaches_its_line_with_small_steering_angles(
     example: ModuleType, clock: Clock, kmh: float, payload: float
 ) -> None:
     drive = list(angles(example, clock, kmh / 3.6, payload, 20.0))
@@ -152,7 +152,7 @@ def test_a_slow_truck_comes_to_its_line_without_the_wheel_being_thrown(
     assert max(abs(line) for _, line in late) < 0.25
 
 
-def test_speed_below_the_wanted_one_is_pedal_and_no_brake_and_the_other_way_round(
+def test_low_speed_gives_pedal_and_high_speed_gives_brake(
     example: ModuleType,
 ) -> None:
     keeper = example.SpeedKeeper()
@@ -174,7 +174,7 @@ def test_speed_below_the_wanted_one_is_pedal_and_no_brake_and_the_other_way_roun
         (["--channel", "10.0.0.1"], "10.0.0.1"),
     ],
 )
-def test_wrong_use_of_an_example_is_one_line_before_anything_is_waited_for(
+def test_wrong_use_of_an_example_is_one_line_without_a_wait(
     example_name: str, words: list[str], told: str
 ) -> None:
     done = subprocess.run(

@@ -27,7 +27,7 @@ def needed(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("model", ["mobil", "lc2013"])
-def test_a_truck_that_stands_behind_a_stopped_van_passes_it(tmp_path, model):
+def test_a_truck_stopped_behind_a_stopped_van_passes_it(tmp_path, model):
     events = tmp_path / "events.toml"
     events.write_text(STOPPED)
     config = DriveConfig(
@@ -46,7 +46,7 @@ def test_a_truck_that_stands_behind_a_stopped_van_passes_it(tmp_path, model):
         assert simulation.frame.ego.station > 150.0
 
 
-def test_a_start_is_held_to_the_bends_ahead():
+def test_start_speed_is_limited_by_the_bends_ahead():
     config = DriveConfig(
         map=needed("esmini_curves_elevation.xodr"),
         start_station=940.0,
@@ -89,7 +89,7 @@ def test_no_oncoming_vehicle_is_touched_in_a_turn_on_green():
 @pytest.mark.parametrize(
     ("seed", "payload", "duration"), [(6, 0.0, 65.0), (6, 36e3, 70.0), (1, 0.0, 160.0)]
 )
-def test_the_turn_is_driven_as_soon_as_its_ground_is_free(seed, payload, duration):
+def test_the_turn_is_driven_once_its_area_is_free(seed, payload, duration):
     with Simulation(turn(seed, duration, payload)) as simulation:
         summary = simulation.run()
         assert not summary.failed

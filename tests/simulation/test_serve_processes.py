@@ -98,7 +98,7 @@ def _figures(text: str) -> tuple[float, float]:
     return float(found[1]), float(found[2])
 
 
-def test_the_example_controller_knows_nothing_of_our_code() -> None:
+def test_the_example_controller_imports_no_project_code() -> None:
     tree = ast.parse((ROOT / "examples" / "keep_speed.py").read_text(encoding="utf-8"))
     modules = {
         name.split(".")[0]
@@ -160,7 +160,7 @@ def test_ctrl_c_ends_with_a_summary(port: int, processes: list[subprocess.Popen[
     assert json.loads(out)["summary"]["ended"] == "ended by SIGINT"
 
 
-def test_bus_that_cannot_be_had_is_one_line_with_nothing_of_the_driver_beside_it() -> None:
+def test_a_missing_can_interface_is_one_line_without_driver_output() -> None:
     done = subprocess.run(
         [*SERVE, "--bus", "socketcan", "--channel", "no_can9"],
         cwd=ROOT,
@@ -206,7 +206,7 @@ def _own_network() -> list[str]:
 
 
 @pytest.mark.slow
-def test_truck_outlives_a_network_that_goes_down_and_comes_back() -> None:
+def test_truck_survives_a_network_that_goes_down_and_returns() -> None:
     words = [*_own_network(), "sh", "-c", NETWORK, "sh", *SERVE, "--bus", "udp_multicast"]
     done = subprocess.run(
         words,

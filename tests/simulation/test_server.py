@@ -127,7 +127,7 @@ def bench() -> Iterator[Callable[..., Bench]]:
         one.close()
 
 
-def test_every_report_comes_at_its_rate(bench: Callable[..., Bench]) -> None:
+def test_every_report_is_sent_at_its_rate(bench: Callable[..., Bench]) -> None:
     here = bench()
     here.serve(2.01)
     groups = [found for frame in here.heard if (found := decode(frame)) is not None]
@@ -176,7 +176,7 @@ def test_long_message_is_broadcast_again_on_request(bench: Callable[..., Bench])
     assert [(message.pgn, message.source) for message in found[1]] == [(pgn_of("EC1"), 0)]
 
 
-def test_truck_obeys_the_bus_and_tells_what_it_does(bench: Callable[..., Bench]) -> None:
+def test_truck_obeys_the_bus_and_reports_its_motion(bench: Callable[..., Bench]) -> None:
     here = bench(payload=0.0)
     here.serve(4.0, VehicleCommand(accelerator_pedal=0.9, steering_wheel_angle=0.1))
     truth = here.server.state
@@ -190,7 +190,7 @@ def test_truck_obeys_the_bus_and_tells_what_it_does(bench: Callable[..., Bench])
     assert here.server.summary().accepted["XBR"] == 200
 
 
-def test_only_the_sender_that_was_named_is_obeyed(bench: Callable[..., Bench]) -> None:
+def test_only_the_selected_sender_is_obeyed(bench: Callable[..., Bench]) -> None:
     here = bench(source=0x21)
     here.serve(0.5, KEEP)
     assert here.server.command.accelerator_pedal == 0.0
@@ -200,7 +200,7 @@ def test_only_the_sender_that_was_named_is_obeyed(bench: Callable[..., Bench]) -
     assert named.server.command.accelerator_pedal == pytest.approx(0.4)
 
 
-def test_truck_stays_parked_until_somebody_commands(bench: Callable[..., Bench]) -> None:
+def test_truck_stays_parked_until_the_first_command(bench: Callable[..., Bench]) -> None:
     here = bench(start_speed=0.0, start_station=600.0)
     here.serve(3.0)
     assert here.server.command.parking_brake == 1.0
@@ -248,7 +248,7 @@ def test_silent_bus_stops_the_truck_in_its_lane_when_so_configured(
 
 
 @pytest.mark.usefixtures("plug")
-def test_truck_outlives_a_pulled_plug_and_obeys_again_after_it(
+def test_truck_survives_a_pulled_plug_and_obeys_again(
     bench: Callable[..., Bench],
 ) -> None:
     here = bench()
@@ -272,7 +272,7 @@ def test_truck_outlives_a_pulled_plug_and_obeys_again_after_it(
 
 
 @pytest.mark.usefixtures("plug")
-def test_addresses_are_claimed_again_on_a_bus_that_came_back(
+def test_addresses_are_claimed_again_on_a_bus_that_returns(
     bench: Callable[..., Bench],
 ) -> None:
     here = bench()
@@ -287,7 +287,7 @@ def test_addresses_are_claimed_again_on_a_bus_that_came_back(
 
 
 @pytest.mark.usefixtures("plug")
-def test_controller_that_recovers_from_bus_off_by_itself_is_told_as_up_again(
+def test_recovery_from_bus_off_is_reported(
     bench: Callable[..., Bench],
 ) -> None:
     here = bench()
@@ -305,7 +305,7 @@ def test_controller_that_recovers_from_bus_off_by_itself_is_told_as_up_again(
 
 
 @pytest.mark.usefixtures("plug")
-def test_every_change_of_the_bus_within_a_tick_is_told(bench: Callable[..., Bench]) -> None:
+def test_every_change_of_the_bus_within_a_tick_is_reported(bench: Callable[..., Bench]) -> None:
     here = bench()
     here.serve(0.1)
     Plug.off = True
@@ -320,7 +320,7 @@ def test_every_change_of_the_bus_within_a_tick_is_told(bench: Callable[..., Benc
     ]
 
 
-def test_frames_that_never_came_are_counted(bench: Callable[..., Bench]) -> None:
+def test_missing_frames_are_counted(bench: Callable[..., Bench]) -> None:
     here = bench()
     here.serve(0.2, KEEP)
     here.counter += 3
@@ -333,7 +333,7 @@ def test_frames_that_never_came_are_counted(bench: Callable[..., Bench]) -> None
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no full device")
 @pytest.mark.parametrize("suffix", [".asc", ".blf", ".log"])
-def test_full_disk_ends_the_log_and_not_the_serving(
+def test_full_disk_ends_the_log_but_not_the_serving(
     bench: Callable[..., Bench], tmp_path: Path, suffix: str
 ) -> None:
     path = tmp_path / f"bus{suffix}"
@@ -372,7 +372,7 @@ def test_same_frames_give_the_same_drive_bit_for_bit(bench: Callable[..., Bench]
     assert states[0] == states[1]
 
 
-def test_late_ticks_are_served_all_the_same(bench: Callable[..., Bench]) -> None:
+def test_late_ticks_are_served(bench: Callable[..., Bench]) -> None:
     here = bench()
     here.serve(0.5, KEEP)
     here.clock.now += 0.03
@@ -386,7 +386,7 @@ def test_late_ticks_are_served_all_the_same(bench: Callable[..., Bench]) -> None
     assert (summary.slips, summary.slipped) == (1, pytest.approx(2.0, abs=0.02))
 
 
-def test_serving_ends_with_its_time_when_told_and_at_the_end_of_the_road(
+def test_serving_ends_with_its_time_on_request_and_at_the_end_of_the_road(
     bench: Callable[..., Bench],
 ) -> None:
     timed = bench(duration=0.5)
@@ -436,7 +436,7 @@ def test_truck_that_rolls_over_ends_the_serving_as_failed(
     assert 1.0 < summary.duration < 2.5
 
 
-def test_hard_bend_that_the_truck_can_take_ends_nothing(bench: Callable[..., Bench]) -> None:
+def test_a_sharp_bend_at_low_speed_does_not_end_the_serving(bench: Callable[..., Bench]) -> None:
     here = bench(start_speed=5.0, start_station=950.0)
     here.serve(2.0, VehicleCommand(steering_wheel_angle=8.0))
     assert not here.server.ended
@@ -456,7 +456,7 @@ def test_simulation_that_diverges_ends_with_its_summary(bench: Callable[..., Ben
     assert summary.as_dict()["last_speed_mps"] == pytest.approx(16.0, abs=0.5)
 
 
-def test_truck_that_backs_past_the_begin_of_the_road_ends_the_serving(
+def test_truck_that_backs_off_the_start_of_the_road_ends_the_serving(
     bench: Callable[..., Bench],
 ) -> None:
     here = bench(start_speed=0.0, start_station=20.0, payload=0.0)
@@ -493,7 +493,7 @@ def test_no_number_of_the_summary_is_minus_zero(bench: Callable[..., Bench]) -> 
     assert "-0.0" not in summary.to_text()
 
 
-def test_lost_commands_are_called_as_the_receiver_counts_them(
+def test_lost_commands_have_the_names_of_the_receivers_counters(
     bench: Callable[..., Bench],
 ) -> None:
     here = bench()

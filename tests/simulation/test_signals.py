@@ -24,11 +24,11 @@ STOP_LINE = 114.25
 ROUTE = Route.straight(length=2000.0)
 
 
-def test_an_empty_road_says_nothing():
+def test_an_empty_road_has_no_signals():
     assert read_signals(None, EgoState(), ROUTE, EgoFootprint()) == RoadSignals()
 
 
-def test_limits_that_were_set_near_the_truck_are_told_in_their_order():
+def test_changed_limits_near_the_truck_are_reported_in_their_order():
     with Recorder(PureSim(ROUTE, TrafficConfig(density="empty"))) as traffic:
         traffic.reset()
         signals = traffic.traffic.signals
@@ -79,7 +79,7 @@ def test_the_truck_stops_at_a_red_light_within_1_m_before_its_line(at_the_light)
     assert 0.0 < STOP_LINE - (stood[-1].ego.station + 1.4) < 1.0
 
 
-def test_a_line_is_told_of_until_the_front_is_well_past_it():
+def test_a_stop_line_is_reported_until_the_front_is_well_past_it():
     if not MAP.is_file():
         pytest.skip(f"{MAP.name} is not here")
     route = RoadMap.from_opendrive(MAP).route()
@@ -124,7 +124,7 @@ def test_red_lights_run_and_emergency_brakings_are_counted_and_named(at_the_ligh
     assert "red lights run" in run.to_text()
 
 
-def test_the_truck_goes_on_when_it_is_green(at_the_light):
+def test_the_truck_continues_on_green(at_the_light):
     passed = next(f.time for f in at_the_light if f.ego.station + 1.4 > STOP_LINE + 0.5)
     assert 20.0 < passed < 26.0
     assert at_the_light[-1].ego.speed > 2.0

@@ -58,7 +58,7 @@ def test_reset_gives_the_same_drive_again_bit_for_bit() -> None:
     assert np.array_equal(*tables, equal_nan=True)
 
 
-def test_watching_at_any_rate_changes_nothing() -> None:
+def test_observers_of_any_period_change_nothing() -> None:
     plain = table(drive(duration=1.0, traffic_mode="none")[0])
     telemetry = Telemetry(None)
     watchers = [Listener(0.05), Listener(0.034), Listener(0.002)]
@@ -98,9 +98,7 @@ def test_drive_ends_before_the_end_of_the_route() -> None:
         ({"density": "full"}, "density 'full' is not known"),
     ],
 )
-def test_unusable_configuration_is_told_in_one_sentence(
-    settings: dict[str, object], told: str
-) -> None:
+def test_unusable_configuration_is_one_clear_error(settings: dict[str, object], told: str) -> None:
     with pytest.raises(InputError, match=told):
         Simulation(DriveConfig(**settings), visuals=False)  # type: ignore[arg-type]
 
@@ -161,7 +159,7 @@ def test_stopped_drive_keeps_its_rows_and_replaces_an_older_table_whole(tmp_path
     assert [p.name for p in tmp_path.iterdir()] == ["telemetry.csv"]
 
 
-def test_table_never_holds_nan_or_inf(tmp_path: Path) -> None:
+def test_table_has_no_nan_or_inf(tmp_path: Path) -> None:
     path = tmp_path / "telemetry.csv"
     config = DriveConfig(duration=0.5 + 0.5, traffic_mode="none")
     with Simulation(config, visuals=False) as simulation, Telemetry(path) as telemetry:
@@ -174,7 +172,7 @@ def test_table_never_holds_nan_or_inf(tmp_path: Path) -> None:
     assert first[header.index("gap_ahead [m]")] == ""
 
 
-def test_recorded_traffic_is_met_again_exactly(tmp_path: Path) -> None:
+def test_recorded_traffic_is_replayed_exactly(tmp_path: Path) -> None:
     path = tmp_path / "traffic.npz"
     config = DriveConfig(duration=2.0, seed=2)
     with Simulation(config, record=True, visuals=False) as simulation:

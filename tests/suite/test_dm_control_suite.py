@@ -70,7 +70,7 @@ class TestLoaderConstants(_BASES["constants"]):
     pass
 
 
-def test_every_task_of_ours_is_among_those_tested():
+def test_every_task_is_tested():
     assert set(_OTHERS) | set(_SUMO) == set(suite.ALL_TASKS)
     assert len(_SUMO) == 1
     tested = [name for name in dir(TestSuite) if name.startswith("test_task_conforms_to_spec")]
