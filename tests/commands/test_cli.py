@@ -28,7 +28,7 @@ MAPS = {
 
 
 def fails(capsys: pytest.CaptureFixture[str], *words: str, code: int = 2) -> str:
-    """Runs a command line that must fail; the one line that it says."""
+    """Runs a command line that must fail; returns its one line of error."""
     assert cli.main(list(words)) == code
     captured = capsys.readouterr()
     lines = captured.err.strip().splitlines()
@@ -59,7 +59,7 @@ def test_every_command_explains_its_flags(command: str, capsys: pytest.CaptureFi
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reported"),
     [
         ((), "a command is missing"),
         (("fly",), "command 'fly' is not known; use one of: drive"),
@@ -91,13 +91,13 @@ def test_every_command_explains_its_flags(command: str, capsys: pytest.CaptureFi
 )
 def test_wrong_use_is_one_line_and_exit_code_2(
     words: tuple[str, ...],
-    told: str,
+    reported: str,
     capsys: pytest.CaptureFixture[str],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert told in fails(capsys, *words)
+    assert reported in fails(capsys, *words)
 
 
 @pytest.mark.parametrize("kind", MAPS)
@@ -142,9 +142,9 @@ def test_unwritable_report_is_refused_before_measuring(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").write_text("")
-    told = fails(capsys, "bench", "--report", str(tmp_path / "file" / "x"))
-    assert "--report" in told
-    assert "cannot be written" in told
+    reported = fails(capsys, "bench", "--report", str(tmp_path / "file" / "x"))
+    assert "--report" in reported
+    assert "cannot be written" in reported
 
 
 def test_view_without_a_display_says_so(

@@ -1,4 +1,4 @@
-"""`iits-mj drive`, `record` and `replay` as somebody at the shell meets them, without a display."""
+"""The commands `drive`, `record`, `replay` and `view`, without a display."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ def test_damaged_recording_is_one_line(tmp_path: Path, capsys: pytest.CaptureFix
 
 
 class Window:
-    """Stands in for MuJoCo's viewer, which needs a display; closed after 20 pictures."""
+    """Replaces MuJoCo's viewer, which needs a display; closes after 20 pictures."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         self.cam = mujoco.MjvCamera()

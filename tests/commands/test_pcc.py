@@ -1,4 +1,4 @@
-"""What `iits-mj pcc` shows."""
+"""The command `pcc`."""
 
 import numpy as np
 import pytest

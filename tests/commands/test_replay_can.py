@@ -1,4 +1,4 @@
-"""`iits-mj drive --can-log` and `iits-mj replay-can` as somebody at the shell meets them."""
+"""The commands `drive --can-log` and `replay-can`."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_json_of_a_drive_by_a_log_counts_accepted_and_rejected_frames(
     log = tmp_path / "bus.log"
     with LogWriter(log) as writer:
         for cycle in range(60):
-            # A counter that sticks for one cycle, and then jumps.
+            # A counter that repeats for one cycle and then jumps.
             counter = 9 if cycle == 10 else cycle
             for frame in command_to_frames(VehicleCommand(0.4), counter, 0.02 * cycle):
                 writer.write(frame)
@@ -122,7 +122,7 @@ def test_a_log_is_never_overwritten_by_its_own_output(
 
 @pytest.fixture(scope="module")
 def revved(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A second and a half of a recorded truck whose driver treads on the pedal."""
+    """Log of 1.5 s of a recorded truck whose driver presses the pedal."""
     recorded = outside("j1939/KWTruck.txt")
     path = tmp_path_factory.mktemp("revved") / "revved.log"
     first = None
@@ -156,7 +156,7 @@ def test_recorded_pedal_is_not_obeyed_without_steering(
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reported"),
     [
         (["replay-can"], "FILE"),
         (["replay-can", "missing.asc"], "missing.asc"),
@@ -169,12 +169,16 @@ def test_recorded_pedal_is_not_obeyed_without_steering(
     ],
 )
 def test_wrong_use_is_one_line(
-    words: list[str], told: str, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+    words: list[str],
+    reported: str,
+    tmp_path: Path,
+    capsys: Capture,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "README.md").write_text("# Not a log\n")
     assert cli.main(words) == 2
     captured = capsys.readouterr()
-    assert told in captured.err
+    assert reported in captured.err
     assert captured.err.count("\n") == 1
     assert captured.out == ""

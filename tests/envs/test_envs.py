@@ -55,7 +55,7 @@ def test_an_id_alone_is_found_after_import_of_the_environments():
 
 
 def _printed(program):
-    """Lines that a program prints in a process of its own."""
+    """Returns the lines that a program prints in a separate process."""
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, cwd="/", check=True
     )

@@ -15,7 +15,7 @@ def environment():
 
 
 def _driven(environment, seed, act):
-    """Rewards (steps, agents), gap errors (steps, agents) and speeds (steps, agents)."""
+    """Returns rewards, gap errors and speeds, each of shape (steps, agents), and both ends."""
     environment.reset(seed=seed)
     rewards, gaps, speeds = [], [], []
     while environment.agents:

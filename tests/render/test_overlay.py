@@ -1,4 +1,4 @@
-"""The instrument panel shows what the frame says."""
+"""The instrument panel shows the values of the frame."""
 
 import time
 from types import SimpleNamespace

@@ -22,7 +22,7 @@ PANEL = Panel(
 
 
 class Content(html.parser.HTMLParser):
-    """Collects tags and what they refer to."""
+    """Collects tags, their sources and text."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Films and their parts; what needs OpenGL skips where there is none."""
+"""Videos, cameras and pictures; tests that need OpenGL are skipped without it."""
 
 import math
 import sys
@@ -53,7 +53,7 @@ def opengl():
     try:
         offscreen.make_context(16, 16).free()
     except RenderError as error:
-        pytest.skip(f"no OpenGL here: {error}")
+        pytest.skip(f"OpenGL is missing: {error}")
 
 
 @pytest.fixture(scope="module")
@@ -213,7 +213,7 @@ def test_pictures_show_the_truck_and_hide_distant_geoms(scene):
     assert picture.shape == (120, 160, 3)
     red = (picture[..., 0] > 120) & (picture[..., 1] < 60)
     assert red.any()
-    # The red box stands left of the road, so it is in the left half.
+    # The red box is to the left of the road.
     assert np.argwhere(red)[:, 1].mean() < 80
 
 

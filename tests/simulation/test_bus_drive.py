@@ -1,4 +1,4 @@
-"""A drive commanded through J1939 frames, the log of its bus, and the drive that the log gives."""
+"""A drive over J1939 frames, the log of its bus, and the drive repeated from the log."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SHORT = 12.0
 
 
 class EveryCycle:
-    """Sends all messages each 20 ms, so that nothing but the signals' steps comes between."""
+    """Sends all messages every 20 ms, so that only the signal resolution changes commands."""
 
     def __init__(self) -> None:
         self.cycles = 0
@@ -117,12 +117,12 @@ def test_a_minute_with_two_lane_changes_is_nearly_the_same_over_bytes(payload: f
     steps = drive(THERE_AND_BACK, CommandPath(over_bytes=True, sender=EveryCycle), **settings)
     rates = drive(THERE_AND_BACK, commands="j1939", **settings)
     for name, other in (("signals' steps", steps), ("messages' rates", rates)):
-        # Shown by -s: the figures of docs/j1939_drive.md.
+        # `pytest -s` shows the figures of docs/j1939_drive.md.
         found = ", ".join(f"{apart(other, straight, c):.2g} {c}" for c in COMPARED)
         print(f"\n{payload:g} kg, {name}: {found}")
     assert straight.column("lane_changes [-]")[-1] == 2
-    # A wheel that rests in the steering's play by a signal's step elsewhere lets the truck drift by
-    # some centimeters before crossing the play is worth it.
+    # A steering wheel that rests in the play one signal step off lets the truck drift by some
+    # centimetres before the controller crosses the play.
     assert 0.0 < apart(steps, straight, "station [m]") < 0.25
     for other in (steps, rates):
         assert apart(other, straight, "station [m]") < 0.25
@@ -195,8 +195,8 @@ def test_other_tools_read_plausible_values_at_the_rates_of_the_messages(logged: 
     assert min(wheels) == pytest.approx(driven.min(), abs=0.5)
     assert max(wheels) == pytest.approx(driven.max(), abs=0.5)
     angles = [decoded["steering_wheel_angle_request"] for decoded in signals["IITS_COMMAND"]]
-    told = logged.telemetry.column("command_steering_wheel_angle [rad]")
-    assert max(angles) == pytest.approx(told.max(), abs=0.02)
+    reported = logged.telemetry.column("command_steering_wheel_angle [rad]")
+    assert max(angles) == pytest.approx(reported.max(), abs=0.02)
     for name in ("XBR", "IITS_COMMAND"):
         counts = [
             decoded[next(key for key in decoded if key.endswith("_counter"))]
@@ -273,7 +273,7 @@ def test_accelerator_is_released_after_the_last_command_of_a_log() -> None:
         for k in range(50)
         for frame in command_to_frames(VehicleCommand(accelerator_pedal=0.5), k, 0.02 * k)
     ]
-    # A later frame of somebody else keeps the log going.
+    # A later frame of another sender extends the log.
     frames.append(Frame(0x18FEF100, b"\xff" * 8, 2.0))
     driver = driven_by(frames, duration=1.9)
     assert driver.receiver.command(0.98).accelerator_pedal == pytest.approx(0.5, abs=0.01)
@@ -303,7 +303,7 @@ def test_a_log_whose_clock_jumps_by_years_ends_at_the_jump(
     replay = drive_by(year)
     assert replay.time < 0.5
     assert re.search(r"frame 51 \(18FEF100\) comes 3153\d{4} s after .*60 s", replay.ended)
-    # What is shorter than that is driven through.
+    # A shorter silence does not end the drive.
     monkeypatch.setattr(log_driver, "LONGEST_SILENCE", 2.0)
     replay = drive_by(2.1, year)
     assert replay.time == pytest.approx(2.1, abs=0.2)

@@ -1,4 +1,4 @@
-"""Soft real time keeps account of every tick and leaves none out."""
+"""Soft real time counts every tick and skips none."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from iits_mj.simulation.server import Pace
 
 
 class Clock:
-    """Monotonic time that passes only by sleeping and working; sleeps wake a little late."""
+    """A clock that advances by sleep and work; a sleep ends a little late."""
 
     def __init__(self, oversleep: float = 0.0) -> None:
         self.now = 50.0

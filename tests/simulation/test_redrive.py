@@ -1,4 +1,4 @@
-"""A recorded drive is driven again from its commands: the same bits, or the first difference."""
+"""A recorded drive is repeated from its commands, bit for bit or with the first difference."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from iits_mj.simulation.parts import load_map
 from iits_mj.simulation.redrive import RedriveError, redrive
 from traffic_bridge import PureSim, Recorder, Recording, RepSim, TrafficConfig
 
-# A cruise: at once on the accelerator, as the tests want it.
+# A cruise uses the accelerator from the start.
 CONFIG = DriveConfig(
     duration=4.0, density="dense", start_station=2500.0, seed=3, speed_planner="cruise"
 )
@@ -37,7 +37,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def edited(path: Path, **changes: Any) -> Recording:
-    """The recording with other arrays or entries of its meta."""
+    """Returns the recording with other arrays or entries of its meta."""
     recording = Recording.load(path)
     meta = recording.meta | changes.pop("meta", {})
     return dataclasses.replace(recording, meta=meta, **changes)
@@ -283,7 +283,7 @@ def test_reactive_adds_sumo_traffic_to_the_recorded_traffic(recorded: Path) -> N
         live = [v for v in simulation.vehicles if v.id.startswith("live.")]
         others = [v for v in simulation.vehicles if not v.id.startswith("live.")]
         assert live
-        # The recording was cut at the same range of view.
+        # The recording has the same range of view.
         assert others == [v for v in recording.frames[1] if v in others]
         assert others
 
@@ -295,7 +295,7 @@ def test_reactive_adds_sumo_traffic_to_the_recorded_traffic(recorded: Path) -> N
         (["--reactive", "--traffic-mode", "none", "--out", "out"], "use traffic-mode inter"),
         (["--verify", "--density", "sparse"], "made with density dense"),
         (["--verify", "--truck", "--payload", "1000"], "made with payload 36000.0, not 1000.0"),
-        # The defaults of these flags, given all the same.
+        # Flags with their default values.
         (["--verify", "--seed", "0"], "made with seed 3, not 0"),
         (["--verify", "--truck", "--duration", "120"], "made with duration 4.0, not 120"),
         (["--verify", "--events", "missing.toml"], "missing.toml: cannot be read"),

@@ -1,4 +1,4 @@
-"""The served truck: it reports at its rates, obeys the bus, and is safe without it."""
+"""The served truck reports at its rates, obeys the bus, and is safe without it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ KEEP = VehicleCommand(accelerator_pedal=0.4)
 
 
 class Clock:
-    """Time that passes only while somebody sleeps: a served second takes no second."""
+    """A clock that advances only during a sleep: a served second takes no real second."""
 
     def __init__(self) -> None:
         self.now = 0.0
@@ -52,7 +52,7 @@ class Clock:
 
 
 class Plug(VirtualBus):
-    """A virtual bus whose plug can be pulled and whose controller can be bus-off."""
+    """A virtual bus that can be unplugged or bus-off."""
 
     pulled = False
     off = False
@@ -74,23 +74,23 @@ class Plug(VirtualBus):
 
 @pytest.fixture
 def plug(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Buses are plugs, in and working."""
+    """Makes every virtual bus a `Plug` that works."""
     monkeypatch.setitem(can.interfaces.BACKENDS, "virtual", (__name__, "Plug"))
     monkeypatch.setattr(Plug, "pulled", False)
     monkeypatch.setattr(Plug, "off", False)
 
 
 class Bench:
-    """A server and a controller's bus beside it, in one process and one clock."""
+    """A server and a controller's bus in one process with one clock."""
 
     def __init__(self, **settings: object) -> None:
         self.clock = Clock()
-        self.told: list[str] = []
+        self.reported: list[str] = []
         config = ServeConfig(
             bus="virtual", channel=uuid.uuid4().hex, **{"start_speed": 16.0, **settings}
         )
         self.server = Server(
-            config, tell=self.told.append, clock=self.clock, sleep=self.clock.sleep
+            config, tell=self.reported.append, clock=self.clock, sleep=self.clock.sleep
         )
         self.bus = Bus("virtual", config.channel)
         self.heard: list[Frame] = []
@@ -225,7 +225,7 @@ def test_silent_bus_releases_pedal_and_brakes_and_holds_the_wheel(
     summary = here.server.summary()
     assert summary.silences == 1
     assert 0.15 < summary.silent_time < 0.35
-    assert [line.split(" at t")[0].split(" from t")[0] for line in here.told] == [
+    assert [line.split(" at t")[0].split(" from t")[0] for line in here.reported] == [
         "commands obeyed",
         "commands lost",
         "commands obeyed",
@@ -268,7 +268,7 @@ def test_truck_survives_a_pulled_plug_and_obeys_again(
     summary = here.server.summary()
     assert (summary.bus_failures, summary.bus_restarts, summary.bus_state) == (1, 1, "up")
     assert summary.dropped > 100
-    assert sum("will be reopened" in line for line in here.told) == 1
+    assert sum("will be reopened" in line for line in here.reported) == 1
 
 
 @pytest.mark.usefixtures("plug")
@@ -298,7 +298,7 @@ def test_recovery_from_bus_off_is_reported(
     here.serve(0.1)
     name = here.server.bus.link.name
     assert here.server.bus.link.restarts == 0
-    assert here.told == [
+    assert here.reported == [
         f"CAN bus {name} is bus-off, will be reopened",
         f"CAN bus {name} is up again",
     ]
@@ -310,11 +310,11 @@ def test_every_change_of_the_bus_within_a_tick_is_reported(bench: Callable[..., 
     here.serve(0.1)
     Plug.off = True
     here.server.tick()
-    first = len(here.told)
-    # Opened again while still off: up and bus-off come in one tick.
+    first = len(here.reported)
+    # Reopened while still off: up and bus-off occur in one tick.
     for _ in range(12):
         here.server.tick()
-    assert [line.split(" is ")[1] for line in here.told[first:]] == [
+    assert [line.split(" is ")[1] for line in here.reported[first:]] == [
         "up again",
         "bus-off, will be reopened",
     ]
@@ -342,8 +342,8 @@ def test_full_disk_ends_the_log_but_not_the_serving(
     summary = here.server.run()
     assert (summary.ended, summary.failed) == ("reached the end of the time", False)
     assert summary.duration == pytest.approx(2.0)
-    assert len(here.told) == 1
-    assert here.told[0].startswith("the log ends at t = ")
+    assert len(here.reported) == 1
+    assert here.reported[0].startswith("the log ends at t = ")
     assert "No space left on device" in summary.log_failure
     assert "No space left on device" in dict(summary.rows())["log"]
     here.server.close()
@@ -392,16 +392,16 @@ def test_serving_ends_with_its_time_on_request_and_at_the_end_of_the_road(
     timed = bench(duration=0.5)
     assert timed.server.run().ended == "reached the end of the time"
     assert timed.server.time == pytest.approx(0.5)
-    told = bench()
-    told.server.stop("enough")
-    assert told.server.run().ended == "enough"
-    end = told.server.route.length
+    reported = bench()
+    reported.server.stop("enough")
+    assert reported.server.run().ended == "enough"
+    end = reported.server.route.length
     near = bench(start_station=end - 25.0, start_speed=20.0, duration=20.0)
     assert near.server.run().ended == "reached the end of the route"
 
 
 @pytest.mark.parametrize(
-    ("settings", "told"),
+    ("settings", "reported"),
     [
         ({"bus": "carrier_pigeon"}, "bus 'carrier_pigeon' is not known"),
         ({"start_station": 1e6}, "is not on the route"),
@@ -410,8 +410,8 @@ def test_serving_ends_with_its_time_on_request_and_at_the_end_of_the_road(
         ({"duration": float("nan")}, "not a finite number"),
     ],
 )
-def test_unusable_settings_are_one_clear_error(settings: dict[str, object], told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_unusable_settings_are_one_clear_error(settings: dict[str, object], reported: str) -> None:
+    with pytest.raises(InputError, match=reported):
         Server(ServeConfig(**{"bus": "virtual", **settings}))
 
 

@@ -14,7 +14,7 @@ from iits_mj.simulation.telemetry import COLUMNS
 
 
 class Listener(Observer):
-    """Notes when it was called."""
+    """Observer that stores the times of its calls."""
 
     def __init__(self, period: float) -> None:
         self.period = period
@@ -88,7 +88,7 @@ def test_drive_ends_before_the_end_of_the_route() -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "told"),
+    ("settings", "reported"),
     [
         ({"start_station": 1.0}, "start-station 1 m is not on the route"),
         ({"start_station": 14_999.0}, "is not on the route"),
@@ -98,8 +98,10 @@ def test_drive_ends_before_the_end_of_the_route() -> None:
         ({"density": "full"}, "density 'full' is not known"),
     ],
 )
-def test_unusable_configuration_is_one_clear_error(settings: dict[str, object], told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_unusable_configuration_is_one_clear_error(
+    settings: dict[str, object], reported: str
+) -> None:
+    with pytest.raises(InputError, match=reported):
         Simulation(DriveConfig(**settings), visuals=False)  # type: ignore[arg-type]
 
 
@@ -108,7 +110,7 @@ def test_driving_into_a_standing_vehicle_ends_as_a_collision() -> None:
     with Simulation(config, visuals=False) as simulation:
         simulation.cycle()
         ego = simulation.frame.ego
-        # A vehicle that appears inside the truck, where no controller can avoid it.
+        # A vehicle that appears inside the truck, so that no controller can avoid it.
         place = simulation.route.evaluate(ego.station + 2.0, ego.offset)
         simulation.vehicles = (
             TrackedVehicle(
@@ -191,8 +193,8 @@ def test_recorded_traffic_is_replayed_exactly(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("payload", "seed"), [(36_000.0, 0), (0.0, 1)])
 def test_23_minutes_of_traffic_leave_no_warning(payload, seed):
     config = DriveConfig(payload=payload, seed=seed, speed=9.8, start_speed=9.0, duration=1380.0)
-    # On a free road the plan is faster than so slow a cruise where that is cheaper, too: the road
-    # would end within 25 minutes.
+    # On a free road the plan is faster than this slow cruise where that saves fuel: the road would
+    # end within 25 minutes.
     with Simulation(config) as simulation:
         summary = simulation.run()
         data = simulation.truck.data

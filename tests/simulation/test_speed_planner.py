@@ -1,4 +1,4 @@
-"""The reference speed of a drive: PCC, cruise, a profile's file; what cannot be planned."""
+"""The reference speed of a drive: PCC, cruise or a speed profile, and their errors."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ def test_speed_range_is_lawful_by_default_and_can_be_set(route: Route) -> None:
     assert isinstance(found, PccReference)
     assert (found.config.v_min, found.config.v_max) == (15.0, 25.0)
     assert found.road.v_limit.max() == pytest.approx(80.0 / 3.6, abs=0.01)
-    told = reference(route, speed_planner="pcc", speed=20.0, speed_min=18.0, speed_max=21.0)
-    assert isinstance(told, PccReference)
-    assert (told.config.v_min, told.config.v_max) == (18.0, 21.0)
+    reported = reference(route, speed_planner="pcc", speed=20.0, speed_min=18.0, speed_max=21.0)
+    assert isinstance(reported, PccReference)
+    assert (reported.config.v_min, reported.config.v_max) == (18.0, 21.0)
 
 
 @pytest.mark.parametrize("band", [{"speed_min": 21.0}, {"speed_max": 19.0}])

@@ -1,4 +1,4 @@
-"""Trips of the MuJoCo truck in SUMO traffic: what a learner is given, and at which step."""
+"""Trips of the MuJoCo truck in SUMO traffic: observations, rewards and steps of a learner."""
 
 import dataclasses
 
@@ -36,7 +36,7 @@ def world():
 
 
 def test_the_papers_densities_equal_those_of_the_traffic():
-    # Decision makers and traffic do not know each other: each has the figures.
+    # Decision makers and traffic do not import each other: each has its own copy.
     shared = {name: DENSITIES[name] for name in SPAWN_PROBABILITY}
     assert shared == SPAWN_PROBABILITY
 
@@ -51,7 +51,7 @@ def test_a_trip_repeats_itself_to_the_bit_and_a_seed_changes_it(world):
 
 
 def test_a_larger_step_of_the_physics_drives_the_same_trip(world):
-    world.close()  # there is one SUMO in a process
+    world.close()  # a process has one SUMO
     trip = cell_trip("dense", 12.5, SHORT)
     decisions = [Decision.KEEP] * 4 + [Decision.LEFT] + [Decision.KEEP] * 40
     losses, seen = [], []

@@ -90,7 +90,7 @@ def test_a_wrong_payload_is_refused():
 
 
 def test_dm_controls_viewer_runs_a_task():
-    # In a process of its own: the viewer chooses OpenGL for a display, once for a process.
+    # In a separate process, because the viewer loads OpenGL for a display once per process.
     program = (
         "import numpy as np\n"
         "from dm_control.viewer import runtime\n"

@@ -84,8 +84,8 @@ def test_episodes_begin_in_different_places(environments):
     assert len(starts) == 4
 
 
-# Share of the greatest return that the scripted driver gets, and episode's part in 0.1 s. Cruising
-# begins below the target now and then, uphill, with more to climb than the engine can.
+# Share of the greatest return that the scripted driver earns, and number of steps. Some cruises
+# start below the target on a climb that exceeds the engine's power.
 SOLVED = {
     "cruise": (0.85, 250),
     "stop": (0.85, 250),
