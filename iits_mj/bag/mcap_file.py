@@ -30,7 +30,7 @@ from iits_mj.j1939 import Frame as BusFrame
 from iits_mj.j1939.state import TruckSender
 from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.drive_log import FILES, stored_options
-from iits_mj.simulation.frame import Frame
+from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.lock_step import LockStep, Observer
 from iits_mj.simulation.loop import Simulation
 
@@ -241,7 +241,7 @@ class BagWriter(Finishing, Observer):
         self._write("/control/command", time, encode(wanted, self._make))
         self._write("/vehicle/command", time, encode(obeyed, self._make))
 
-    def observe(self, simulation: LockStep, frame: Frame) -> None:
+    def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         """Writes the truck's reports that are due on the bus."""
         del simulation
         state = dataclasses.replace(frame.ego, time=round(frame.time, 6))

@@ -22,7 +22,7 @@ from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.evaluation import trials
 from iits_mj.evaluation.trials import CLOSE, EMPTY, Task, Trial, weights_digest
 from iits_mj.road import Route
-from iits_mj.simulation import DriveConfig, Frame, Observer, Simulation
+from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation
 from iits_mj.simulation.frame import DivergedError
 from iits_mj.simulation.lock_step import LockStep
 from iits_mj.simulation.parts import make_stack
@@ -92,7 +92,7 @@ class _TripObserver(Observer):
         self._close = self._frames = 0
         self._error = 0.0
 
-    def observe(self, simulation: LockStep, frame: Frame) -> None:
+    def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         speed = frame.ego.speed
         self._frames += 1
         self._error += abs(speed - REFERENCE_SPEED)

@@ -49,7 +49,7 @@ class EvaluateConfig:
     )
     payload: float = payload_option(TripConfig().payload)
     timestep: float = option(
-        TIMESTEP, help="time step of the physics", unit="s", low=0.0005, high=0.005, metavar="S"
+        TIMESTEP, help="time step of the physics", unit="s", low=0.0005, high=0.005
     )
     length: float = option(
         15_000.0,
@@ -57,7 +57,6 @@ class EvaluateConfig:
         unit="m",
         low=500.0,
         high=1e5,
-        metavar="M",
     )
     duration: float = option(
         3_000.0,
@@ -65,7 +64,6 @@ class EvaluateConfig:
         unit="s",
         low=10.0,
         high=1e5,
-        metavar="S",
     )
     seeds: str = option(
         "test",

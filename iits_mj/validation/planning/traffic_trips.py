@@ -21,7 +21,7 @@ from controllers.stack import Stack
 from iits_mj.core import tables
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from iits_mj.simulation import DriveConfig, Frame, Observer, Simulation
+from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation
 from iits_mj.simulation.lock_step import LockStep
 from iits_mj.simulation.parts import make_stack, pcc_config
 from iits_mj.truck import Truck
@@ -83,7 +83,7 @@ class _TripEnd(Observer):
         self.reached = False
         self.friction = 0.0
 
-    def observe(self, simulation: LockStep, frame: Frame) -> None:
+    def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         ego = frame.ego
         if frame.command.xbr_demand < 0.0:
             self.friction += self.period
