@@ -51,7 +51,7 @@ def test_torque_points_of_the_engine_follow_its_full_load_curve():
     assert speeds[0] == pytest.approx(engine.idle_speed * RPM)
 
 
-def test_engine_has_no_torque_left_at_its_high_idle():
+def test_engine_has_no_torque_at_its_high_idle():
     engine = engine_configuration(PARAMETERS)
     begin, end = engine.engine_speed_point_2_rpm, engine.engine_speed_point_6_rpm
     fall = engine.governor_gain_percent_per_rpm * (end - begin)
@@ -81,13 +81,13 @@ def test_retarder_holds_its_torque_to_its_power_limit():
     assert power[4] == pytest.approx(PARAMETERS.retarder.power_max)
 
 
-def test_a_truck_without_retarder_tells_of_none():
+def test_a_truck_without_retarder_sends_no_retarder_configuration():
     none = dataclasses.replace(PARAMETERS.retarder, torque_max=0.0)
     bare = dataclasses.replace(PARAMETERS, retarder=none)
     assert set(retarder_configurations(bare)) == {ENGINE_RETARDER}
 
 
-def test_a_listener_learns_the_reference_torques_of_the_truck():
+def test_a_listener_receives_the_reference_torques_of_the_truck():
     receiver = ConfigurationReceiver(ReferenceTorques(1000.0, 1000.0, 1000.0))
     told = sum(receiver.receive(frame) for frame in sent(1.0))
     assert told == 3
@@ -107,7 +107,7 @@ def test_configurations_are_repeated_every_5_s_by_each_unit():
         assert times == pytest.approx([0.0, 5.0, 10.0])
 
 
-def test_a_drive_that_begins_anew_broadcasts_from_its_beginning():
+def test_a_new_drive_repeats_the_broadcasts_from_its_start():
     sender = ConfigurationSender(PARAMETERS)
 
     def drive():
@@ -118,7 +118,7 @@ def test_a_drive_that_begins_anew_broadcasts_from_its_beginning():
     assert drive() == first
 
 
-def test_percent_torque_is_read_by_what_the_engine_says_of_itself():
+def test_percent_torque_refers_to_the_engines_own_reference_torque():
     receiver = StateReceiver(references=ReferenceTorques(engine=2700.0))
     receiver.receive(encode(EEC1(actual_engine_torque_percent=50.0, engine_speed_rpm=1200.0)))
     receiver.receive(encode(EEC3(nominal_friction_torque_percent=0.0)))
@@ -138,7 +138,7 @@ def test_percent_torque_is_read_by_what_the_engine_says_of_itself():
         RC(reference_retarder_torque_nm=500.0, retarder_location=5.0),
     ],
 )
-def test_what_is_not_told_changes_nothing(group):
+def test_configuration_without_a_valid_reference_torque_changes_nothing(group):
     known = ReferenceTorques(1.0, 2.0, 3.0)
     receiver = ConfigurationReceiver(known)
     pgn = 65251 if isinstance(group, EC1) else 65249
@@ -146,7 +146,7 @@ def test_what_is_not_told_changes_nothing(group):
     assert receiver.references == known
 
 
-def test_broken_configurations_and_times_do_no_harm():
+def test_malformed_configurations_are_ignored_and_times_must_be_finite():
     receiver = ConfigurationReceiver(ReferenceTorques())
     assert not any(receiver.receive(frame) for frame in broadcast(65251, bytes(20), 0))
     assert not receiver.receive(Frame(0x1CECFF00, b"", math.nan))
@@ -155,7 +155,7 @@ def test_broken_configurations_and_times_do_no_harm():
 
 
 @pytest.mark.skipif(not KENWORTH.is_file(), reason="the recorded frames are not here")
-def test_reference_torques_of_a_real_truck_are_learned_from_its_bus():
+def test_reference_torques_of_a_real_truck_are_read_from_its_bus():
     receiver = ConfigurationReceiver(ReferenceTorques(retarder=3500.0))
     for frame in read_log(KENWORTH):
         receiver.receive(frame)

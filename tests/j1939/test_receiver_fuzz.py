@@ -66,7 +66,7 @@ def frames(draw):
 
 @settings(max_examples=150, deadline=None)
 @given(heard=st.lists(frames(), max_size=40), times=st.lists(st.floats(), max_size=5))
-def test_any_sequence_of_frames_and_times_gives_a_lawful_command(heard, times):
+def test_any_sequence_of_frames_and_times_gives_a_valid_command(heard, times):
     receiver = CommandReceiver()
     for frame in heard:
         receiver.receive(frame)
@@ -90,7 +90,7 @@ STEPS = st.lists(
 
 @settings(max_examples=200, deadline=None)
 @given(steps=STEPS)
-def test_the_brake_demand_in_force_is_the_last_one_that_was_sound_and_no_repetition(steps):
+def test_the_brake_demand_in_force_is_the_last_valid_one_that_is_not_repeated(steps):
     receiver = CommandReceiver(TimeOuts(xbr=0.1))
     time, counter = 0.0, 0
     # What the rules say: last counter, last demand and its time.
@@ -122,7 +122,7 @@ def test_the_brake_demand_in_force_is_the_last_one_that_was_sound_and_no_repetit
     ),
     asked=st.floats(0.3, 0.5),
 )
-def test_of_several_brake_demands_the_first_by_priority_and_strength_is_in_force(demands, asked):
+def test_the_first_brake_demand_by_priority_and_strength_is_in_force(demands, asked):
     receiver = CommandReceiver(TimeOuts(xbr=0.2))
     for source, (priority, demand, time) in demands.items():
         command = VehicleCommand(xbr_demand=demand, xbr_mode=XbrMode.MAXIMUM)

@@ -68,7 +68,7 @@ def test_revved_engine_of_a_real_truck_reads_near_2060_rpm(revved):
     assert speed.maximum == pytest.approx(2060.0, abs=5.0)
 
 
-def test_engine_that_is_off_reads_0_rpm_and_the_wheels_stand(standing):
+def test_stopped_engine_and_wheels_of_a_real_truck_read_zero(standing):
     speed = signal(standing, "EEC1", "engine_speed_rpm", ENGINE)
     assert (speed.minimum, speed.maximum, speed.missing) == (0.0, 0.0, 0)
     for name, field in (("EBC2", "front_axle_speed_kph"), ("CCVS1", "wheel_based_speed_kph")):
@@ -77,7 +77,7 @@ def test_engine_that_is_off_reads_0_rpm_and_the_wheels_stand(standing):
         assert (wheels.minimum, wheels.maximum) == (0.0, 0.0)
 
 
-def test_wheels_of_a_truck_that_stands_with_its_engine_revved_read_almost_nothing(revved):
+def test_wheels_read_almost_zero_while_the_engine_is_revved_at_standstill(revved):
     assert signal(revved, "EBC2", "front_axle_speed_kph", BRAKES).maximum == 0.0
     # Taken from the gearbox's output, which the converter drags along for a moment.
     assert signal(revved, "CCVS1", "wheel_based_speed_kph", ENGINE).maximum < 0.5
@@ -154,14 +154,14 @@ def test_vehicle_identification_of_a_real_truck_has_the_right_check_digit(revved
     assert vin[8] == "0123456789X"[remainder]
 
 
-def test_units_of_a_real_truck_tell_their_makers(revved, standing):
+def test_units_of_a_real_truck_identify_their_manufacturers(revved, standing):
     makes = {source: texts(revved, 65259, "make", source) for source in (0x00, 0x03, 0x0B, 0x31)}
     assert makes == {0x00: ["CMMNS"], 0x03: ["ALLSN"], 0x0B: ["BNDWS"], 0x31: ["PACCR"]}
     assert len(revved.traffic[65242, ENGINE, 255].signals) == 6
     assert texts(standing, 65259, "model", 0xFE) == ["SSS-MaxxForce"]
 
 
-def test_faults_of_a_real_brake_controller_are_its_own(standing):
+def test_faults_of_a_real_brake_controller_are_those_of_its_sensors(standing):
     faults = standing.traffic[65226, BRAKES, 255]
     assert faults.count == 315
     assert faults.signals["amber_warning_lamp"].maximum == 1.0
@@ -171,7 +171,9 @@ def test_faults_of_a_real_brake_controller_are_its_own(standing):
     assert "fault_8_spn" not in faults.signals
 
 
-def test_engine_configuration_of_a_real_truck_holds_its_idle_and_reference_torque(revved, standing):
+def test_engine_configuration_of_a_real_truck_has_its_idle_speed_and_reference_torque(
+    revved, standing
+):
     for summary, torque, idle in ((revved, 1109.0, 775.0), (standing, 2187.0, 600.0)):
         reference = signal(summary, "EC1", "reference_engine_torque_nm", ENGINE)
         assert (reference.minimum, reference.maximum) == (torque, torque)
@@ -188,7 +190,7 @@ def test_retarder_configuration_of_a_real_truck_names_an_exhaust_brake(revved):
     assert all(-100.0 < torque < 0.0 for torque in torques)
 
 
-def test_a_real_bus_commands_nothing_but_the_pedal(kenworth):
+def test_a_real_bus_commands_only_the_pedal(kenworth):
     # Its gearbox talks torque control to the engine, which is none of our retarders.
     receiver = CommandReceiver()
     assert any(frame.pgn == 0 and frame.destination == 0 for frame in kenworth)
@@ -199,7 +201,7 @@ def test_a_real_bus_commands_nothing_but_the_pedal(kenworth):
 
 
 @pytest.mark.parametrize("suffix", [".asc", ".blf", ".log", ".trc"])
-def test_real_frames_go_through_our_logs_unchanged(kenworth, tmp_path, suffix):
+def test_recorded_frames_are_written_and_read_back_unchanged(kenworth, tmp_path, suffix):
     part = kenworth[:5000]
     with LogWriter(tmp_path / f"real{suffix}") as writer:
         for frame in part:
@@ -207,7 +209,7 @@ def test_real_frames_go_through_our_logs_unchanged(kenworth, tmp_path, suffix):
     assert list(read_log(tmp_path / f"real{suffix}")) == part
 
 
-def test_table_of_a_real_log_has_every_frame_known_or_not(tmp_path):
+def test_table_of_a_real_log_has_known_and_unknown_frames(tmp_path):
     frames = list(itertools.islice(read_log(LOGGER), 3000))
     path = tmp_path / "table.csv"
     summary = write_table(frames, path)

@@ -69,7 +69,7 @@ def read(frames):
 
 
 @pytest.mark.parametrize("length", [9, 14, 15, 300, 1785])
-def test_a_peers_broadcast_is_read(length):
+def test_a_broadcast_of_the_peer_is_reassembled(length):
     wire = []
     unit = Unit(TRUCK, wire)
     data = random.Random(length).randbytes(length)
@@ -82,7 +82,7 @@ def test_a_peers_broadcast_is_read(length):
 
 
 @pytest.mark.parametrize("length", [9, 14, 15, 300, 1785])
-def test_our_broadcast_is_read_by_the_peer(length):
+def test_our_broadcast_is_reassembled_by_the_peer(length):
     unit = Unit(TOOL, [])
     data = random.Random(length).randbytes(length)
     for frame in broadcast(65226, data, TRUCK):
@@ -91,7 +91,7 @@ def test_our_broadcast_is_read_by_the_peer(length):
 
 
 @pytest.mark.parametrize("window", [1, 3, 255])
-def test_a_talk_between_two_peers_is_read_from_outside(window):
+def test_a_transfer_between_two_peers_is_reassembled(window):
     wire = []
     units = [Unit(TRUCK, wire, window), Unit(TOOL, wire, window)]
     data = random.Random(window).randbytes(100)
