@@ -184,9 +184,7 @@ def test_one_refused_frame_is_dropped_without_a_failure(medium: Medium, clock: C
     assert (link.dropped, link.failures, medium.opened) == (1, 0, 1)
 
 
-def test_a_bus_that_refuses_all_frames_for_long_is_opened_again(
-    medium: Medium, clock: Clock
-) -> None:
+def test_a_bus_that_refuses_all_frames_is_opened_again(medium: Medium, clock: Clock) -> None:
     link = _link(clock)
     medium.writable = False
     for _ in range(60):

@@ -33,7 +33,7 @@ def _frame(command, counter, name, time=0.0, destination=None):
     )
 
 
-def _to_everybody(frame):
+def _to_all_units(frame):
     return Frame(frame.can_id | 0xFF00, frame.data, frame.time)
 
 
@@ -89,7 +89,7 @@ def test_silent_bus_leads_to_the_safe_command():
     assert (safe.xbr_mode, safe.xbr_demand) == (XbrMode.OFF, 0.0)
     assert (safe.engine_brake, safe.retarder) == (0.0, 0.0)
     assert safe.xbr_ebi_mode is XbrEbiMode.FRICTION_ONLY
-    # A driver who was braking keeps braking.
+    # The driver's brake pedal keeps its position.
     assert safe.brake_pedal == pytest.approx(0.2, abs=0.002)
     assert safe.steering_wheel_angle == pytest.approx(-0.7, abs=1e-3)
 
@@ -127,7 +127,7 @@ def test_torque_control_of_the_engine_is_ignored_by_the_retarders():
 
 
 def test_torque_control_to_the_global_address_reaches_both_retarders():
-    frame = _to_everybody(_frame(COMMAND, 1, "TSC1", 0.0, 0x0F))
+    frame = _to_all_units(_frame(COMMAND, 1, "TSC1", 0.0, 0x0F))
     receiver = CommandReceiver()
     assert receiver.receive(with_byte8(frame, 1, tsc1_checksum(frame)))
     received = receiver.command(0.0)
@@ -177,7 +177,7 @@ def test_any_flipped_bit_in_a_protected_frame_is_rejected(name, destination):
         data[bit // 8] ^= 1 << bit % 8
         receiver = CommandReceiver()
         accepted = receiver.receive(Frame(good.can_id, bytes(data)))
-        # TSC1's checksum has 3 of the 4 bits; its top bit must be checked, too.
+        # TSC1's checksum uses 3 of the 4 bits; the highest bit must be checked as well.
         assert not accepted, bit
 
 

@@ -15,10 +15,9 @@ from iits_mj.j1939.configuration import (
 from iits_mj.j1939.groups import EC1, EEC1, EEC3, ERC1, RC
 from iits_mj.j1939.network import DRIVELINE_RETARDER, ENGINE, ENGINE_RETARDER
 from iits_mj.parameters import TruckParameters
-from tests.paths import ROOT
+from tests.paths import outside
 
 PARAMETERS = TruckParameters.load()
-KENWORTH = ROOT / "../shared/data/j1939/KWTruck.txt"
 RPM = 60.0 / (2.0 * math.pi)
 
 
@@ -44,9 +43,9 @@ def test_torque_points_of_the_engine_follow_its_full_load_curve():
     speeds, percents = curve(engine_configuration(PARAMETERS), "engine", (1, 3, 4, 5, 2))
     drag = np.interp(engine.full_load_speed, engine.drag_speed, engine.drag_torque)
     indicated = 100.0 * (engine.full_load_torque + drag) / engine.reference_torque
-    told = np.interp(engine.full_load_speed * RPM, speeds, percents)
-    # Five points for a curve of twelve.
-    assert np.abs(told - indicated).max() < 5.0
+    sent_curve = np.interp(engine.full_load_speed * RPM, speeds, percents)
+    # Five points approximate a curve of twelve.
+    assert np.abs(sent_curve - indicated).max() < 5.0
     assert max(percents) == pytest.approx(indicated.max(), abs=0.5)
     assert speeds[0] == pytest.approx(engine.idle_speed * RPM)
 
@@ -65,7 +64,7 @@ def test_engine_brake_gives_its_rated_power_at_its_rated_speed():
     torque = -group.number("retarder_torque_point_5_percent") / 100.0
     power = speed * torque * group.number("reference_retarder_torque_nm")
     assert power == pytest.approx(PARAMETERS.engine.engine_brake_power)
-    # It does nothing at idle, and at most the rated torque.
+    # It has no torque at idle, and never more than the rated torque.
     _, percents = curve(group, "retarder", range(1, 6))
     assert percents[0] == 0.0
     assert min(percents) == -100.0
@@ -89,9 +88,8 @@ def test_a_truck_without_retarder_sends_no_retarder_configuration():
 
 def test_a_listener_receives_the_reference_torques_of_the_truck():
     receiver = ConfigurationReceiver(ReferenceTorques(1000.0, 1000.0, 1000.0))
-    told = sum(receiver.receive(frame) for frame in sent(1.0))
-    assert told == 3
-    # A step of 1 N m on the bus.
+    assert sum(receiver.receive(frame) for frame in sent(1.0)) == 3
+    # The resolution on the bus is 1 N m.
     for learned, true in zip(
         dataclasses.astuple(receiver.references),
         dataclasses.astuple(ReferenceTorques.of(PARAMETERS)),
@@ -154,10 +152,9 @@ def test_malformed_configurations_are_ignored_and_times_must_be_finite():
         ConfigurationSender(PARAMETERS).frames(math.nan)
 
 
-@pytest.mark.skipif(not KENWORTH.is_file(), reason="the recorded frames are not here")
 def test_reference_torques_of_a_real_truck_are_read_from_its_bus():
     receiver = ConfigurationReceiver(ReferenceTorques(retarder=3500.0))
-    for frame in read_log(KENWORTH):
+    for frame in read_log(outside("j1939/KWTruck.txt")):
         receiver.receive(frame)
     # Engine and exhaust brake; it has no other retarder.
     assert receiver.references == ReferenceTorques(1109.0, 450.0, 3500.0)

@@ -15,7 +15,6 @@ from iits_mj.j1939 import (
 )
 from iits_mj.j1939.groups import EC1, RC
 
-# Texts as control units of real trucks send them: fields left empty, the last "*" left out.
 NO_FAULT = bytes.fromhex("00ff00000000ffff")
 
 

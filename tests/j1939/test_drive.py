@@ -1,4 +1,4 @@
-"""The same drive commanded in process and through bytes."""
+"""The same drive with direct commands and with commands over the bus."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def over_the_bus():
 
 def test_a_drive_over_the_bus_equals_the_direct_drive_within_the_signals_resolution():
     direct, bus = speeds(lambda command, cycle, time: command), over_the_bus()
-    # Every part of the drive did something.
+    # Every part of the drive changes the speed.
     assert direct[149] > direct[299] + 0.8
     assert direct[299] > direct[399] + 1.5
     assert direct[399] > direct[499] + 1.5

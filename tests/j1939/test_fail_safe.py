@@ -1,4 +1,4 @@
-"""The fail-safe matrix: every command message against everything that can be wrong with it."""
+"""The fail-safe matrix: every command message against every fault."""
 
 import dataclasses
 import math
@@ -36,7 +36,7 @@ FIRST = VehicleCommand(
     brake_pedal=0.2,
     xbr_ebi_mode=XbrEbiMode.INTEGRATION,
 )
-# Another value for every field, so that whatever is taken of it shows.
+# Another value for every field, so that any accepted field is visible.
 OTHER = VehicleCommand(
     accelerator_pedal=0.9,
     xbr_demand=-6.0,
@@ -81,7 +81,7 @@ def frame_of(unit, command, counter, time, source=None, priority=None):
 
 
 def sealed(unit, frame):
-    """With the checksum that its content asks for."""
+    """The frame with the right checksum."""
     if unit == "EEC2":
         return frame
     check = tsc1_checksum if unit.startswith("TSC1") else xbr_checksum
@@ -89,14 +89,14 @@ def sealed(unit, frame):
 
 
 def edited(unit, frame, first_bit, length, raw):
-    """The frame with a field replaced, and a checksum that is right."""
+    """The frame with another value of a field, and the right checksum."""
     word = int.from_bytes(frame.data, "little")
     word = word & ~((1 << length) - 1 << first_bit) | raw << first_bit
     return sealed(unit, dataclasses.replace(frame, data=word.to_bytes(8, "little")))
 
 
 def driven():
-    """A receiver that has heard the first command at 0 s, with counter 3."""
+    """A receiver that received the first command at 0 s, with counter 3."""
     receiver = CommandReceiver()
     for frame in command_to_frames(FIRST, 3, 0.0):
         assert receiver.receive(frame)
@@ -107,8 +107,8 @@ def counts(receiver):
     return {**receiver.rejected, **receiver.ignored}
 
 
-def never_acted_upon(unit, frame, reason):
-    """Asserts that a frame changes nothing, is counted by its reason, and prolongs nothing."""
+def assert_rejected(unit, frame, reason):
+    """Asserts that a frame has no effect, is counted by its reason, and extends no time-out."""
     receiver = driven()
     before = receiver.command(0.04)
     assert not receiver.receive(frame)
@@ -116,7 +116,7 @@ def never_acted_upon(unit, frame, reason):
     name = "TSC1" if reason in (Reason.ADDRESS, Reason.SENDER) and unit[0] == "T" else unit
     assert counts(receiver) == {f"{name}: {reason.value}": 1}
     assert receiver.command(0.3) == driven().command(0.3)
-    # The good one that follows is obeyed.
+    # The following valid frame is obeyed.
     following = frame_of(unit, OTHER, 4, 0.06)
     if reason not in (Reason.OUT_OF_RANGE, Reason.ERROR, Reason.NOT_AVAILABLE):
         assert receiver.receive(following)
@@ -128,7 +128,7 @@ def test_silence_ends_a_command_after_its_time_out_and_not_before(unit):
     first, released = driven().command(0.0), VehicleCommand()
 
     def asked(time):
-        """The command at a time, while the others keep talking."""
+        """The command at a time, while the other messages are still sent."""
         receiver = driven()
         for k in range(1, math.floor(time / 0.01) + 1):
             for other in UNITS:
@@ -141,13 +141,13 @@ def test_silence_ends_a_command_after_its_time_out_and_not_before(unit):
         assert getattr(within, name) == getattr(first, name)
         left = first if unit == "IITS_COMMAND" else released
         assert getattr(after, name) == getattr(left, name)
-    # Nobody steers: nobody drives.
+    # Without steering, the accelerator is released.
     assert (after.accelerator_pedal == 0.0) == (unit in ("EEC2", "IITS_COMMAND"))
 
 
 @pytest.mark.parametrize("unit", PROTECTED)
 def test_a_repeated_counter_is_rejected(unit):
-    never_acted_upon(unit, frame_of(unit, OTHER, 3, 0.04), Reason.REPEATED)
+    assert_rejected(unit, frame_of(unit, OTHER, 3, 0.04), Reason.REPEATED)
 
 
 @pytest.mark.parametrize("unit", PROTECTED)
@@ -179,7 +179,7 @@ def test_a_wrong_checksum_is_rejected(unit):
         assert receiver.command(0.04) == driven().command(0.04)
         assert sum(receiver.rejected.values()) == 1
     wrong = with_byte8(good, 4, good.data[7] >> 4 ^ 1)
-    never_acted_upon(unit, wrong, Reason.CHECKSUM)
+    assert_rejected(unit, wrong, Reason.CHECKSUM)
 
 
 OUT, ERROR, MISSING = Reason.OUT_OF_RANGE, Reason.ERROR, Reason.NOT_AVAILABLE
@@ -202,7 +202,7 @@ FIELD_FAULTS = [
         (unit, first, length, raw, reason)
         for unit in ("TSC1 to 15", "TSC1 to 16")
         for first, length, raw, reason in (
-            # -101 and +1 percent; speed control and limits; counters that there are not.
+            # -101 and +1 percent; speed control and limits; undefined counters.
             (24, 8, 24, OUT),
             (24, 8, 126, OUT),
             (24, 8, 0xFB, OUT),
@@ -231,7 +231,7 @@ FIELD_FAULTS = [
 
 @pytest.mark.parametrize(("unit", "first", "length", "raw", "reason"), FIELD_FAULTS)
 def test_an_invalid_field_is_rejected(unit, first, length, raw, reason):
-    never_acted_upon(unit, edited(unit, frame_of(unit, OTHER, 4, 0.04), first, length, raw), reason)
+    assert_rejected(unit, edited(unit, frame_of(unit, OTHER, 4, 0.04), first, length, raw), reason)
 
 
 def test_an_undefined_selector_position_is_rejected():
@@ -255,7 +255,7 @@ def test_a_frame_with_an_invalid_field_does_not_break_the_sequence(unit):
 @pytest.mark.parametrize("length", [0, 1, 7])
 def test_a_wrong_length_is_rejected(unit, length):
     good = frame_of(unit, OTHER, 4, 0.04)
-    never_acted_upon(unit, dataclasses.replace(good, data=good.data[:length]), Reason.LENGTH)
+    assert_rejected(unit, dataclasses.replace(good, data=good.data[:length]), Reason.LENGTH)
 
 
 @pytest.mark.parametrize("unit", ["XBR", "TSC1 to 15", "TSC1 to 16"])
@@ -264,19 +264,19 @@ def test_a_wrong_destination_is_ignored(unit, destination):
     good = frame_of(unit, OTHER, 4, 0.04)
     can_id = good.can_id & ~0xFF00 | destination << 8
     elsewhere = sealed(unit, dataclasses.replace(good, can_id=can_id))
-    never_acted_upon(unit, elsewhere, Reason.ADDRESS)
+    assert_rejected(unit, elsewhere, Reason.ADDRESS)
 
 
 @pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("source", [0x00, 0x03, 0x0B, 0x0F, 0x10, 0xFE, 0xFF])
 def test_the_trucks_own_the_null_and_the_global_address_are_ignored(unit, source):
-    never_acted_upon(unit, frame_of(unit, OTHER, 4, 0.04, source), Reason.SENDER)
+    assert_rejected(unit, frame_of(unit, OTHER, 4, 0.04, source), Reason.SENDER)
 
 
 @pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("time", [math.nan, math.inf, -math.inf])
 def test_a_time_that_is_not_finite_is_rejected(unit, time):
-    never_acted_upon(unit, frame_of(unit, OTHER, 4, time), Reason.TIME)
+    assert_rejected(unit, frame_of(unit, OTHER, 4, time), Reason.TIME)
 
 
 @pytest.mark.parametrize("unit", UNITS)
@@ -382,9 +382,6 @@ def test_the_trucks_own_reports_are_no_commands():
     assert not receiver.rejected
 
 
-# Several senders --------------------------------------------------------------------------------
-
-
 def braking(demand, mode=XbrMode.MAXIMUM):
     return VehicleCommand(xbr_demand=demand, xbr_mode=mode)
 
@@ -467,7 +464,7 @@ def test_pedal_and_steering_belong_to_the_first_sender_until_it_is_silent(unit):
         wanted = OTHER if taken else FIRST
         if time <= 0.1 + time_out or taken:
             assert value(time) == pytest.approx(getattr(wanted, name), abs=0.003)
-    # Who held it before has to wait in turn.
+    # The previous holder has to wait now.
     assert not receiver.receive(frame_of(unit, FIRST, 20, 0.4, 0x2A))
     assert receiver.ignored[f"{unit}: held by another sender"] > 5
     assert not receiver.rejected
@@ -485,9 +482,6 @@ def test_only_the_given_sources_are_obeyed():
 def test_sources_that_are_no_addresses_are_refused(sources):
     with pytest.raises(InputError, match="source"):
         CommandReceiver(sources=sources)
-
-
-# Time-outs and loss -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(TimeOuts)])
@@ -511,9 +505,9 @@ def test_time_outs_are_five_periods_of_the_message():
 
 def test_the_manual_page_has_the_present_time_outs():
     page = ROOT / "docs" / "j1939_fail_safe.md"
-    told = dict(re.findall(r"^\| (\S[^|]*) \| ([\d.]+) s(?: each)? \|", page.read_text(), re.M))
+    shown = dict(re.findall(r"^\| (\S[^|]*) \| ([\d.]+) s(?: each)? \|", page.read_text(), re.M))
     limits = TimeOuts()
-    assert {name: float(seconds) for name, seconds in told.items()} == {
+    assert {name: float(seconds) for name, seconds in shown.items()} == {
         "EEC2": limits.pedal,
         "XBR": limits.xbr,
         "TSC1 to 15, to 16": limits.engine_retarder,

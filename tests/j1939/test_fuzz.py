@@ -57,7 +57,7 @@ def test_numbers_and_bytes_agree_with_cantools(name, data):
     known = {signal: value for signal, value in ours.items() if not isinstance(value, Status)}
     for signal, value in known.items():
         assert value == pytest.approx(theirs[signal], rel=1e-12, abs=1e-12)
-    # What is left out is all ones, as J1939 has what is not available.
+    # Unavailable signals are all ones.
     ones = {s.name: (1 << s.length) - 1 for s in layout.signals}
     raw = layout.decode(sent, decode_choices=False, scaling=False)
     raw = {signal: raw[signal] if signal in known else ones[signal] for signal in ones}

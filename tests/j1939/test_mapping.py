@@ -1,4 +1,4 @@
-"""The one table of signals against DBC, model, messages, the standard's numbers and the page."""
+"""The table of signals against DBC, model, messages, the standard's numbers and the manual page."""
 
 import csv
 
@@ -13,7 +13,7 @@ from iits_mj.j1939.mapping import commands, reports, sender
 from iits_mj.j1939.quantities import quantities
 from iits_mj.truck import Truck
 
-# Priority and address that J1939 gives to each group and its sender.
+# Priority of each group and address of its sender in J1939.
 STANDARD = {
     "XBR": (3, 0x2A),
     "TSC1": (3, 0x2A),
@@ -89,7 +89,7 @@ def test_the_papers_four_inputs_are_the_first_controls_in_its_order():
 def test_each_of_the_papers_sixteen_outputs_has_a_sensor():
     outputs = numbered(reports())
     assert sorted(outputs) == list(range(1, 17))
-    # The three that the paper names.
+    # The paper names three of them.
     assert {"engine torque", "engine speed", "shift position"} <= set(outputs.values())
     assert all(row.elements for row in reports() if row.paper)
 
@@ -98,7 +98,7 @@ def test_every_reported_quantity_is_computed_and_every_field_of_the_truck_is_sen
     known = quantities()
     assert {row.quantity for row in reports()} - set(known) == {"axle_load"}
     sent = {row.quantity for row in reports()}
-    # Sent under other names, or as what follows from them.
+    # Sent under other names, or as derived quantities.
     other = {"time", "yaw", "engine_torque", "brake_pressures", "wheel_speeds", "axle_loads"}
     other |= {"clutch_engagement", "xbr_mode", "xbr_active", "transmission_mode"}
     other |= {"engine_brake_torque", "retarder_torque"}

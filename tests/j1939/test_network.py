@@ -1,4 +1,4 @@
-"""Control units claim their addresses and answer requests, as public J1939 has it."""
+"""Address claims and answers to requests by public facts of J1939."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TESTER = 0xF9
 EEC1 = Frame(0x0CF00400, bytes(8))
 EEC2 = Frame(0x0CF00300, bytes(8))
 ETC2 = Frame(0x18F00503, bytes(8))
-# Its many frames come later.
+# A group that follows as a broadcast.
 LONG = 65251
 
 
@@ -106,8 +106,8 @@ def test_unit_does_not_refuse_a_group_that_follows_as_a_broadcast(units: Control
 
 
 def test_addresses_are_claimed_on_request(units: ControlUnits) -> None:
-    everybody = units.answer([request(ADDRESS_CLAIMED, TESTER)], _groups)
-    assert [frame.source for frame in everybody] == [0, 3, 11]
+    claims = units.answer([request(ADDRESS_CLAIMED, TESTER)], _groups)
+    assert [frame.source for frame in claims] == [0, 3, 11]
     one = units.answer([request(ADDRESS_CLAIMED, TESTER, 3)], _groups)
     assert [(frame.pgn, frame.source) for frame in one] == [(ADDRESS_CLAIMED, 3)]
 
@@ -130,10 +130,10 @@ def test_smaller_name_wins_the_address_and_the_unit_stops_sending(units: Control
     assert units.owns(EEC1)
     assert units.answer([request(ETC2.pgn, TESTER, 3)], _groups) == []
     assert [frame.source for frame in units.claims()] == [0, 11]
-    # Asked for its claim it says that it has no address.
+    # On request it claims the null address.
     assert units.answer([request(ADDRESS_CLAIMED, TESTER, 3)], _groups) == [given_up]
-    everybody = units.answer([request(ADDRESS_CLAIMED, TESTER)], _groups)
-    assert [frame.source for frame in everybody] == [0, 0xFE, 11]
+    claims = units.answer([request(ADDRESS_CLAIMED, TESTER)], _groups)
+    assert [frame.source for frame in claims] == [0, 0xFE, 11]
 
 
 def test_greater_name_is_answered_with_our_claim(units: ControlUnits) -> None:

@@ -1,4 +1,4 @@
-"""Frames recorded on real trucks, where the files are at hand."""
+"""Frames recorded on real trucks; the tests need outside data."""
 
 import csv
 import itertools
@@ -16,17 +16,14 @@ from iits_mj.j1939 import (
     summarize,
     write_table,
 )
-from tests.paths import ROOT
+from tests.paths import DATA, needs
 
-DATA = ROOT / "../shared/data/j1939"
-# An engine revved by its pedal while the truck stands; and a truck with its engine off.
-KENWORTH = DATA / "KWTruck.txt"
-LOGGER = DATA / "SampleTruckData.bin"
+# A truck at standstill whose engine is revved by the pedal, and a truck with its engine off.
+KENWORTH = DATA / "j1939/KWTruck.txt"
+LOGGER = DATA / "j1939/SampleTruckData.bin"
 ENGINE, GEARBOX, BRAKES, EXHAUST_BRAKE = 0x00, 0x03, 0x0B, 0x29
 
-pytestmark = pytest.mark.skipif(
-    not (KENWORTH.is_file() and LOGGER.is_file()), reason="the recorded frames are not here"
-)
+pytestmark = [needs("j1939/KWTruck.txt"), needs("j1939/SampleTruckData.bin")]
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +76,7 @@ def test_stopped_engine_and_wheels_of_a_real_truck_read_zero(standing):
 
 def test_wheels_read_almost_zero_while_the_engine_is_revved_at_standstill(revved):
     assert signal(revved, "EBC2", "front_axle_speed_kph", BRAKES).maximum == 0.0
-    # Taken from the gearbox's output, which the converter drags along for a moment.
+    # From the gearbox output, which the converter turns for a moment.
     assert signal(revved, "CCVS1", "wheel_based_speed_kph", ENGINE).maximum < 0.5
     assert signal(revved, "ETC1", "output_shaft_speed_rpm", GEARBOX).maximum < 15.0
 
@@ -133,8 +130,8 @@ def test_a_real_truck_sends_at_the_rates_of_our_dbc(revved, name, source):
 def test_long_messages_of_a_real_bus_are_whole(revved, standing):
     assert revved.transport.messages == 42
     assert not revved.transport.failures
-    # Three of 394 broadcasts lack a packet in the log; nobody answers the 38 requests to send,
-    # which the engine gives up; some packets are in the log twice.
+    # Three of 394 broadcasts lack a packet in the log; no unit answers the 38 requests to send,
+    # which the engine aborts; some packets are in the log twice.
     assert standing.transport.messages == 391
     assert standing.transport.failures == {
         Failure.REPLACED: 3,
@@ -171,9 +168,7 @@ def test_faults_of_a_real_brake_controller_are_those_of_its_sensors(standing):
     assert "fault_8_spn" not in faults.signals
 
 
-def test_engine_configuration_of_a_real_truck_has_its_idle_speed_and_reference_torque(
-    revved, standing
-):
+def test_engine_configuration_of_a_real_truck_has_idle_speed_and_torque(revved, standing):
     for summary, torque, idle in ((revved, 1109.0, 775.0), (standing, 2187.0, 600.0)):
         reference = signal(summary, "EC1", "reference_engine_torque_nm", ENGINE)
         assert (reference.minimum, reference.maximum) == (torque, torque)
@@ -191,7 +186,7 @@ def test_retarder_configuration_of_a_real_truck_names_an_exhaust_brake(revved):
 
 
 def test_a_real_bus_commands_only_the_pedal(kenworth):
-    # Its gearbox talks torque control to the engine, which is none of our retarders.
+    # Its gearbox sends torque control to the engine, which is no retarder of ours.
     receiver = CommandReceiver()
     assert any(frame.pgn == 0 and frame.destination == 0 for frame in kenworth)
     for frame in kenworth:

@@ -1,4 +1,4 @@
-"""When cyclic messages are due."""
+"""Due times of cyclic messages."""
 
 import math
 
@@ -16,7 +16,7 @@ def times_sent(schedule, times, place=0):
 
 def test_a_period_is_kept_for_an_hour_without_drift():
     schedule = Schedule([0.02])
-    # Time as MuJoCo adds it up, with all its rounding.
+    # Time accumulates with rounding, as in MuJoCo.
     time, sent = 0.0, 0
     for _ in range(3_600_000 // 10):
         sent += len(schedule.due(time))

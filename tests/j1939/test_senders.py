@@ -1,4 +1,4 @@
-"""What truck and controller send, and how often."""
+"""Frames of truck and controller, and their rates."""
 
 from collections import Counter
 
@@ -90,7 +90,7 @@ def test_rates_are_kept_with_a_longer_tick():
         name(frame) for frames in ticks(StateSender(), 10.0, tick=0.02) for frame in frames
     )
     assert sent["EEC1"] == pytest.approx(500, abs=1)
-    # A group cannot come more often than its sender is asked.
+    # A group is not sent more often than its sender is called.
     assert sent["VDC2"] == 500
     assert sent["CCVS1"] == 100
 
@@ -125,7 +125,7 @@ def test_a_late_controller_has_the_complete_state_within_a_second():
     assert state.speed == pytest.approx(truck.observe().speed, abs=0.05)
     report = receiver.report()
     unheard = {field for field in TruckReport.__slots__ if getattr(report, field) in (None, ())}
-    # Only what follows from these is sent.
+    # Only quantities derived from these fields are sent.
     assert unheard == {"clutch_engagement", "xbr_mode", "xbr_active"}
 
 

@@ -129,7 +129,7 @@ def test_report_crosses_the_bus_within_the_resolution_of_the_signals():
     for field in dataclasses.fields(REPORT):
         sent, got = getattr(REPORT, field.name), getattr(received, field.name)
         if field.name in ("clutch_engagement", "xbr_mode", "xbr_active"):
-            # Only what follows from these is sent: driveline engaged, what the brakes execute.
+            # Only derived quantities are sent: driveline engaged, demand that the brakes execute.
             assert got is None
         else:
             assert got == pytest.approx(sent, abs=REPORT_TOLERANCE.get(field.name, 1e-6))
@@ -178,7 +178,7 @@ def test_every_row_of_the_table_names_sensors_or_controls_of_the_model():
             name, _, place = element.rstrip("]").partition("[")
             assert name in names, row.quantity
             assert not place or int(place) < sizes[name], row.quantity
-    # Only masses are no sensor's: they are the truck's parameters.
+    # Masses are parameters of the truck, not sensors.
     bare = {row.quantity for row in reports() if not row.elements}
     assert bare == {"mass", "tractor_mass", "trailer_mass", "cargo_mass"}
 
@@ -219,7 +219,7 @@ def test_reports_of_the_truck_agree_with_its_state():
     assert len(receiver.report().axle_loads) == 6
     assert sum(receiver.report().axle_loads) == pytest.approx(19_000 * 9.81, rel=0.02)
     assert receiver.state().speed == pytest.approx(state.speed, abs=1e-3)
-    # One percent of the reference torque is the step of either percentage.
+    # The resolution of both percentages is one percent of the reference torque.
     assert receiver.state().engine_torque == pytest.approx(state.engine_torque, abs=27.0)
 
 

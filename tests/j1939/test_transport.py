@@ -162,7 +162,7 @@ def test_a_packet_after_more_than_750_ms_is_too_late():
     assert len(put_together(sent(0.75))[0]) == 1
     messages, reader = put_together(sent(0.751))
     assert messages == []
-    # The two packets after it belong to nothing any more.
+    # The packets after it belong to no transfer.
     assert reader.failures == {Failure.TIME_OUT: 1, Failure.NO_SESSION: 3}
 
 
@@ -218,7 +218,7 @@ def test_a_time_that_is_not_a_number_ends_a_transfer():
 
 
 def addressed(data, windows, source=0x00, destination=0x03, pgn=65260):
-    """A transfer to one address; each window is the first packet and how many."""
+    """A transfer to one address; a window has its first packet and the number of packets."""
     frames = [rts(data, pgn, source, destination)]
     for first, count in windows:
         frames.append(cm(CTS, [count, first], pgn, destination, source))

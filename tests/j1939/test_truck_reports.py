@@ -1,4 +1,4 @@
-"""What the truck's bytes say while it launches, shifts, brakes, reverses and stands."""
+"""Reports of the truck on the bus in launch, gear changes, braking, reversing and standstill."""
 
 import pytest
 
@@ -24,7 +24,7 @@ from iits_mj.j1939 import (
 )
 from iits_mj.j1939.groups import CCVS1, EEC2, ETC2, VDC2, IitsTrailer
 from iits_mj.truck import Truck
-from tests.paths import ROOT
+from tests.paths import outside
 
 OPERATOR, TRANSMISSION, BRAKES = 1, 6, 10
 
@@ -46,7 +46,7 @@ def said(subject):
 
 
 def drive(subject, command, seconds, tick=0.05):
-    """The truck's word at every tick while it obeys one command."""
+    """Reports of the truck at every tick under one command."""
     subject.command(command)
     found = []
     for _ in range(round(seconds / tick)):
@@ -101,7 +101,7 @@ def test_reported_wheel_speeds_include_brake_slip():
     ground = subject.observe().speed / KMH
     assert 20.0 < ground < 65.0
     front = found["EBC2"].number("front_axle_speed_kph")
-    # Slip of a braked tire.
+    # The slip of a braked tire.
     assert 0.005 < 1.0 - front / ground < 0.3
     assert found["CCVS1"].number("wheel_based_speed_kph") < 0.995 * ground
 
@@ -135,7 +135,7 @@ def test_xbr_braking_is_reported_by_the_brakes_and_not_as_a_pressed_pedal():
     assert found["EBC5"].number("xbr_acceleration_limit") == pytest.approx(-10.0)
     assert found["CCVS1"].number("brake_switch") == 0.0
     assert found["EBC1"].number("ebs_brake_switch") == 0.0
-    # The pedal is down and gets nothing.
+    # The pedal is pressed but has no effect.
     assert found["EEC1"].number("engine_torque_mode") == BRAKES
     assert found["EEC1"].number("engine_control_source_address") == 0x0B
     assert found["EEC1"].number("driver_demand_torque_percent") > 30.0
@@ -251,13 +251,9 @@ def test_malformed_frames_are_counted_and_ignored():
     assert receiver.state() == EgoState()
 
 
-RECORDED = ROOT.parent / "shared" / "data" / "j1939"
-
-
-@pytest.mark.skipif(not RECORDED.is_dir(), reason="the recorded frames are not at hand")
 def test_state_of_a_real_truck_is_read_from_its_recorded_frames():
     receiver, speeds = StateReceiver(), []
-    for frame in read_log(RECORDED / "KWTruck.txt"):
+    for frame in read_log(outside("j1939/KWTruck.txt")):
         receiver.receive(frame)
         if frame.pgn == pgn_of("EEC1"):
             speeds.append(receiver.state().engine_speed / RPM)

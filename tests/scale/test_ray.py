@@ -110,10 +110,10 @@ def test_another_version_of_the_code_is_refused(cluster):
 def test_waiting_tasks_are_cancelled_and_new_ones_are_refused_after_shutdown(cluster):
     executor = RayExecutor(cluster, same)
     futures = [executor.submit(time.sleep, 30.0) for _ in range(20)]
-    began = time.monotonic()
     executor.shutdown(cancel_futures=True)
-    assert time.monotonic() - began < 20.0
     assert sum(future.cancelled() for future in futures) >= 5
+    # No task ended by itself: the running ones were stopped as well.
+    assert all(future.cancelled() or future.exception() is not None for future in futures)
     with pytest.raises(RuntimeError, match="after shutdown"):
         executor.submit(square, 1)
 
@@ -132,7 +132,7 @@ def _evaluate(file, *flags):
 
 
 def _rows(file):
-    """Rows of a file of trials without what the clock says."""
+    """Rows of a file of trials without their wall-clock times."""
     rows = read_trials(file, print).values()
     return sorted(repr(dataclasses.replace(row, wall_time=math.nan)) for row in rows)
 
@@ -159,7 +159,7 @@ def test_a_new_head_continues_with_the_finished_shards(cluster, tmp_path):
     first.wait()
     finished = {path: path.stat().st_mtime_ns for path in shards.glob("*.csv")}
     assert 2 <= len(finished) < 11
-    # What a kill in the middle of a row leaves.
+    # An incomplete row, as after a kill during writing.
     with file.open("a") as stream:
         stream.write("full,dense")
     subprocess.run(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
