@@ -31,7 +31,7 @@ def landscape(highway):
 
 
 def mesh_points(model, word):
-    """Vertices of all meshes whose name begins with a word, in the map frame."""
+    """Returns the vertices of all meshes whose names begin with `word`, in the map frame."""
     found = []
     for i in range(model.ngeom):
         geom = model.geom(i)
@@ -64,7 +64,7 @@ def test_inside_a_bend_each_stretch_of_road_draws_its_own_ground():
         rim = corridor.across(edge)
         reach = np.linalg.norm(points[..., :2] - rim[:, None, :2], axis=-1)
         _, nearest = landscape.height(points[..., 0], points[..., 1])
-        # Beyond the middle of two stretches each draws no more ground than both share.
+        # Beyond the middle between two stretches each draws only the overlap.
         assert np.max(reach - nearest) < OVERLAP + 0.5
         reaches.append(reach.max())
     # On the outer side, and away from the bend, the ground extends to the far ground.

@@ -107,7 +107,7 @@ def test_truck_dropped_from_20_cm_gains_no_energy_and_comes_to_rest(payload, tim
         values.append(energy())
     weight = truck.parameters.gross_mass(payload) * GRAVITY
     assert max(values) < start
-    # `energy` does not count the strain of the treads, which returns now and then.
+    # `energy` leaves out the strain of the treads, which they release at times.
     assert np.maximum(np.diff(values), 0.0).sum() < 0.01 * 0.2 * weight
     truck.command(parking_brake=1.0)
     truck.step(round(8.0 / timestep))

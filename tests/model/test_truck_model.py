@@ -42,7 +42,7 @@ def axle_loads(model, data):
     ]
 
 
-def test_shipped_files_are_what_the_builder_makes():
+def test_shipped_files_equal_the_output_of_the_builder():
     for name, text in model_files().items():
         shipped = (mjcf_dir() / name).read_text(encoding="utf-8")
         assert shipped == text, f"{name} is stale: run `python tools/export_model.py`"
@@ -121,7 +121,7 @@ def all_names(model):
 
 
 @pytest.mark.parametrize("scene", ["truck.xml", "scene.xml"])
-def test_every_element_has_a_name_of_its_own_in_snake_case(scene):
+def test_every_element_has_a_unique_name_in_snake_case(scene):
     model = mujoco.MjModel.from_xml_path(str(iits_mj.mjcf_path(scene)))
     found = list(all_names(model))
     assert len(found) > 200
@@ -244,7 +244,7 @@ def test_payload_lies_at_the_requested_height(height):
     assert np.abs(data.qvel).max() < 1e-6
 
 
-def test_both_units_weigh_what_the_mass_state_says():
+def test_trailer_has_the_mass_center_and_inertia_of_the_mass_state():
     payload, height = 20_000.0, 2.6
     truck = iits_mj.Truck.load(payload, payload_height=height, visuals=False)
     model, data = truck.model, truck.data

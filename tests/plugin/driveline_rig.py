@@ -1,7 +1,7 @@
-"""The powertrain on one slide joint and one driven wheel, for many long runs at once.
+"""A powertrain on one slide joint and one driven wheel, for many long runs at once.
 
-Grade and rolling resistance are one constant force, the air's drag a linear damper that is right at
-20 m/s. No brakes: a run that starts at rest on a climb needs the pedal down.
+One constant force is grade and rolling resistance; a linear damper has the air drag at 20 m/s. The
+rig has no brakes: a run that starts at rest on a climb needs a pressed pedal.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Traces:
 
 
 def rig_xml(case: Case, timestep: float, changes: dict[str, str]) -> str:
-    """MJCF of one case; `changes` replaces attributes of the powertrain."""
+    """Returns the MJCF of one case; `changes` replaces attributes of the powertrain."""
     p = PARAMETERS
     config = {**powertrain.config(p), **changes}
     keys = "".join(f'<config key="{k}" value="{v}"/>' for k, v in config.items())
@@ -106,11 +106,11 @@ def drive(
     timestep: float = 0.005,
     changes: dict[str, str] | None = None,
 ) -> Traces:
-    """Runs all cases.
+    """Returns the traces of all cases.
 
     Args:
-      cases: n of them.
-      controls: `CONTROLS` after each step, shape (n, steps, 3).
+      cases: n runs.
+      controls: values of `CONTROLS` at each step, shape (n, steps, 3).
       timestep: of the physics [s].
       changes: attributes of the powertrain to replace.
     """
@@ -129,7 +129,7 @@ def drive(
     steps = controls.shape[1]
     speed = np.empty((len(cases), steps))
     signals = {name: np.empty((len(cases), steps)) for name in SIGNALS}
-    # In parts: the full state of all steps would fill the memory.
+    # The full state of all runs would fill the memory.
     for begin in range(0, len(cases), PART):
         part = slice(begin, begin + PART)
         state, sensors = mujoco.rollout.rollout(
@@ -142,20 +142,20 @@ def drive(
 
 
 def constant(count: int, seconds: float, pedal: FloatArray, *, timestep: float = 0.005):
-    """Controls that hold `pedal`, shape (count,), in drive."""
+    """Returns controls that hold the pedal of each run, shape (count,), in drive."""
     controls = np.zeros((count, round(seconds / timestep), len(CONTROLS)))
     controls[:, :, 0] = np.asarray(pedal)[:, np.newaxis]
     return controls
 
 
 def shifts(gear: FloatArray, timestep: float = 0.005) -> list[tuple[float, int, int]]:
-    """Changes of one run: time [s], from, to."""
+    """Returns the gear changes of one run: time [s], gear before, gear after."""
     at = np.flatnonzero(np.diff(gear))
     return [(timestep * (i + 1), int(gear[i]), int(gear[i + 1])) for i in at]
 
 
 def reversals(gear: FloatArray, within: float = 5.0, timestep: float = 0.005):
-    """Pairs of changes of opposite direction that follow each other within a time [s]."""
+    """Returns successive gear changes in opposite directions less than `within` [s] apart."""
     found = []
     changes = shifts(gear, timestep)
     for first, second in itertools.pairwise(changes):

@@ -13,7 +13,7 @@ def truck():
 
 
 def air_force(truck, speed, wind=(0.0, 0.0, 0.0)):
-    """Generalised force of the air on the free joint: with the air's density less without."""
+    """Returns the air force on the free joint: the force with air less the force without."""
     forces = []
     calm = Truck.load(parameters={"aerodynamics": {"density": 0.0}}, visuals=False)
     for each in (truck, calm):
@@ -38,7 +38,7 @@ def test_head_wind_adds_to_the_speed(truck):
     )
 
 
-def test_side_wind_pushes_to_its_lee(truck):
+def test_side_wind_pushes_the_truck_downwind(truck):
     force = air_force(truck, 20.0, wind=(0.0, 10.0, 0.0))
     air = truck.parameters.aerodynamics
     expected = 0.5 * air.density * air.side_area * np.hypot(20, 10) * 10

@@ -38,7 +38,7 @@ def test_build_up_has_its_dead_time_then_its_time_constant():
     names = ("brake_pressure_front_left", "brake_pressure_rear_left", TRAILER)
     rows = sled.record(3.0, *names, xbr_demand=-1.0, **XBR)
     dead_time = np.array(BRAKE.dead_time)[[0, 1, 3]] + [0.0, 0.0, BRAKE.trailer_line_delay]
-    # Pressure shows two steps after the cause: the supply moves, then the chamber.
+    # Pressure rises two steps after its cause: first the supply responds, then the chamber.
     first = np.argmax(rows > 0, axis=0) * 1e-3
     np.testing.assert_allclose(first, dead_time, atol=0.004)
     level = rows[400:600].mean(axis=0)
@@ -48,8 +48,8 @@ def test_build_up_has_its_dead_time_then_its_time_constant():
 
 
 @pytest.mark.parametrize("demand", [-1.5, -10.0])
-def test_75_percent_of_the_pressure_within_0_6_s_at_every_axle(demand):
-    """UN R13 annex 6: at the least favourable brake chamber."""
+def test_every_axle_reaches_75_percent_of_its_pressure_within_0_6_s(demand):
+    """UN R13 annex 6: the limit holds at the least favourable brake chamber."""
     sled = Sled(50_000.0, speed=90 * KMH).run(0.5)
     sled.command(xbr_demand=demand, **XBR)
     rows = np.array([sled.run(0.002).wheels("brake_pressures") for _ in range(1000)])
@@ -70,13 +70,13 @@ def test_brakes_of_a_tractor_release_within_0_55_s():
 
 
 @pytest.mark.parametrize("controls", [{"xbr_demand": -3.0, "xbr_mode": 0.0}, {"xbr_mode": 2.0}])
-def test_no_mode_or_no_demand_means_no_pressure(controls):
+def test_brakes_have_no_pressure_without_a_mode_or_a_demand(controls):
     sled = Sled(speed=60 * KMH)
     rows = sled.record(2.0, TRAILER, "xbr_active", **controls)
     assert np.all(rows == 0)
 
 
-def test_not_a_number_on_the_controls_does_not_brake():
+def test_nan_controls_do_not_brake():
     sled = Sled(speed=60 * KMH)
     sled.command(
         xbr_demand=np.nan,
@@ -108,7 +108,7 @@ def test_parking_brake_holds_on_a_12_percent_grade_and_releases():
     assert sled["speed"] > 1.0
 
 
-def test_hill_hold_keeps_the_truck_for_some_seconds_on_an_upgrade_only():
+def test_hill_hold_acts_for_some_seconds_and_on_an_upgrade_only():
     held, free = (
         Sled(55_000.0, grade=grade, speed=3.0).run(8.0, xbr_demand=-1.0, **XBR)
         for grade in (0.06, -0.06)
@@ -130,7 +130,7 @@ def test_holding_at_standstill_does_not_wind_up_the_integral():
     assert sled[TRAILER] < 0.02 * before
 
 
-def test_release_is_gradual():
+def test_pressure_falls_gradually_after_the_dead_time():
     sled = Sled(55_000.0, speed=20.0).run(4.0, xbr_demand=-2.0, **XBR)
     rows = sled.record(3.0, TRAILER, xbr_demand=0.0)[:, 0]
     dead = round((BRAKE.dead_time[3] + BRAKE.trailer_line_delay) / 0.002) + 5
@@ -151,7 +151,7 @@ def test_abs_keeps_the_wheels_turning_on_a_slippery_road():
         active.append(sled["abs_active"])
     assert sum(active) > 0
     assert np.mean(np.array(slips) > 0.9) < 0.05
-    # Dry friction gives its all at any slip: cycling may cost a third of it.
+    # The sled's friction is the same at any slip: ABS cycles may lose a third of it.
     deceleration = 70 * KMH / (0.002 * len(slips))
     assert deceleration > 0.65 * 0.2 * GRAVITY
 
@@ -164,7 +164,7 @@ def test_truck_stops_from_80_km_h_in_a_full_brake_application():
     assert sled["position"] - start < 70.0
 
 
-def test_result_does_not_depend_on_the_time_step():
+def test_braking_does_not_depend_on_the_time_step():
     results = []
     for timestep in (0.001, 0.002, 0.005):
         sled = Sled(50_000.0, speed=60 * KMH, timestep=timestep)
@@ -174,7 +174,7 @@ def test_result_does_not_depend_on_the_time_step():
     np.testing.assert_allclose(results[2], results[0], rtol=5e-3)
 
 
-def test_dead_time_survives_a_change_of_the_time_step_and_of_the_clock():
+def test_dead_time_does_not_depend_on_changes_of_time_step_and_clock():
     results = []
     for disturb in (False, True):
         sled = Sled(50_000.0, speed=60 * KMH).run(0.1, xbr_demand=-1.5, **XBR)
@@ -237,7 +237,7 @@ def tilt(truck, grade):
 
 
 @pytest.mark.parametrize("mass", [19_000.0, 50_000.0, 55_000.0])
-def test_complete_truck_meets_the_xbr_test_within_5_percent(mass):
+def test_complete_truck_decelerates_at_the_xbr_demand_within_5_percent(mass):
     truck = iits_mj.Truck.load(payload=mass - PARAMETERS.gross_mass(0.0), visuals=False)
     truck.reset(speed=60 * KMH)
     truck.step(500)

@@ -1,4 +1,4 @@
-"""The five faults of the public release that must not come back (facts of the truck)."""
+"""The truck has none of five brake faults of the public release."""
 
 import numpy as np
 import pytest
@@ -12,22 +12,22 @@ XBR = {"xbr_mode": 2.0}
 RADIUS = np.array([PARAMETERS.tires[axle.tire].rolling_radius for axle in PARAMETERS.axles])
 
 
-def test_pressure_is_pascal_everywhere():
-    """MPa compared with kPa: one unit from the pressure's sensor to the wheel's torque."""
+def test_brake_torque_follows_the_pressure_in_pascal():
+    """The public release compares MPa with kPa."""
     sled = Sled(50_000.0, speed=70 * KMH).run(2.5, xbr_demand=-2.0, **XBR)
     pressure = sled.wheels("brake_pressures")
     torque = sled.wheels("brake_torques")
     assert 100e3 < pressure.mean() < 300e3
     expected = np.repeat(torque_slope(PARAMETERS), 2) * (pressure - BRAKE.push_out_pressure)
-    # The hysteresis of the mechanism lies between the two.
+    # Hysteresis allows a torque between that of build-up and that of release.
     slack = np.repeat(torque_slope(PARAMETERS), 2) * BRAKE.hysteresis_pressure
     assert np.all(torque > 0.99 * expected)
     assert np.all(torque < 1.01 * (expected + slack))
 
 
 @pytest.mark.parametrize("demand", [-1.0, -4.0])
-def test_pressure_builds_up_in_seconds_of_simulation_whatever_the_step(demand):
-    """0.01 s added per step of 1 to 2 ms: pressure 5 to 10 times too fast."""
+def test_pressure_builds_up_equally_fast_at_any_time_step(demand):
+    """The public release adds 0.01 s per step of 1 to 2 ms: 5 to 10 times too fast."""
     rises = []
     for timestep in (0.0005, 0.001, 0.002, 0.005):
         sled = Sled(50_000.0, speed=90 * KMH, timestep=timestep).run(0.5)
@@ -40,7 +40,7 @@ def test_pressure_builds_up_in_seconds_of_simulation_whatever_the_step(demand):
 
 
 def test_brake_force_acts_once():
-    """Force applied twice: the wheels' torque is just what the deceleration takes."""
+    """The public release applies it twice; here wheel torque equals inertia times deceleration."""
     mass = 40_000.0
     sled = Sled(mass, speed=60 * KMH, rolling=False)
     sled.run(3.0, brake_pedal=0.2)
@@ -62,7 +62,7 @@ def test_brake_force_acts_once():
 
 @pytest.mark.parametrize("grade", [0.0, 0.05, -0.05])
 def test_integral_does_not_wind_up_at_standstill(grade):
-    """After a minute at rest the brake lets go as quickly as after a second."""
+    """After a minute at rest the brake releases as quickly as after a second."""
     times = []
     for seconds in (1.0, 60.0):
         sled = Sled(30_000.0, speed=2.5, grade=grade).run(4.0, xbr_demand=-1.0, **XBR)
@@ -75,8 +75,8 @@ def test_integral_does_not_wind_up_at_standstill(grade):
     assert times[1] == pytest.approx(times[0], abs=0.01)
 
 
-def test_integral_does_not_wind_up_where_the_brakes_can_do_no_more():
-    """Five seconds of a demand beyond the friction leave nothing for the next, small one."""
+def test_integral_does_not_wind_up_at_the_friction_limit():
+    """Five seconds of a demand beyond the friction do not change the response to a small one."""
     after = []
     for demand in (-8.0, -2.0):  # the road allows 2.45 m/s2
         sled = Sled(19_000.0, speed=25.0, grip=0.25).run(5.0, xbr_demand=demand, **XBR)
@@ -87,7 +87,7 @@ def test_integral_does_not_wind_up_where_the_brakes_can_do_no_more():
 
 
 def test_xbr_releases_gradually():
-    """No gradual release: the demand ends within the jerk limit, not at once."""
+    """The public release drops the demand at once; here it falls within the jerk limit."""
     sled = Sled(40_000.0, speed=22.0, rolling=False).run(4.0, xbr_demand=-2.0, **XBR)
     speed = sled.record(1.5, "speed", xbr_demand=0.0)[:, 0]
     deceleration = -np.gradient(speed, 0.002)
@@ -95,14 +95,14 @@ def test_xbr_releases_gradually():
     jerk = -np.diff(smooth) / 0.002
     assert jerk.max() < 1.3 * BRAKE.release_rate
     assert smooth[0] == pytest.approx(2.0, rel=0.03)
-    # Still half of it after the time of half the ramp, and gone a second later.
+    # More than half is left after half the ramp, and almost nothing a second later.
     half = round(0.5 * 2.0 / BRAKE.release_rate / 0.002)
     assert smooth[half] > 0.5 * smooth[0]
     assert smooth[-1] < 0.05 * GRAVITY * 0.5
 
 
 @pytest.mark.parametrize("end", [{"xbr_mode": 0.0}, {"xbr_demand": 0.0}], ids=["mode", "demand"])
-def test_release_is_gradual_however_the_demand_ends(end):
+def test_pressure_falls_gradually_when_mode_or_demand_ends(end):
     sled = Sled(40_000.0, speed=22.0).run(4.0, xbr_demand=-2.0, **XBR)
     rows = sled.record(0.5, "brake_pressure_rear_left", **end)[:, 0]
     assert rows[50] > 0.7 * rows[0]

@@ -1,4 +1,4 @@
-"""Compressed air: reservoirs fall with use, the compressor fills them, springs act without air."""
+"""Compressed air: consumption, compressor, and spring brakes at low pressure."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ DRY = {("air_brake", "compressor_displacement"): "0"}
 
 
 def pump(sled, times):
-    """Full applications and releases of the pedal; reservoir pressures at the end."""
+    """Returns the reservoir pressures after full applications and releases of the pedal."""
     for _ in range(times):
         sled.run(1.5, brake_pedal=1.0).run(1.5, brake_pedal=0.0)
     return np.array([sled[name] for name in RESERVOIRS])
@@ -23,7 +23,7 @@ def test_reservoirs_start_full():
     assert [sled[name] for name in RESERVOIRS] == [BRAKE.governor_cut_out] * 3
 
 
-def test_one_application_takes_the_air_of_its_chambers():
+def test_a_brake_application_consumes_the_air_of_its_chambers():
     sled = Sled(55_000.0, changes=DRY).run(0.01)
     sled.run(1.5, brake_pedal=1.0)
     wheels = np.array([2, 4, 6]) * np.array(BRAKE.chamber_volume)[[0, 1, 3]]
@@ -36,7 +36,7 @@ def test_one_application_takes_the_air_of_its_chambers():
 
 
 def test_eight_full_applications_leave_enough_for_secondary_braking():
-    """UN R13 annex 7: reservoirs alone; the ninth has half the pressure of the first, or more."""
+    """UN R13 annex 7, no compressor: the ninth has at least half the pressure of the first."""
     sled = Sled(55_000.0, changes=DRY).run(1.5, brake_pedal=1.0)
     names = ("front_left", "rear_left", "trailer")
     first = np.array([sled[f"brake_pressure_{name}"] for name in names])
@@ -48,7 +48,7 @@ def test_eight_full_applications_leave_enough_for_secondary_braking():
     assert np.all(ninth > 0.5 * first)
 
 
-def test_pressure_in_the_chambers_is_never_above_that_of_the_reservoir():
+def test_chamber_pressure_never_exceeds_the_reservoir_pressure():
     sled = Sled(55_000.0, changes=DRY | {("air_brake", "reservoir_volume"): "0.01 0.02 0.02"})
     names = ("brake_pressure_front_left", RESERVOIRS[0])
     for _ in range(4):
@@ -57,7 +57,7 @@ def test_pressure_in_the_chambers_is_never_above_that_of_the_reservoir():
         sled.run(1.5, brake_pedal=0.0)
 
 
-def test_compressor_cuts_in_and_out_and_fills_as_fast_as_it_delivers():
+def test_compressor_cuts_in_and_out_and_the_reservoirs_store_all_its_air():
     sled = Sled(55_000.0)
     assert sled.run(1.0)["compressor_active"] == 0
     while sled["compressor_active"] == 0:
@@ -81,7 +81,7 @@ def test_compressor_is_large_enough_for_fmvss_121():
     assert air / flow < 25.0
 
 
-def test_abs_cycling_uses_air():
+def test_abs_cycles_consume_air():
     used = []
     for grip in (0.15, 0.9):
         sled = Sled(30_000.0, speed=70 * KMH, grip=grip, changes=DRY)
@@ -104,7 +104,7 @@ def test_spring_brakes_apply_without_air():
     sled.run(10.0)
     assert sled["speed"] == pytest.approx(0, abs=1e-3)
     assert np.all(sled.wheels("brake_torques")[:2] == 0)  # no springs on the steer axle
-    for _ in range(3):  # driver and XBR cannot move it
+    for _ in range(3):  # the engine cannot move the truck
         assert sled.run(1.0, accelerator_pedal=0.5)["speed"] < 0.01
 
 
@@ -114,7 +114,7 @@ def test_full_reservoirs_release_the_spring_brakes():
         assert np.all(sled.run(0.02).wheels("brake_torques") == 0)
 
 
-def test_letting_off_the_parking_brake_takes_air():
+def test_releasing_the_parking_brake_consumes_air():
     sled = Sled(30_000.0, changes=DRY).run(3.0, parking_brake=1.0)
     before = [sled[name] for name in RESERVOIRS]
     sled.run(3.0, parking_brake=0.0)

@@ -1,4 +1,4 @@
-"""The complete truck: stopping distances of the standards, ABS, energy, the release's brakes."""
+"""The complete truck: stopping distances of the standards, ABS, brake work, load sensing."""
 
 import dataclasses
 
@@ -23,7 +23,7 @@ MPH = 1609.344 / 3600
 
 @dataclasses.dataclass(frozen=True)
 class Stop:
-    """A stop: distance [m] scaled to the nominal speed, longest lock above 15 km/h [s]."""
+    """A stop: distance [m] scaled to the nominal speed, longest wheel lock above 15 km/h [s]."""
 
     distance: float
     locked: float
@@ -80,7 +80,7 @@ def test_stop_does_not_depend_on_the_time_step(payload, friction):
     assert distances[1] == pytest.approx(distances[0], rel=0.005)
 
 
-def test_integration_brakes_as_smoothly_as_friction_through_gear_changes():
+def test_integration_mode_brakes_smoothly_through_gear_changes():
     truck = iits_mj.Truck.load(payload=LADEN, visuals=False)
     truck.reset(speed=80 * KMH)
     truck.step(500)
@@ -102,7 +102,7 @@ def test_integration_brakes_as_smoothly_as_friction_through_gear_changes():
     assert truck.read("brake_work") < 0.65 * energy
 
 
-def test_brake_work_is_what_the_brakes_torque_takes_from_the_wheels():
+def test_brake_work_is_the_integral_of_brake_torque_times_wheel_speed():
     truck = iits_mj.Truck.load(payload=LADEN, visuals=False)
     truck.reset(speed=60 * KMH)
     truck.command(brake_pedal=0.3)
@@ -124,8 +124,8 @@ def test_brake_work_is_what_the_brakes_torque_takes_from_the_wheels():
 
 
 @pytest.mark.parametrize("payload", [EMPTY, LADEN])
-def test_all_axles_use_the_same_friction(payload):
-    """What load sensing is for: brake force over wheel load, in braking at 4 m/s2."""
+def test_all_axles_use_the_same_share_of_friction(payload):
+    """Load sensing equalizes brake force over wheel load, here at 4 m/s2."""
     truck = iits_mj.Truck.load(payload=payload, visuals=False)
     truck.reset(speed=80 * KMH)
     truck.command(brake_pedal=4.0 / BRAKE.pedal_deceleration)
@@ -148,7 +148,7 @@ def test_axle_group_loads_carry_the_truck_and_shift_forward_in_braking():
         assert braked[2] < still[2]
 
 
-def test_the_releases_brakes_load_as_an_overlay_and_are_too_slow():
+def test_brakes_of_the_public_release_load_as_an_overlay_and_respond_late():
     overlay = mjcf_dir() / "overlays" / "release_brakes.toml"
     assert distribution(TruckParameters.load(overlay=overlay)).mass_heavy == 50_000.0
     truck = iits_mj.Truck.load(payload=LADEN, parameters=overlay, visuals=False)

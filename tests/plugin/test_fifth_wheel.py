@@ -23,7 +23,7 @@ def passive_torque(truck, joint, angle, rate=0.0):
 
 
 def roll_torque(angle, **fifth_wheel):
-    """Torque of the coupling alone [N m]: the tires push on the tilted trailer, too."""
+    """Returns the coupling's torque [N m], without that of the tires on the tilted trailer."""
     torques = [
         passive_torque(
             Truck.load(payload=0, parameters={"fifth_wheel": values}, visuals=False),
@@ -36,17 +36,17 @@ def roll_torque(angle, **fifth_wheel):
 
 
 def lift_moment(truck):
-    """Kingpin load on the plate's edge [N m]."""
+    """Returns the moment of the kingpin load at the plate's edge [N m]."""
     return 0.5 * kingpin_load(truck.parameters, 0) * truck.parameters.fifth_wheel.plate_width
 
 
 @pytest.mark.parametrize("angle_deg", [-0.9, 0.5, 0.99])
-def test_bare_lash_carries_no_roll(angle_deg):
+def test_lash_without_a_plate_transmits_no_roll_torque(angle_deg):
     torque = roll_torque(np.radians(angle_deg), plate_width=0.0)
     assert torque == pytest.approx(0.0, abs=1e-6)
 
 
-def test_beyond_the_bare_lash_a_degree_takes_100_kilonewton_metres():
+def test_half_a_degree_beyond_the_lash_takes_50_kilonewton_metres():
     assert roll_torque(np.radians(1.5), plate_width=0.0) == pytest.approx(-50e3, rel=0.01)
 
 
@@ -55,20 +55,20 @@ def test_kingpin_load_keeps_the_plate_closed():
 
 
 @pytest.mark.parametrize("share", [0.05, 0.95])
-def test_plate_opens_through_the_lash_with_the_load_on_its_edge(truck, share):
+def test_opening_plate_carries_the_kingpin_load_on_its_edge(truck, share):
     moment = lift_moment(truck)
     coupling = truck.parameters.fifth_wheel
     angle = moment / coupling.roll_stiffness + share * coupling.roll_lash
     assert roll_torque(angle) == pytest.approx(-moment, rel=1e-6)
 
 
-def test_locked_kingpin_carries_roll_beyond_the_lash(truck):
+def test_locked_kingpin_transmits_roll_torque_beyond_the_lash(truck):
     coupling, moment = truck.parameters.fifth_wheel, lift_moment(truck)
     angle = moment / coupling.roll_stiffness + coupling.roll_lash + np.radians(0.5)
     assert roll_torque(angle) == pytest.approx(-moment - 50e3, rel=0.01)
 
 
-def test_greased_plate_brakes_yaw_with_its_friction(truck):
+def test_friction_of_the_plate_opposes_yaw(truck):
     truck.reset()
     dof = truck.model.joint("fifth_wheel_yaw").dofadr[0]
     other = Truck.load(payload=0, parameters={"fifth_wheel": {"yaw_friction": 0.0}}, visuals=False)

@@ -1,4 +1,4 @@
-"""The gearbox on its own: sequences of changes, launches, kick-down, neutral and reverse."""
+"""Gear changes: sequences, launches, kick-down, neutral and reverse."""
 
 import mujoco
 import numpy as np
@@ -16,7 +16,7 @@ REVERSE, NEUTRAL = 2, 1
 
 
 def spans(flags):
-    """First and last index of the runs of true values."""
+    """Returns begin and end index of each run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(flags).astype(int), [0]])))
     return list(zip(edges[::2], edges[1::2], strict=True))
 
@@ -28,7 +28,7 @@ def launch():
     return drive([case], constant(1, 40.0, [0.4], timestep=0.001), timestep=0.001)
 
 
-def test_launch_at_40_percent_pedal_starts_in_second_and_goes_up_gear_by_gear(launch):
+def test_launch_at_40_percent_pedal_starts_in_second_and_shifts_up_gear_by_gear(launch):
     gear = launch["gear"][0]
     assert gear[0] == 2
     assert [after for _, _, after in shifts(gear)] == list(range(3, int(gear[-1]) + 1))
@@ -36,7 +36,7 @@ def test_launch_at_40_percent_pedal_starts_in_second_and_goes_up_gear_by_gear(la
     assert 40 * KMH < launch["speed"][0, -1] < 50 * KMH
 
 
-def test_change_takes_0_6_to_1_0_s_and_leaves_the_engine_below_60_n_m_for_0_6_to_0_7_s(launch):
+def test_gear_change_takes_0_6_to_1_0_s_with_less_than_60_n_m_for_0_6_to_0_7_s(launch):
     torque = launch["engine_torque"][0]
     changes = spans(launch["shift_in_process"][0] > 0)
     assert len(changes) >= 7
@@ -57,7 +57,7 @@ def test_gear_sequence_does_not_depend_on_the_time_step(launch):
 
 
 def floored(pedal_before, changes=None):
-    """2 % down at 57 km/h in top gear, the pedal floored after 4 s, lifted again after 10 s."""
+    """Returns a descent of 2 % in top gear: pedal floored after 4 s, back after 10 s."""
     controls = constant(1, 20.0, [pedal_before])
     controls[:, 800:2000, 0] = 1.0
     return drive([Case(HEAVY, -0.02, 56 * KMH)], controls, changes=changes)
@@ -67,13 +67,13 @@ def test_kick_down_skips_gears_and_gains_speed():
     run, without = floored(0.12), floored(0.12, {"kick_down_rise": "1"})
     assert run["gear"][0, 790] == 12
     assert run["gear"][0, 1000] == 10
-    # Without it the controller waits until the engine has turned too slowly for a while.
+    # Without kick-down the controller waits until the engine has been too slow for a while.
     assert without["gear"][0, 880] == 12
     gained = [each["speed"][0, 1600] - each["speed"][0, 799] for each in (run, without)]
     assert gained[0] > gained[1] + 0.05
 
 
-def test_lifted_pedal_skips_gears_upward():
+def test_released_pedal_skips_gears_upward():
     gear = floored(0.12)["gear"][0]
     lifted = [change for change in shifts(gear) if change[0] > 9.9]
     assert lifted[0][1:] == (10, 10 + SHIFTING.skip_up_max)
@@ -128,7 +128,7 @@ def test_truck_starts_in_second_on_a_grade_without_rolling_back(mass, grade):
 
 
 def test_first_gear_is_used_only_if_second_cannot_start():
-    """28 %: first gear's full torque carries 55 t, second's does not. Held until it is pulled."""
+    """On 28 % only first gear moves 55 t. The parking brake holds until the engine pulls."""
     gears = []
     for grade in (0.2, 0.28):
         sled = Sled(HEAVY, grade=grade).run(2.0, parking_brake=1.0)
@@ -139,7 +139,7 @@ def test_first_gear_is_used_only_if_second_cannot_start():
     assert gears == [2, 1]
 
 
-def test_neutral_lets_the_truck_roll_and_drive_finds_the_gear_again():
+def test_truck_rolls_in_neutral_and_drive_engages_a_matching_gear():
     controls = constant(1, 12.0, [0.0])
     controls[:, :1200, CONTROLS.index("transmission_mode")] = NEUTRAL
     controls[:, 1200:, 0] = 0.4
@@ -187,8 +187,8 @@ def test_bad_shift_attribute_is_refused_by_name(name):
             mujoco.MjModel.from_xml_string(sled_xml(LIGHT, changes={("powertrain", name): value}))
 
 
-def test_mass_of_the_model_at_run_time_counts_not_that_at_loading():
-    """A loaded truck on a climb changes gear as a truck of that mass does, in whichever data."""
+def test_gear_choice_uses_the_mass_of_the_model_at_run_time():
+    """Runs of two masses share one `MjData`; the laden truck shifts as it does alone."""
     cases = [Case(LIGHT, 0.04, 60 * KMH), Case(HEAVY, 0.04, 60 * KMH)]
     controls = constant(2, 60.0, [1.0, 1.0])
     together = drive(cases, controls)["gear"][1]

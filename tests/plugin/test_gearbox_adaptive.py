@@ -1,4 +1,4 @@
-"""The adaptive strategy: fuel, load, mass."""
+"""The adaptive shift strategy: fuel, load and mass."""
 
 import numpy as np
 import pytest
@@ -12,16 +12,16 @@ ADAPTIVE = {"shift_strategy": "adaptive"}
 
 
 def consumption(torque, turns):
-    """Specific consumption [kg/J] of the map, bilinear, held at its edges."""
+    """Returns the specific consumption [kg/J] of the map: bilinear, constant beyond its edges."""
     fuel = ENGINE.fuel_map
     rows = [np.interp(turns, fuel.columns, row) for row in fuel.values]
     return np.interp(torque, fuel.rows, rows)
 
 
 def held_speed(case, seconds=90.0, gain=0.4):
-    """Time histories with the pedal worked by a slow PI driver who holds the start's speed.
+    """Returns the traces of a drive in which a slow PI controller holds the start speed.
 
-    The driver is run in blocks: each block's pedal is constant and follows from the speed before.
+    The pedal is constant for blocks of 3 s and follows from the speed at the end of the last one.
     """
     pedal, integral = 0.3, 0.3
     pedals = []
@@ -39,7 +39,7 @@ def held_speed(case, seconds=90.0, gain=0.4):
     ("mass", "grade", "speed"),
     [(19_000.0, 0.0, 70), (37_000.0, 0.01, 60), (55_000.0, 0.02, 45), (55_000.0, 0.0, 80)],
 )
-def test_cruising_truck_is_in_a_gear_that_burns_within_5_percent_of_the_least(mass, grade, speed):
+def test_cruising_gear_burns_at_most_5_percent_more_than_the_best_gear(mass, grade, speed):
     traces = held_speed(Case(mass, grade, speed * KMH), 45.0)
     shaft = traces["propeller_shaft_speed"][0, -1]
     window = traces["shift_in_process"][0, -400:] == 0
@@ -65,7 +65,7 @@ def test_laden_truck_on_a_climb_drives_in_a_lower_gear_at_the_same_speed_and_ped
     assert climbing < laden <= light
 
 
-def test_adaptive_upshift_on_a_climb_is_not_taken_back():
+def test_adaptive_upshift_on_a_climb_is_not_undone():
     cases = [Case(mass, g, 15 * KMH) for mass in (37_000.0, 55_000.0) for g in (0.01, 0.02, 0.03)]
     traces = drive(cases, constant(len(cases), 80.0, np.ones(len(cases))), changes=ADAPTIVE)
     for gear in traces["gear"]:
@@ -74,7 +74,7 @@ def test_adaptive_upshift_on_a_climb_is_not_taken_back():
         assert min(steps) > 0
 
 
-def test_adaptive_strategy_uses_the_engine_power_at_full_pedal_that_the_tables_leave():
+def test_adaptive_strategy_accelerates_faster_than_the_tables_at_full_pedal():
     case, controls = Case(37_000.0, 0.0, 2.0), constant(1, 50.0, [1.0])
     speeds = [
         drive([case], controls, changes={"shift_strategy": name})["speed"][0, -1]
@@ -83,7 +83,7 @@ def test_adaptive_strategy_uses_the_engine_power_at_full_pedal_that_the_tables_l
     assert speeds[1] > speeds[0]
 
 
-def test_laden_truck_on_a_long_climb_gets_four_fifths_of_the_engine_changes_included():
+def test_laden_truck_on_a_climb_uses_80_percent_of_engine_power_despite_gear_changes():
     cases = [Case(55_000.0, grade, 80 * KMH) for grade in (0.025, 0.03, 0.04, 0.05)]
     traces = drive(cases, constant(len(cases), 60.0, np.ones(len(cases))), changes=ADAPTIVE)
     power = (traces["engine_torque"] * traces["engine_speed"]).mean(axis=1)
@@ -91,8 +91,8 @@ def test_laden_truck_on_a_long_climb_gets_four_fifths_of_the_engine_changes_incl
     assert (power > 0.8 * greatest).all(), power
 
 
-def test_no_change_is_made_that_would_not_pay_within_the_horizon():
-    """Torque comes back so slowly that a lower gear would do no more work in the time ahead."""
+def test_short_horizon_prevents_a_downshift_that_pays_later():
+    """Torque builds up so slowly that a lower gear does no more work within 5 s."""
     case, controls = Case(55_000.0, 0.04, 80 * KMH), constant(1, 30.0, [1.0])
     lowest = [
         drive([case], controls, changes=ADAPTIVE | {"adaptive_horizon": horizon})["gear"][0].min()

@@ -11,23 +11,23 @@ BRAKE = CONTROLS.index("engine_brake")
 
 
 def braked(cases, shares, seconds, **options):
-    """Runs with the pedal up and the engine brake at constant shares."""
+    """Returns runs with the pedal released and the engine brake at constant shares."""
     controls = constant(len(cases), seconds, np.zeros(len(cases)))
     controls[:, :, BRAKE] = np.asarray(shares)[:, np.newaxis]
     return drive(cases, controls, **options)
 
 
-def test_engine_brake_drops_the_gear_until_the_engine_turns_in_its_braking_range():
+def test_engine_brake_shifts_down_into_its_speed_range():
     cases = [Case(55_000.0, -0.035, speed * KMH) for speed in (40, 55, 70, 85)]
     traces = braked(cases, np.ones(4), 12.0)
     settled = traces["engine_speed"][:, round(8.0 / 0.005)]
-    # A gear lower would be beyond the range: a step of the gearbox is 1.27 to 1.31.
+    # One gear lower would exceed the range: gear steps are 1.27 to 1.31.
     assert settled.min() > SHIFTING.braking_speed_high * ENGINE.engine_brake_speed / 1.33
     assert settled.max() < ENGINE.engine_brake_speed
     assert np.all(traces["gear"][:, -1] < traces["gear"][:, 0])
 
 
-def test_more_engine_brake_means_a_faster_engine():
+def test_engine_turns_faster_with_more_engine_brake():
     shares = np.array([0.1, 0.5, 1.0])
     cases = [Case(37_000.0, -0.02, 75 * KMH)] * 3
     traces = braked(cases, shares, 8.0)
@@ -37,8 +37,8 @@ def test_more_engine_brake_means_a_faster_engine():
     assert np.all(np.diff(traces["speed"][:, -1]) < 0)
 
 
-def test_no_upshift_while_the_engine_brakes_before_its_overspeed():
-    """A descent that the engine brake cannot hold: it keeps its gear as long as the engine may."""
+def test_braking_engine_shifts_up_only_at_its_overspeed():
+    """The engine brake cannot hold this descent; the gear stays up to the engine's speed limit."""
     traces = braked([Case(55_000.0, -0.08, 40 * KMH)], [1.0], 40.0)
     gear, turns = traces["gear"][0], traces["engine_speed"][0]
     upshifts = [round(time / 0.005) for time, before, after in shifts(gear) if after > before]
@@ -57,7 +57,7 @@ def test_downshifts_for_the_engine_brake_never_overspeed_the_engine():
             assert traces["engine_speed"][i, begin : begin + 250].max() < ENGINE.engine_brake_speed
 
 
-def test_truck_that_is_slowed_down_anyway_does_not_change_down_for_the_engine_brake():
+def test_engine_brake_causes_no_downshift_while_a_climb_slows_the_truck():
     """A climb of 9 % slows the truck by 0.9 m/s2, as friction brakes would."""
     cases = [Case(37_000.0, 0.09, 70 * KMH)] * 2
     traces = braked(cases, [0.0, 1.0], 6.0)

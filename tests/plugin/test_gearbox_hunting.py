@@ -17,10 +17,7 @@ STEP = 0.005
 
 
 def grid(grades, pedals, speeds, seconds, strategy):
-    """Runs with constant pedal; those that roll back are left out.
-
-    Returns the cases with their pedals, and the traces.
-    """
+    """Returns mass, grade, pedal and speed of each run with constant pedal, and all traces."""
     table = list(itertools.product(MASSES, grades, pedals, speeds))
     cases = [Case(mass, grade, speed * KMH) for mass, grade, _, speed in table]
     pedal = [row[2] for row in table]
@@ -56,7 +53,7 @@ def check_settles(runs):
 
 
 def check_no_lugging(runs):
-    """No engine below its lowest speed for two seconds where a lower gear could be had."""
+    """No engine stays below its lowest speed for two seconds if a lower gear is available."""
     table, traces = runs
     shifting = GEARBOX.shifting
     for i, (_, _, pedal, _) in enumerate(table):
@@ -76,9 +73,9 @@ def check_no_lugging(runs):
 def check_engine_in_range(runs):
     _, traces = runs
     forward = traces["speed"] > 0.5
-    # Below 0.8 the clutch lets go; the engine may swing a little further.
+    # The clutch opens below 0.8; the engine may swing a little further.
     assert traces["engine_speed"][forward].min() > 0.75 * ENGINE.idle_speed
-    driven = traces["speed"] < 120 * KMH  # beyond, the descent drives the engine in top gear
+    driven = traces["speed"] < 120 * KMH  # above it the descent drives the engine in top gear
     assert traces["engine_speed"][forward & driven].max() < 1.1 * ENGINE.governed_speed
 
 
@@ -86,13 +83,13 @@ CHECKS = (check_no_reversal, check_settles, check_no_lugging, check_engine_in_ra
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
-def test_constant_pedal_on_constant_grades(small, check):
+def test_gearbox_does_not_hunt_at_constant_pedal_and_grade(small, check):
     check(small)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
-def test_constant_pedal_on_many_constant_grades(large, check):
+def test_gearbox_does_not_hunt_at_constant_pedal_on_many_grades(large, check):
     check(large)
 
 
@@ -107,7 +104,7 @@ def test_laden_truck_at_full_pedal_on_three_percent_stays_in_the_gear_that_carri
 
 
 def ideal_speed(mass, grade):
-    """Greatest speed [m/s] on a climb if any gear could be had, by the balance of forces."""
+    """Returns the greatest speed [m/s] on a climb in the best gear, by the balance of forces."""
     speed, torque = full_load(PARAMETERS)
     pedal = ENGINE.pedal_map
     air = PARAMETERS.aerodynamics
@@ -128,8 +125,8 @@ def ideal_speed(mass, grade):
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize("grade", [0.04, 0.06, 0.08, 0.10])
-def test_full_pedal_keeps_most_of_the_speed_that_the_best_gear_would_give(strategy, grade):
-    """Coming from 80 km/h, in changes deep enough that the last gear holds."""
+def test_full_pedal_holds_93_percent_of_the_speed_of_the_best_gear(strategy, grade):
+    """The truck enters at 80 km/h; its downshifts skip enough gears that none is undone."""
     cases = [Case(mass, grade, 80 * KMH) for mass in MASSES]
     controls = constant(len(cases), 120.0, np.ones(len(cases)))
     traces = drive(cases, controls, changes={"shift_strategy": strategy})
@@ -140,7 +137,7 @@ def test_full_pedal_keeps_most_of_the_speed_that_the_best_gear_would_give(strate
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_laden_truck_leaves_the_low_gears_on_a_climb(strategy):
-    """55 t from walking pace: up through the gears although each change costs speed."""
+    """55 t shift up from walking pace although each change costs speed."""
     cases = [Case(55_000.0, grade, 5 * KMH) for grade in (0.04, 0.06, 0.08)]
     controls = constant(len(cases), 120.0, np.ones(len(cases)))
     traces = drive(cases, controls, changes={"shift_strategy": strategy})
@@ -150,11 +147,11 @@ def test_laden_truck_leaves_the_low_gears_on_a_climb(strategy):
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
-def test_random_pedals_reverse_a_change_only_for_the_pedal_or_the_governor(strategy):
-    """Grade of the road is fixed per run; the pedal takes a new value every 1 to 8 s.
+def test_only_the_pedal_or_the_governor_reverses_a_gear_change(strategy):
+    """Each run has a constant grade; the pedal takes a new value every 1 to 8 s.
 
-    A change is undone within 5 s when the driver wants something else meanwhile, or when the truck,
-    in a low gear, has reached the engine's governor by then.
+    A change is undone within 5 s only if the pedal moves meanwhile, or if the engine reaches its
+    governor in a low gear.
     """
     random = np.random.default_rng(5)
     cases = [

@@ -1,4 +1,4 @@
-"""The plugin's laws stand alone: without MuJoCo, with double, float and dual numbers."""
+"""The plugin's laws compile without MuJoCo, for double, float and dual numbers."""
 
 import math
 import os
@@ -18,7 +18,7 @@ COMPILER = next(filter(None, map(shutil.which, (os.environ.get("CXX", "c++"), "g
 
 @pytest.fixture(scope="module")
 def values(tmp_path_factory):
-    """Printed values by name; no include path leads to MuJoCo."""
+    """Returns the printed values by name; the compiler has no include path to MuJoCo."""
     if COMPILER is None:
         pytest.skip("no C++ compiler")
     program = tmp_path_factory.mktemp("laws") / "laws"
@@ -29,7 +29,7 @@ def values(tmp_path_factory):
     return {name: float(value) for name, value in map(str.split, printed.splitlines())}
 
 
-def test_laws_include_nothing_of_mujoco():
+def test_laws_include_no_mujoco_header():
     for header in (PACKAGE / "plugin" / "laws").glob("*.h"):
         includes = [line for line in header.read_text().splitlines() if line.startswith("#include")]
         assert all("<" in line or "plugin/laws/" in line for line in includes)
@@ -65,7 +65,7 @@ def test_slope_of_the_lateral_force_at_zero_slip_is_the_cornering_stiffness(valu
     assert values["tire_fy_at_slip"] == pytest.approx(force, rel=1e-6)
 
 
-def test_pair_of_wheels_has_the_bits_of_each(values):
+def test_tires_computed_in_pairs_equal_single_tires_bit_for_bit(values):
     assert values["tire_pair_differs"] == 0
 
 
@@ -110,20 +110,20 @@ def test_knuckles_turn_about_one_center(values):
     assert 1 / math.tan(right) - 1 / math.tan(left) == pytest.approx(2.05 / 3.6)
 
 
-def test_abs_holds_half_way_between_its_slips(values):
+def test_abs_holds_pressure_half_way_between_its_slip_thresholds(values):
     assert values["abs_duty"] == pytest.approx(0, abs=1e-9)
     assert values["abs_duty.slope"] < 0
 
 
 @pytest.mark.parametrize("strategy", ["tables", "adaptive"])
-def test_powertrain_alone_drives_and_keeps_its_energy(values, strategy):
+def test_powertrain_without_mujoco_accelerates_and_conserves_energy(values, strategy):
     assert values[f"drive_{strategy}_19000_speed_30"] > 6
     assert values[f"drive_{strategy}_gear_30"] > 1
     assert values[f"drive_{strategy}_19000_speed_40"] < values[f"drive_{strategy}_19000_speed_30"]
     assert abs(values[f"drive_{strategy}_energy_40"]) < 1e-9
 
 
-def test_air_brake_alone_stops_the_vehicle(values):
+def test_air_brake_without_mujoco_stops_the_vehicle(values):
     assert values["stop_9000_speed_2"] == pytest.approx(15 - 3 * (2 - 0.27), abs=0.1)
     assert values["stop_9000_speed_8"] < 0.02
     assert 0.9e6 < values["stop_air_left"] < 1e6
@@ -133,6 +133,6 @@ def test_air_brake_alone_stops_the_vehicle(values):
     ("run", "mass", "end"),
     [("drive_tables", 19000, "speed_40"), ("stop", 9000, "speed_2"), ("stop", 9000, "speed_8")],
 )
-def test_slope_of_a_whole_run_over_the_mass_is_that_of_two_runs(values, run, mass, end):
+def test_derivative_of_a_run_by_mass_equals_the_difference_of_two_runs(values, run, mass, end):
     rise = values[f"{run}_{mass + 1}_{end}"] - values[f"{run}_{mass - 1}_{end}"]
     assert values[f"{run}_{mass}_{end}.slope"] == pytest.approx(rise / 2, rel=1e-3)

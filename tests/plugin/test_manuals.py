@@ -1,4 +1,4 @@
-"""Every example of the plugin's manuals runs as it is printed, and every attribute is explained."""
+"""Every example of the plugin's manuals runs as printed, and every attribute is explained."""
 
 import re
 from pathlib import Path
@@ -21,7 +21,7 @@ EXAMPLES = [
 
 
 @pytest.mark.parametrize(("manual", "xml"), EXAMPLES, ids=[name for name, _ in EXAMPLES])
-def test_example_runs(manual, xml):
+def test_example_runs_without_a_warning(manual, xml):
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, 500)
@@ -29,7 +29,7 @@ def test_example_runs(manual, xml):
     assert data.warning.number.sum() == 0
 
 
-def test_example_of_the_powertrain_drives_off():
+def test_powertrain_example_drives_off():
     model = mujoco.MjModel.from_xml_string(dict(EXAMPLES)["README_powertrain.md"])
     data = mujoco.MjData(model)
     data.ctrl[0] = 0.6
@@ -38,7 +38,7 @@ def test_example_of_the_powertrain_drives_off():
     assert data.sensor("gear").data[0] > 1
 
 
-def test_example_of_the_air_brake_stops():
+def test_air_brake_example_stops():
     model = mujoco.MjModel.from_xml_string(dict(EXAMPLES)["README_air_brake.md"])
     data = mujoco.MjData(model)
     data.qvel[:] = 15.0, 15.0 / 0.51, 15.0 / 0.51

@@ -21,7 +21,7 @@ def launch():
 
 
 def spans(flags, timestep=0.002):
-    """Durations [s] of the runs of true values."""
+    """Returns the durations [s] of the runs of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     return (edges[1::2] - edges[::2]) * timestep
 
@@ -46,12 +46,12 @@ def test_gear_change_interrupts_torque_for_0_6_to_1_0_s(launch):
     assert 0.4 < without_torque / len(changes) < 0.7
 
 
-def test_engine_never_leaves_its_speed_range_in_a_launch(launch):
+def test_engine_stays_in_its_speed_range_during_a_launch(launch):
     assert launch[:, 4].min() > 0.9 * ENGINE.idle_speed
     assert launch[:, 4].max() < ENGINE.governed_speed
 
 
-def test_clutch_is_open_and_nothing_moves_with_the_pedal_up():
+def test_clutch_is_open_and_the_truck_at_rest_with_the_pedal_released():
     sled = Sled(55_000.0)
     rows = sled.record(5.0, "clutch_engagement", "propeller_shaft_torque", "position")
     assert np.all(rows == 0)
@@ -96,7 +96,7 @@ def test_fuel_used_is_the_integral_of_the_fuel_rate():
     assert sled["fuel_used"] == pytest.approx(0.002 * rates[:-1].sum(), rel=1e-9)
 
 
-def test_overrun_burns_nothing_and_drags_by_the_drag_curve():
+def test_overrun_burns_no_fuel_and_brakes_by_the_drag_curve():
     sled = Sled(55_000.0, speed=80 * KMH).run(3.0)
     assert sled["fuel_rate"] == 0
     drag = np.interp(sled["engine_speed"], ENGINE.drag_speed, ENGINE.drag_torque)
@@ -144,7 +144,7 @@ def test_laden_truck_on_a_climb_settles_in_one_gear():
     assert rows[-1, 1] > 24 * KMH
 
 
-def test_braking_to_a_standstill_leaves_the_start_gear_and_an_idling_engine():
+def test_braking_to_a_standstill_ends_in_the_start_gear_with_the_engine_idling():
     sled = Sled(55_000.0, speed=80 * KMH).run(2.0, accelerator_pedal=0.5)
     names = ("engine_speed", "speed")
     rows = sled.record(20.0, *names, accelerator_pedal=0.0, xbr_demand=-4.0, xbr_mode=2)
@@ -179,7 +179,7 @@ def test_drive_is_engaged_again_after_neutral_at_speed():
     assert sled["propeller_shaft_torque"] > 500
 
 
-def test_result_does_not_depend_on_the_time_step():
+def test_acceleration_does_not_depend_on_the_time_step():
     rows = []
     for timestep in (0.001, 0.002, 0.005):
         sled = Sled(19_000.0, timestep=timestep).run(30.0, accelerator_pedal=0.5)
@@ -205,7 +205,7 @@ def drive_at_random(sled, first, last):
     return state
 
 
-def test_random_drive_is_bit_identical_again_and_from_a_restored_state():
+def test_random_drive_repeats_bit_for_bit_and_from_a_restored_state():
     whole = drive_at_random(Sled(30_000.0, speed=10.0), 0, 40)
     sled = Sled(30_000.0, speed=10.0)
     middle = drive_at_random(sled, 0, 20)
@@ -225,7 +225,7 @@ def test_forward_evaluations_between_steps_change_nothing():
         mujoco.mj_forward(disturbed.model, disturbed.data)
         mujoco.mj_forward(disturbed.model, disturbed.data)
     assert plain["speed"] == disturbed["speed"] > 1.0
-    # Sensors of the disturbed one are those after its last step.
+    # The forward evaluations updated the sensors of the disturbed run.
     mujoco.mj_forward(plain.model, plain.data)
     assert plain["fuel_used"] == disturbed["fuel_used"] > 0.0
 

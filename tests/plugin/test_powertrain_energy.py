@@ -12,7 +12,7 @@ SUMS = ("engine_work", "driveline_loss", "retarder_work", "driveline_energy")
 
 
 def shaft_shares(model):
-    """Shares of the wheels' speeds [nv] in the propeller shaft's."""
+    """Returns the coefficient of each joint speed [nv] in the speed of the propeller shaft."""
     shares = np.zeros(model.nv)
     tendon = model.tendon("propeller_shaft")
     first = model.tendon_adr[tendon.id]
@@ -22,7 +22,7 @@ def shaft_shares(model):
 
 
 class Audit:
-    """Drives a sled step by step and sums up the shaft's work from the force that acted."""
+    """Drives a sled step by step and integrates the work of its propeller shaft."""
 
     def __init__(self, sled):
         self.sled, self.shares = sled, shaft_shares(sled.model)
@@ -46,7 +46,7 @@ class Audit:
         return np.array(losses)
 
     def balance(self):
-        """(engine's work, what is missing of it) [J]."""
+        """Returns the engine's work and the error of the energy balance [J]."""
         mujoco.mj_forward(self.sled.model, self.sled.data)
         engine, loss, retarder, energy = self.sums() - self.start
         return engine, engine - loss - retarder - energy - self.shaft_work
@@ -72,7 +72,7 @@ def test_engine_work_equals_shaft_work_losses_and_stored_energy(timestep):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_energy_closes_and_stays_finite_under_any_commands(seed):
+def test_energy_balance_holds_under_any_commands(seed):
     random = np.random.default_rng(seed)
     audit = Audit(Sled(30_000.0, speed=8.0 - 4.0 * seed, timestep=0.005))
     for _ in range(60):
@@ -94,7 +94,7 @@ def test_energy_closes_and_stays_finite_under_any_commands(seed):
     assert abs(audit.balance()[1]) < 1e-9 * turned
 
 
-def test_driveline_loss_is_that_of_the_gears_while_the_clutch_is_closed():
+def test_driveline_loss_equals_the_gear_losses_while_the_clutch_is_closed():
     audit = Audit(Sled(10_000_000.0, speed=60 * KMH))
     audit.run(4.0, accelerator_pedal=0.6)
     start, shaft = audit.sums(), audit.shaft_work
@@ -104,15 +104,15 @@ def test_driveline_loss_is_that_of_the_gears_while_the_clutch_is_closed():
 
 
 @pytest.mark.parametrize("controls", [{"accelerator_pedal": 0.7}, {"engine_brake": 1.0}])
-def test_driveline_never_gives_energy_in_a_gear(controls):
+def test_driveline_loss_never_decreases_in_a_gear(controls):
     losses = Audit(Sled(10_000_000.0, speed=50 * KMH)).run(4.0, **controls)
     assert losses[-1] > 1e4
     assert np.diff(losses).min() > -1e-6
 
 
-def test_launch_on_the_level_loses_in_the_clutch_about_what_the_vehicle_gains():
-    # A clutch that slips under constant torque heats by as much as it drives, less when the
-    # engine's own speed falls toward the gearbox's.
+def test_launch_loses_about_the_kinetic_energy_in_the_clutch():
+    # A clutch that slips at constant torque and engine speed loses as much as it transmits; it
+    # loses less if the engine slows down.
     sled = Sled(55_000.0, rolling=False, sensors=[("clutch_loss", "powertrain")])
     sled.record(0.01, "speed", accelerator_pedal=0.4)
     while sled["clutch_engagement"] < 1:
@@ -122,7 +122,7 @@ def test_launch_on_the_level_loses_in_the_clutch_about_what_the_vehicle_gains():
 
 
 def shaft_inertia(model):
-    """Of the sled about the propeller shaft [kg m2], wheels included."""
+    """Returns the sled's inertia about the propeller shaft [kg m2], wheels included."""
     radius = PARAMETERS.tires["drive"].rolling_radius / GEARBOX.final_drive
     wheels = sum(
         2 * axle.wheel_inertia_spin / PARAMETERS.tires[axle.tire].rolling_radius ** 2
@@ -132,7 +132,7 @@ def shaft_inertia(model):
 
 
 def pedal_for(torque, speed):
-    """Pedal at which the map gives this torque at this engine speed."""
+    """Returns the pedal at which the map has this torque at this engine speed."""
     table = ENGINE.pedal_map
     torques = [np.interp(speed, table.rows, column) for column in table.values.T]
     return float(np.interp(torque, torques, table.columns))

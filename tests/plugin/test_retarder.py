@@ -12,7 +12,7 @@ HEAVY = 10_000_000.0  # a sled of 10000 t hardly changes its speed
 
 
 def demanding(sled, seconds, torque, cut=0.0, names=()):
-    """Drives while the brake control's part of the state asks for `torque` [N m] at the shaft."""
+    """Returns signals `names` while the brakes demand `torque` [N m] at the shaft."""
     model = sled.model
     instance = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_PLUGIN, "air_brake")
     address = model.plugin_stateadr[instance]
@@ -25,25 +25,25 @@ def demanding(sled, seconds, torque, cut=0.0, names=()):
 
 
 def endurance(sled):
-    """What the powertrain tells the brakes: retarding torque, the greatest, engine speed."""
+    """Returns the message to the brakes: retarding torque, greatest torque, engine speed."""
     instance = mujoco.mj_name2id(sled.model, mujoco.mjtObj.mjOBJ_PLUGIN, "powertrain")
     address = sled.model.plugin_stateadr[instance]
     return sled.data.plugin_state[address : address + 3].copy()
 
 
 def at_shaft_speed(speed, **options):
-    """A heavy sled whose propeller shaft turns at this speed [rad/s]."""
+    """Returns a heavy sled whose propeller shaft turns at this speed [rad/s]."""
     sensors = [(f"{name}_torque_percent", "powertrain") for name in ("retarder", "engine_brake")]
     vehicle = speed * RADIUS / GEARBOX.final_drive
     return Sled(HEAVY, speed=vehicle, rolling=False, sensors=sensors, **options)
 
 
-def test_retarder_reaches_its_rated_torque_and_brakes_the_wheels_by_it():
+def test_retarder_brakes_the_wheels_with_its_rated_torque():
     sled = at_shaft_speed(100.0).run(0.5, transmission_mode=1)
     assert sled["propeller_shaft_torque"] == pytest.approx(0, abs=1e-9)
     sled.run(3.0, retarder=1.0)
     assert sled["retarder_torque"] == pytest.approx(RETARDER.torque_max, rel=1e-3)
-    lost = GEARBOX.driveline_efficiency  # behind the retarder, and helping it
+    lost = GEARBOX.driveline_efficiency  # losses behind the retarder add to its torque
     assert sled["propeller_shaft_torque"] == pytest.approx(-sled["retarder_torque"] / lost)
     assert sled["retarder_torque_percent"] == pytest.approx(-100, rel=1e-3)
 
@@ -54,7 +54,7 @@ def test_retarder_fades_with_the_square_of_a_low_shaft_speed():
     assert sled["retarder_torque"] == pytest.approx(RETARDER.torque_max / 4, rel=0.02)
 
 
-def test_retarder_gives_full_power_for_10_s_and_then_what_the_cooling_carries_off():
+def test_retarder_has_full_power_for_10_s_and_then_falls_to_its_continuous_power():
     sled = at_shaft_speed(200.0)
     rows = sled.record(120.0, "retarder_torque", "propeller_shaft_speed", retarder=1.0)
     power = rows.prod(axis=1)
@@ -97,7 +97,7 @@ def test_retarder_does_not_brake_in_reverse():
     assert sled["retarder_torque"] == 0
 
 
-def test_truck_without_retarder_has_none():
+def test_truck_without_retarder_has_no_retarder_torque():
     changes = {("powertrain", "retarder_torque_max"): "0"}
     sled = at_shaft_speed(100.0, changes=changes).run(2.0, retarder=1.0)
     assert sled["retarder_torque"] == sled["retarder_torque_percent"] == 0
@@ -109,28 +109,28 @@ def test_demand_of_the_brakes_is_met_by_drag_then_engine_brake_then_retarder():
     drag, most, engine_speed = endurance(sled)
     assert drag > 100
     assert engine_speed == pytest.approx(sled["engine_speed"], rel=1e-3)
-    # Less than the drag: nothing is switched on.
+    # A demand below the drag switches no brake on.
     demanding(sled, 3.0, 0.5 * drag)
     assert sled["engine_brake_torque"] == sled["retarder_torque"] == 0
     assert endurance(sled)[0] == pytest.approx(drag, rel=1e-3)
-    # Within the engine brake's reach: the retarder stays empty.
+    # The engine brake meets a small demand alone; the retarder stays empty.
     demanding(sled, 3.0, drag + 400)
     assert sled["engine_brake_torque"] > 200
     assert sled["retarder_torque"] < 5
     assert endurance(sled)[0] == pytest.approx(drag + 400, rel=0.01)
-    # Beyond it: the engine brake is full and the retarder adds the rest.
+    # At a greater demand the engine brake is full and the retarder adds the rest.
     demanding(sled, 4.0, drag + 2500)
     assert sled["engine_brake_torque_percent"] == pytest.approx(
         sled["engine_brake_torque_percent_available"], rel=0.01
     )
     assert sled["retarder_torque"] > 500
     assert endurance(sled)[0] == pytest.approx(drag + 2500, rel=0.01)
-    # Beyond everything: all that was promised.
+    # An excessive demand yields the greatest torque of the message.
     demanding(sled, 4.0, 20_000.0)
     assert endurance(sled)[0] == pytest.approx(most, rel=0.01)
 
 
-def test_torque_at_the_wheels_equals_the_powertrains_message_to_the_brakes():
+def test_reported_retarding_torque_equals_the_shaft_torque():
     sled = at_shaft_speed(110.0)
     demanding(sled, 4.0, 2000.0)
     assert endurance(sled)[0] == -sled["propeller_shaft_torque"] == pytest.approx(2000, rel=0.01)
@@ -184,18 +184,18 @@ def test_abs_of_a_driven_wheel_overrides_the_levers():
     assert sled["retarder_torque"] > 500
     names = ("endurance_torque_demand", "retarder_torque", "speed")
     rows = sled.record(5.0, *names, xbr_demand=-6.0, xbr_mode=2)
-    told = np.flatnonzero(rows[:, 0] < 0)
-    assert told.size > 100
-    began = told[0]
+    released = np.flatnonzero(rows[:, 0] < 0)
+    assert released.size > 100
+    began = released[0]
     assert rows[began, 2] > 50 * KMH
-    longest = np.flatnonzero(np.diff(told) > 1)
-    ended = told[longest[0]] if longest.size else told[-1]
+    longest = np.flatnonzero(np.diff(released) > 1)
+    ended = released[longest[0]] if longest.size else released[-1]
     held = (ended - began) * 0.002
     expected = rows[began, 1] * np.exp(-held / RETARDER.empty_time)
     assert rows[ended, 1] == pytest.approx(expected, rel=0.05, abs=5.0)
 
 
-def test_demand_waits_while_the_driver_accelerates():
+def test_demand_of_the_brakes_has_no_effect_while_the_driver_accelerates():
     sled = at_shaft_speed(110.0)
     sled.command(accelerator_pedal=0.5)
     demanding(sled, 4.0, 3000.0)
@@ -215,7 +215,7 @@ def test_brakes_cut_the_accelerator_and_restore_it_smoothly():
     gone = np.argmax(rows[:, 0] < 0) * 0.002
     assert gone <= ENGINE.torque_cut_time * (1 + full / ENGINE.reference_torque) / 2 + 0.1
     assert rows[-1, 0] == pytest.approx(-drag, rel=1e-3)
-    assert np.all(rows[:, 1] == 1.0)  # the driver still stands on it
+    assert np.all(rows[:, 1] == 1.0)  # the driver still presses it fully
     rows = demanding(sled, 13.0, 0.0, names=("engine_torque",))[:, 0]
     assert rows[-1] == pytest.approx(full, rel=0.02)
     slope = np.diff(rows) / 0.002

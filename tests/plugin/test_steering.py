@@ -23,7 +23,7 @@ def turn(truck, degrees, seconds=2.0, speed=0.0):
     return road_wheels(truck)
 
 
-def test_road_wheels_follow_by_ratio_less_half_the_play(truck):
+def test_road_wheels_turn_by_the_ratio_less_half_the_play(truck):
     steering = truck.parameters.steering
     angles = turn(truck, 90, speed=2.0)
     expected = (np.radians(90) - 0.5 * steering.dead_band) / steering.ratio
@@ -37,7 +37,7 @@ def test_inner_wheel_turns_more_by_ackermann_geometry(truck, sign):
     assert 1 / np.tan(right) - 1 / np.tan(left) == pytest.approx(track / wheelbase, rel=0.05)
 
 
-def test_reversal_within_the_play_moves_nothing(truck):
+def test_reversal_within_the_play_does_not_move_the_road_wheels(truck):
     turn(truck, 90, speed=2.0)
     before = road_wheels(truck)
     truck.command(steering_wheel_angle=np.radians(88.5))
@@ -63,8 +63,8 @@ def test_turning_the_wheel_by_the_ratio_turns_the_road_wheels_by_one(truck):
     assert np.degrees(second - first) == pytest.approx(1.0, rel=0.02)
 
 
-def test_play_is_the_way_between_turning_out_and_turning_back(truck):
-    """Slowly to the left and back: the same road-wheel angle twice, the dead band apart."""
+def test_play_is_the_hysteresis_between_turning_out_and_back(truck):
+    """In a slow sweep to the left and back equal road-wheel angles are a dead band apart."""
     steering = truck.parameters.steering
     truck.reset(speed=1.0)
     out, back = [], []
@@ -116,7 +116,7 @@ def test_small_steps_follow_with_the_actuators_time_constant(truck):
     assert reached / step == pytest.approx(1.0 - np.exp(-1.0), abs=0.02)
 
 
-def test_steering_wheel_stops_at_its_end(truck):
+def test_steering_wheel_stops_at_its_greatest_angle(truck):
     end = truck.parameters.steering.angle_max
     truck.reset()
     truck.data.ctrl[truck.model.actuator("steering_wheel_angle").id] = 2.0 * end

@@ -9,7 +9,7 @@ from iits_mj.parameters.tire_law import cornering_stiffness, friction
 from tests.plugin.tire_rig import COMMON, PARAMETERS, drive, rig, road
 
 
-def test_wheel_end_carries_load_by_its_vertical_stiffness():
+def test_tire_deflects_by_load_over_vertical_stiffness():
     model, data = rig()
     model.dof_damping[2] = 5e4
     for _ in range(3000):
@@ -21,7 +21,7 @@ def test_wheel_end_carries_load_by_its_vertical_stiffness():
 
 
 @pytest.mark.parametrize("load", [20e3, 47e3, 70e3, 100e3])
-def test_cornering_stiffness_follows_the_load_as_the_analytic_law_says(load):
+def test_cornering_stiffness_equals_the_analytic_law_at_any_load(load):
     model, data = rig()
     angle = 1e-3
     force = drive(model, data, load=load, speed=15, slip_angle=angle)
@@ -41,7 +41,7 @@ def test_lateral_force_peaks_at_the_friction_of_the_load():
     assert peak == pytest.approx(mu * load, rel=0.01)
 
 
-def test_combined_slip_stays_inside_the_friction_ellipse_and_shares_it():
+def test_combined_forces_share_the_friction_ellipse():
     load = 70e3
     pure = drive(*rig(), load=load, speed=15, slip_angle=0.1)
     both = drive(*rig(), load=load, speed=15, slip_angle=0.1, slip=-0.15)
@@ -106,7 +106,7 @@ def test_forces_are_mirrored_left_and_right():
     np.testing.assert_allclose(left * [1, -1, 1], right, rtol=1e-9)
 
 
-def test_wheel_stands_on_the_height_and_normal_of_the_road_table():
+def test_tire_load_follows_height_and_normal_of_the_road_table():
     grade, tilt, height = 0.04, 0.02, 12.0
     rows = [
         [s, 0, height + grade * s, 1, 0, 0, grade, tilt, 0.8, 0.8, 0] for s in np.arange(-5.0, 30.0)
@@ -144,7 +144,7 @@ def test_malformed_road_table_is_refused():
 @pytest.mark.parametrize(
     ("name", "value"), [("free_radius", -1.0), ("nominal_load", float("nan")), ("count", 7.0)]
 )
-def test_bad_attribute_is_named(name, value):
+def test_bad_attribute_is_refused_by_name(name, value):
     with pytest.raises(ValueError, match=name):
         rig(**{name: value})
 

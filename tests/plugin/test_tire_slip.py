@@ -1,4 +1,4 @@
-"""What a truck tire does beyond stiffness: load, relaxation, sliding, rolling, dual tires."""
+"""Tire forces: load, relaxation, sliding, rolling resistance, standstill and dual tires."""
 
 import mujoco
 import numpy as np
@@ -13,7 +13,7 @@ STEER_AXIS = '<joint name="steer" type="hinge" axis="0 0 1"/>'
 
 
 def aligning_moment(angle, load=NOMINAL):
-    """Moment about the vertical axis through the wheel's centre and lateral force [N m], [N]."""
+    """Returns the aligning moment [N m] about the wheel center and the lateral force [N]."""
     model, data = rig(hub_joint=STEER_AXIS)
     force = drive(model, data, load=load, speed=15.0, slip_angle=angle, seconds=0.6)
     mujoco.mj_forward(model, data)
@@ -21,7 +21,7 @@ def aligning_moment(angle, load=NOMINAL):
 
 
 def build_up(load, speed, angle=1e-3):
-    """(way [m], share of the steady force) of a step in slip angle."""
+    """Returns distance [m] and share of the steady force after a step in slip angle."""
     model, data = rig()
     model.opt.timestep = 0.0005
     drive(model, data, load=load, speed=speed, seconds=20 * 0.0005)
@@ -32,7 +32,7 @@ def build_up(load, speed, angle=1e-3):
     return way, np.array(forces) / forces[-1]
 
 
-def test_cornering_stiffness_rises_with_load_ever_less():
+def test_cornering_stiffness_rises_less_and_less_with_load():
     loads = np.linspace(0.2, 1.8, 9) * NOMINAL
     stiffness = np.array(
         [drive(*rig(), load=load, speed=15.0, slip_angle=1e-3, seconds=0.7)[1] for load in loads]
@@ -57,7 +57,7 @@ def test_peak_friction_falls_with_load():
 
 
 @pytest.mark.parametrize("slip", [-0.03, -0.1, -0.3, 0.1])
-def test_braking_or_driving_takes_from_the_lateral_force(slip):
+def test_braking_or_driving_reduces_the_lateral_force(slip):
     pure = drive(*rig(), load=NOMINAL, speed=15.0, slip_angle=0.06, seconds=1.0)[1]
     both = drive(*rig(), load=NOMINAL, speed=15.0, slip_angle=0.06, slip=slip, seconds=1.0)
     assert 0.0 < both[1] < pure
@@ -69,7 +69,7 @@ def test_braking_or_driving_takes_from_the_lateral_force(slip):
 @pytest.mark.parametrize("angle", [0.05, 0.2, 0.8])
 def test_a_locked_wheel_slides_against_its_motion_and_does_not_steer(angle):
     force = drive(*rig(), load=NOMINAL, speed=15.0, slip_angle=angle, slip=-1.0, seconds=1.0)
-    # Friction along and across differ a little, so the directions do.
+    # Longitudinal and lateral friction differ a little, which turns the force.
     assert np.arctan2(force[1], -force[0]) == pytest.approx(angle, rel=0.3)
     rolling = drive(*rig(), load=NOMINAL, speed=15.0, slip_angle=angle)
     assert abs(force[1]) < abs(rolling[1])
@@ -84,7 +84,7 @@ def test_truck_in_neutral_comes_to_rest_on_its_rolling_resistance():
 
 
 @pytest.mark.parametrize("relative", [0.5, 1.0, 1.5])
-def test_63_percent_of_a_step_is_there_after_the_relaxation_length_at_any_speed(relative):
+def test_lateral_force_reaches_63_percent_after_the_relaxation_length_at_any_speed(relative):
     expected = COMMON.relaxation_lateral * relative**COMMON.relaxation_load_exponent
     ways = []
     for speed in (3.0, 10.0, 25.0):
@@ -105,13 +105,13 @@ def test_aligning_moment_has_the_pneumatic_trail_at_small_slip_and_vanishes_when
 
 
 @pytest.mark.parametrize("load", [0.3 * NOMINAL, NOMINAL])
-def test_carcass_deflects_sideways_and_tips_the_wheel_end_outward_with_its_load(load):
+def test_sideways_deflection_of_the_carcass_adds_an_overturning_moment(load):
     tire = PARAMETERS.tires["drive"]
     model, data = rig(hub_joint='<joint name="tip" type="hinge" axis="1 0 0"/>')
     drive(model, data, load=load, speed=15.0, slip_angle=1e-3, seconds=0.6)
     mujoco.mj_forward(model, data)
     force = data.sensor("wheel_tire_force").data
-    load = force[2]  # with what the vertical damper adds
+    load = force[2]  # includes the force of the vertical damper
     height = tire.free_radius + data.qpos[2]
     beyond = data.qfrc_passive[model.joint("tip").dofadr[0]] - height * force[1]
     relative = load / NOMINAL
@@ -145,7 +145,7 @@ def test_rolling_resistance_holds_an_unbraked_wheel_up_to_its_own_grade(share, h
         assert -data.qpos[0] == pytest.approx(expected * 700 / (700 + 34 / 0.54**2), rel=0.1)
 
 
-def test_lifted_wheel_gives_nothing_and_finds_its_force_again_after_landing():
+def test_lifted_wheel_has_no_force_and_regains_it_after_landing():
     case = {"load": NOMINAL, "speed": 15.0, "slip_angle": 0.05}
     model, data = rig(hub_joint=STEER_AXIS)
     before = drive(model, data, **case)
@@ -156,7 +156,7 @@ def test_lifted_wheel_gives_nothing_and_finds_its_force_again_after_landing():
         mujoco.mj_step(model, data)
         np.testing.assert_array_equal(data.sensor("wheel_tire_force").data, 0.0)
         np.testing.assert_array_equal(data.qfrc_passive, 0.0)
-    # The tread has forgotten its strain: the side force builds up anew.
+    # The tread has lost its strain: the side force builds up again.
     landed = drive(model, data, **case, seconds=0.002)
     assert landed[2] == pytest.approx(NOMINAL)
     assert landed[1] < 0.2 * before[1]
@@ -165,7 +165,7 @@ def test_lifted_wheel_gives_nothing_and_finds_its_force_again_after_landing():
 
 @pytest.mark.parametrize(("angle", "slip"), [(1e-3, 0.0), (0.1, 0.0), (0.06, -0.1), (0.3, -0.5)])
 @pytest.mark.parametrize("load", [15e3, 35e3, 60e3])
-def test_dual_pair_is_two_single_tires_at_half_the_load_each(load, angle, slip):
+def test_dual_tire_equals_two_single_tires_at_half_the_load(load, angle, slip):
     case = {"speed": 15.0, "slip_angle": angle, "slip": slip, "seconds": 1.0}
     single = drive(*rig(count=1), load=load, count=1, **case)
     pair = drive(*rig(count=2), load=2 * load, count=2, **case)
@@ -173,17 +173,17 @@ def test_dual_pair_is_two_single_tires_at_half_the_load_each(load, angle, slip):
 
 
 def on_split_road(y, angle):
-    """Lateral force at one side of a road with friction 0.8 left and 0.3 right of y = 0."""
+    """Returns the lateral force on a road with friction 0.8 left and 0.3 right of y = 0."""
     rows = [[s, 0, 0, 1, 0, 0, 0, 0, 0.8, 0.3, 0.0] for s in np.arange(-5.0, 30.0)]
     model, data = rig(extra=road(rows))
     for _ in range(8):
-        # Back to where it began: a slanted way must not lead over the split.
+        # Back to the start, so that the wheel does not cross the split.
         data.qpos[:2] = 0.0, y
         force = drive(model, data, load=NOMINAL, speed=5.0, slip_angle=angle, seconds=0.1)
     return force[1]
 
 
-def test_friction_of_the_surface_limits_what_slides_and_leaves_what_sticks():
+def test_surface_friction_changes_the_peak_force_but_not_the_cornering_stiffness():
     small = 1e-3
     assert on_split_road(-1.0, small) == pytest.approx(on_split_road(1.0, small), rel=0.01)
     dry, wet = (
@@ -193,8 +193,8 @@ def test_friction_of_the_surface_limits_what_slides_and_leaves_what_sticks():
     assert wet == pytest.approx(0.3 / 0.8 * dry, rel=0.02)
 
 
-def test_wheel_at_standstill_resists_like_the_treads_spring_and_gives_it_back():
-    """A sideways push of a tenth of the friction: it yields a little, stays, and returns."""
+def test_locked_wheel_yields_elastically_to_a_small_side_force():
+    """Under a side force of a tenth of the friction it moves a little, stays, and returns."""
     tire = PARAMETERS.tires["drive"]
     model, data = rig(wheel_joint='damping="1e9"')
     model.dof_damping[2] = 5e4

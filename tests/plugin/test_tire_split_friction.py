@@ -18,7 +18,7 @@ def braking():
     truck.reset(station=60.0, speed=20.0)
     truck.command(xbr_demand=-8.0, xbr_mode=2.0)
     forces = []
-    for _ in range(170):  # nobody steers: later a wheel leaves its half of the road
+    for _ in range(170):  # without steering a wheel later leaves its half of the road
         truck.step(5)
         forces.append(
             [
@@ -33,7 +33,7 @@ def braking():
 
 
 def used(truck, forces, side, surface):
-    """Share of the friction that the tires of a side use, (steps, axles)."""
+    """Returns the share of friction that the tires of a side use, shape (steps, axles)."""
     common, shares = truck.parameters.tire_common, []
     for i, axle in enumerate(truck.parameters.axles):
         fx, fy, load = forces[:, i, side].T
@@ -44,17 +44,17 @@ def used(truck, forces, side, surface):
     return np.array(shares).T
 
 
-def test_no_tire_takes_more_than_its_own_surface_gives(braking):
+def test_no_tire_exceeds_the_friction_of_its_surface(braking):
     truck, forces = braking
     for side, surface in ((0, ICE), (1, DRY)):
         assert used(truck, forces, side, surface).max() < 1.02
 
 
-def test_wheels_on_ice_use_all_there_is_and_those_on_asphalt_brake_harder(braking):
+def test_wheels_on_ice_use_all_friction_and_wheels_on_asphalt_brake_harder(braking):
     truck, forces = braking
     late = forces[110:]
     assert np.median(used(truck, late, 0, ICE).max(axis=0)) > 0.9
-    # ABS treats the trailer's wheels one by one, those of the drive axles alike.
+    # ABS controls trailer wheels individually, and both wheels of a drive axle together.
     left, right = (-late[:, 3:, side, 0].sum(axis=1).mean() for side in (0, 1))
     assert right > 1.8 * left > 0.0
 

@@ -11,10 +11,10 @@ COMMON = PARAMETERS.tire_common
 
 
 def rig(kind="drive", *, extra="", hub_joint="", wheel_joint="", **changes):
-    """One wheel end on a carriage that slides along x, y, z; returns model and data.
+    """Returns model and data of one wheel end on a carriage that slides along x, y, z.
 
-    `hub_joint` is MJCF of one more joint, `wheel_joint` attributes of the wheel's, `extra` goes to
-    the end of the model; `changes` are attributes of the tire.
+    `hub_joint` is the MJCF of a further joint of the hub, `wheel_joint` holds attributes of the
+    wheel's joint, `extra` is MJCF at the end of the model; `changes` replaces tire attributes.
     """
     figures = {**tire_config(PARAMETERS, kind), **changes}
     config = "".join(f'<config key="{k}" value="{v:.17g}"/>' for k, v in figures.items())
@@ -56,9 +56,9 @@ def rolling_radius(tire, deflection):
 def drive(
     model, data, *, load, speed, slip_angle=0.0, slip=0.0, seconds=2.0, kind="drive", count=None
 ):
-    """Holds load and slips by prescribing the motion; returns the force (3,) at the end.
+    """Returns the tire force (3,) [N] after `seconds` of motion at a given load and slip.
 
-    `count` is for a rig whose number of tires was changed; `load` is that of the wheel end.
+    `load` is that of the wheel end; `count` is its number of tires if the rig changes it.
     """
     tire = PARAMETERS.tires[kind]
     deflection = load / ((count or tire.count) * tire.vertical_stiffness)

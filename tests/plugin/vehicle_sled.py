@@ -1,7 +1,7 @@
 """A truck on one slide joint: the real powertrain and brakes, twelve wheels, no suspension.
 
-Tires are fixed tendons between slide and wheel: either a stiff spring and damper (no slip) or dry
-friction of a given grip (for ABS). A grade is a tilt of gravity.
+Each tire is a fixed tendon between slide and wheel: a stiff spring and damper (no slip), or dry
+friction of a given grip (for ABS). A grade tilts gravity.
 """
 
 import math
@@ -22,7 +22,7 @@ assert iits_mj.__version__
 
 
 def sled_xml(mass, *, timestep=0.002, grade=0.0, grip=None, rolling=True, changes=None, sensors=()):
-    """MJCF of a sled of `mass` [kg]; `changes` replaces plugin attributes by (plugin, name)."""
+    """Returns the MJCF of a sled of `mass` [kg]; `changes` has attributes by (plugin, name)."""
     p = PARAMETERS
     configs = {
         "powertrain": powertrain.config(p),
@@ -119,7 +119,10 @@ class Sled:
         return self
 
     def record(self, seconds, *names, **controls):
-        """Signals after every step, shape (steps, names); `speed` and `position` are the sled's."""
+        """Returns signals after every step, shape (steps, names).
+
+        `speed` and `position` are those of the sled.
+        """
         self.command(**controls)
         rows = []
         for _ in range(round(seconds / self.model.opt.timestep)):
@@ -135,5 +138,5 @@ class Sled:
         return self.data.sensor(name).data[0]
 
     def wheels(self, name):
-        """A sensor of all wheel ends, axle by axle, left before right, shape (12,)."""
+        """Returns a sensor of all wheel ends, axle by axle, left before right, shape (12,)."""
         return self.data.sensor(name).data.copy()

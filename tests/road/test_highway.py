@@ -138,7 +138,7 @@ def test_shipped_net_has_every_lane_in_place():
 
 
 @pytest.mark.skipif(netconvert() is None, reason="netconvert is not installed")
-def test_command_makes_the_shipped_map_and_net_again(tmp_path, capsys):
+def test_command_reproduces_the_shipped_map_and_net(tmp_path, capsys):
     assert main(["--out", str(tmp_path)]) == 0
     assert "highway.net.xml" in capsys.readouterr().out
     for name in ("highway.xodr", "highway.net.xml"):

@@ -1,4 +1,4 @@
-"""A cluster of three nodes, each a set of processes on this machine."""
+"""Tasks on a Ray cluster of three nodes on this machine, and training by RLlib."""
 
 import dataclasses
 import functools
@@ -132,7 +132,7 @@ def _evaluate(file, *flags):
 
 
 def _rows(file):
-    """Rows of a file of trials without their wall-clock times."""
+    """Returns the rows of a trial file without their wall-clock times."""
     rows = read_trials(file, print).values()
     return sorted(repr(dataclasses.replace(row, wall_time=math.nan)) for row in rows)
 
@@ -173,10 +173,10 @@ def test_evaluation_on_a_cluster_requires_a_file(cluster, capsys):
     command = _evaluate("x.csv", "--ray", cluster)
     del command[command.index("--file") : command.index("--file") + 2]
     assert cli.main(command) == 2
-    assert "name it by --file" in capsys.readouterr().err
+    assert "--ray needs a file for the trials: add --file" in capsys.readouterr().err
 
 
-def test_a_missing_ray_is_named_with_the_install_command(monkeypatch):
+def test_an_error_without_ray_names_the_install_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(InputError, match=r"pip install 'iits-mj\[scale\]'"):
         RayExecutor("local", same)
@@ -202,6 +202,32 @@ def test_training_on_a_cluster_is_bit_identical_to_one_machine(cluster, tmp_path
             QNetwork.load(one).weights, QNetwork.load(other).weights, strict=True
         ):
             assert (ours == theirs).all()
+
+
+def test_ppo_of_rllib_trains_on_the_highway():
+    """RLlib's workers import iits_mj because of the prefix of the environment's name."""
+    pytest.importorskip("torch")
+    ppo = pytest.importorskip("ray.rllib.algorithms.ppo", exc_type=ImportError)
+    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+    ray.init(
+        address="local", num_cpus=2, include_dashboard=False, log_to_driver=False,
+        object_store_memory=100_000_000,
+    )  # fmt: skip
+    try:
+        config = (
+            ppo.PPOConfig()
+            .environment("iits_mj:iits_mj/HighwayFast-v0", env_config={"duration": 30.0})
+            .env_runners(num_env_runners=1, rollout_fragment_length=64)
+            .training(train_batch_size=128, minibatch_size=64, num_epochs=2)
+        )
+        algorithm = config.build_algo()
+        found = algorithm.train()
+        assert found["num_env_steps_sampled_lifetime"] == 128
+        # In the worst case every decision is a refused lane change.
+        assert -30.0 * 40.0 < found["env_runners"]["episode_return_mean"] < 0.0
+        algorithm.stop()
+    finally:
+        ray.shutdown()
 
 
 @pytest.mark.slow

@@ -121,8 +121,8 @@ def test_a_minute_with_two_lane_changes_is_nearly_the_same_over_bytes(payload: f
         found = ", ".join(f"{apart(other, straight, c):.2g} {c}" for c in COMPARED)
         print(f"\n{payload:g} kg, {name}: {found}")
     assert straight.column("lane_changes [-]")[-1] == 2
-    # A steering wheel that rests in the play one signal step off lets the truck drift by some
-    # centimetres before the controller crosses the play.
+    # The steering wheel may rest one signal step off within the play: the truck drifts by some
+    # centimetres until the controller crosses the play.
     assert 0.0 < apart(steps, straight, "station [m]") < 0.25
     for other in (steps, rates):
         assert apart(other, straight, "station [m]") < 0.25

@@ -48,7 +48,7 @@ def test_lane_gap_is_bumper_to_bumper() -> None:
     assert rear == pytest.approx((100.0 + 1.4 - 16.5) - 62.0)
 
 
-def test_vehicle_in_the_next_lane_is_no_leader_until_it_reaches_into_the_trucks_width() -> None:
+def test_vehicle_in_the_next_lane_becomes_the_leader_when_it_overlaps_the_trucks_width() -> None:
     ego = EgoState(station=100.0, offset=0.0)
     beside = TrackedVehicle("a", station=130.0, offset=4.0, lane=1, width=1.9)
     cutting_in = TrackedVehicle("a", station=130.0, offset=2.0, lane=1, width=1.9)
@@ -62,8 +62,7 @@ def test_truck_boxes_have_the_legal_length_when_straight_and_bend_at_the_kingpin
     both = np.vstack([tractor, trailer])
     assert np.ptp(both[:, 0]) == pytest.approx(16.5, abs=0.02)
     assert np.ptp(both[:, 1]) == pytest.approx(2.55, abs=0.1)
-    # Tractor turned to the left against the trailer: the trailer's tail stays to the right of
-    # where the tractor's axis would take it.
+    # The tractor is turned to the left against the trailer, which stays straight.
     _, bent = gaps.truck_boxes(EgoState(yaw=0.3, articulation=0.3), parameters)
     assert np.ptp(bent[:, 1]) == pytest.approx(2.55, abs=1e-9)
 

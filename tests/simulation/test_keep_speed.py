@@ -119,7 +119,7 @@ class Served:
 def angles(
     example: ModuleType, clock: Clock, speed: float, payload: float, duration: float
 ) -> Iterator[tuple[float, float, float]]:
-    """Time [s], angle of the steering wheel [rad] and distance from the line [m] of a drive.
+    """Yields time [s], steering-wheel angle [rad] and distance from the line [m] of a drive.
 
     After 5 s the line is moved by half a metre.
     """

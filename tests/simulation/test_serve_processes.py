@@ -205,7 +205,7 @@ def _own_network() -> list[str]:
 
 
 @pytest.mark.slow
-def test_truck_survives_a_network_that_goes_down_and_returns() -> None:
+def test_serving_continues_after_the_network_goes_down_and_returns() -> None:
     words = [*_own_network(), "sh", "-c", NETWORK, "sh", *SERVE, "--bus", "udp_multicast"]
     done = subprocess.run(
         words,

@@ -248,7 +248,7 @@ def test_silent_bus_stops_the_truck_in_its_lane_when_so_configured(
 
 
 @pytest.mark.usefixtures("plug")
-def test_truck_survives_a_pulled_plug_and_obeys_again(
+def test_truck_obeys_again_after_the_bus_was_unplugged(
     bench: Callable[..., Bench],
 ) -> None:
     here = bench()
@@ -349,7 +349,7 @@ def test_full_disk_ends_the_log_but_not_the_serving(
     here.server.close()
 
 
-def test_log_has_both_ways_of_the_bus(bench: Callable[..., Bench], tmp_path: Path) -> None:
+def test_log_has_both_directions_of_the_bus(bench: Callable[..., Bench], tmp_path: Path) -> None:
     path = tmp_path / "bus.asc"
     here = bench(can_log=path)
     here.serve(0.5, KEEP)

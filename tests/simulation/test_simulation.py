@@ -38,7 +38,7 @@ def table(telemetry: Telemetry) -> np.ndarray:
     return np.array([telemetry.column(name) for name in numbers])
 
 
-def test_same_seed_gives_the_same_drive_bit_for_bit_and_another_seed_another_one() -> None:
+def test_drive_repeats_bit_for_bit_with_its_seed_and_differs_with_another() -> None:
     first = table(drive(duration=3.0, seed=4)[0])
     again = table(drive(duration=3.0, seed=4)[0])
     other = table(drive(duration=3.0, seed=5)[0])
@@ -58,7 +58,7 @@ def test_reset_gives_the_same_drive_again_bit_for_bit() -> None:
     assert np.array_equal(*tables, equal_nan=True)
 
 
-def test_observers_of_any_period_change_nothing() -> None:
+def test_observers_of_any_period_do_not_change_the_drive() -> None:
     plain = table(drive(duration=1.0, traffic_mode="none")[0])
     telemetry = Telemetry(None)
     watchers = [Listener(0.05), Listener(0.034), Listener(0.002)]
@@ -71,7 +71,7 @@ def test_observers_of_any_period_change_nothing() -> None:
         np.testing.assert_allclose(watcher.ego_times, expected, atol=1e-9)
 
 
-def test_rows_come_every_100_ms_and_the_distance_is_that_of_the_stations() -> None:
+def test_rows_are_100_ms_apart_and_the_distance_is_that_of_the_stations() -> None:
     telemetry, simulation = drive(duration=3.0, traffic_mode="none")
     np.testing.assert_allclose(telemetry.column("time [s]"), np.arange(31) * 0.1, atol=1e-12)
     station = telemetry.column("station [m]")
@@ -193,8 +193,8 @@ def test_recorded_traffic_is_replayed_exactly(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("payload", "seed"), [(36_000.0, 0), (0.0, 1)])
 def test_23_minutes_of_traffic_leave_no_warning(payload, seed):
     config = DriveConfig(payload=payload, seed=seed, speed=9.8, start_speed=9.0, duration=1380.0)
-    # On a free road the plan is faster than this slow cruise where that saves fuel: the road would
-    # end within 25 minutes.
+    # On a free road the plan exceeds this slow cruise speed where that saves fuel and reaches the
+    # end of the road within 25 minutes.
     with Simulation(config) as simulation:
         summary = simulation.run()
         data = simulation.truck.data

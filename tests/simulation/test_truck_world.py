@@ -41,7 +41,7 @@ def test_the_papers_densities_equal_those_of_the_traffic():
     assert shared == SPAWN_PROBABILITY
 
 
-def test_a_trip_repeats_itself_to_the_bit_and_a_seed_changes_it(world):
+def test_a_trip_repeats_bit_for_bit_and_another_seed_changes_it(world):
     trip = cell_trip("dense", 12.5, dataclasses.replace(SHORT, duration=12.0))
     first, _ = drive(world, trip, [Decision.KEEP] * 20, seed=4)
     again, _ = drive(world, trip, [Decision.KEEP] * 20, seed=4)
@@ -50,7 +50,7 @@ def test_a_trip_repeats_itself_to_the_bit_and_a_seed_changes_it(world):
     assert not np.array_equal(first, other)
 
 
-def test_a_larger_step_of_the_physics_drives_the_same_trip(world):
+def test_a_larger_time_step_gives_nearly_the_same_trip(world):
     world.close()  # a process has one SUMO
     trip = cell_trip("dense", 12.5, SHORT)
     decisions = [Decision.KEEP] * 4 + [Decision.LEFT] + [Decision.KEEP] * 40
@@ -86,7 +86,7 @@ def test_a_change_off_the_road_is_refused_without_danger(world):
     assert (world.summary.refused, world.summary.dangerous, world.summary.changes) == (1, 0, 0)
 
 
-def test_rules_decide_by_the_worlds_context(world):
+def test_context_of_the_world_is_that_of_its_observation(world):
     trip = cell_trip("dense", 12.5, SHORT)
     observation = world.reset(np.random.default_rng(0), trip)
     context = world.context()
@@ -96,10 +96,10 @@ def test_rules_decide_by_the_worlds_context(world):
     assert make("mobil").decide(context) in Decision
 
 
-def test_speed_is_charged_by_its_distance_from_the_reference(world):
+def test_reward_falls_with_the_difference_to_the_reference_speed(world):
     trip = dataclasses.replace(SHORT, spawn_probability=0.0, traffic_speed=10.0)
     _, (step,) = drive(world, trip, [Decision.KEEP])
-    # At 10 m/s it is 6.7 m/s short, and no truck wins more than 1 m/s in a second.
+    # The truck starts 6.7 m/s below the reference and gains at most 1 m/s in a second.
     assert -6.9 < step.reward.speed < -5.6
 
 

@@ -61,7 +61,7 @@ def test_contact_is_reported_between_trucks_and_never_within_one(pair):
     assert pair.observe()[0].station > before + 0.05
 
 
-def test_names_have_the_trucks_prefix(pair):
+def test_names_of_each_truck_have_its_prefix(pair):
     assert prefix(1) == "truck1/"
     assert pair.model.body("truck1/tractor").id != pair.model.body("truck0/tractor").id
     assert pair.trucks[1].sensor("tractor_velocity").shape == (3,)
@@ -76,7 +76,7 @@ def test_reset_puts_every_truck_at_its_place(pair):
     assert pair.time == 0.0
 
 
-def test_wrong_numbers_are_refused(pair):
+def test_wrong_counts_payloads_and_placements_are_refused(pair):
     with pytest.raises(InputError, match="3 places for 2 trucks"):
         pair.reset([TruckPlacement()] * 3)
     with pytest.raises(InputError, match="number of trucks = 0: allowed is 1 to"):

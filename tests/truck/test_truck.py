@@ -160,7 +160,7 @@ def test_state_restored_in_the_middle_continues_bit_for_bit(truck):
     np.testing.assert_array_equal(final, state(model, copied))
 
 
-def test_forward_twice_changes_nothing(truck):
+def test_a_second_forward_evaluation_changes_nothing(truck):
     truck.reset(speed=10.0)
     truck.command(accelerator_pedal=0.5, xbr_demand=-1.0, xbr_mode=XbrMode.ADDITION)
     truck.step(100)
