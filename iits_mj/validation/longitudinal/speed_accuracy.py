@@ -162,7 +162,7 @@ def compare(drives: Drives) -> Findings:
     name = "accuracy of the speed, all experiments"
     found.check(name, np.mean(fits), "%", _PAPER, f">= {_WANTED:g}")
     found.check(f"{name}, by mean error over mean speed", np.mean(milder), "%", _PAPER)
-    found.label = "published run, computed anew"
+    found.label = "published run, computed again"
     speed, must = published.speed[-1] / KMH, "44.6 .. 49.2"
     found.check("speed at 40 s", speed, "km/h", PAPER_SPEED_KPH, must)
     tenth = published.time[published.gear >= 10.0][:1].sum()

@@ -119,7 +119,7 @@ def summarize(results: Results, rows: list[TripRow]) -> None:
         found.check(name, braking[1], "s", braking[0])
         # On each of the three stretches these trips are the same drive.
         alone = sum(math.isinf(c.closest) for c, _ in driven)
-        found.check("trips that had nobody ahead", alone, "1")
+        found.check("trips without a vehicle ahead", alone, "1")
         solve = 1e3 * float(np.median([p.solve_p50 for _, p in driven]))
         found.check("solve, median", solve, "ms")
         results.checks += found.checks
