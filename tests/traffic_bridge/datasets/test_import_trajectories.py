@@ -24,9 +24,9 @@ def test_import_trajectories_writes_a_recording_and_reports_it(tmp_path, capsys)
     ("flags", "words"),
     [
         ((), "its lane 2 becomes lane 2"),
-        (("--lanes", "a"), "--lanes 'a': must read as in 0:1,1:2"),
+        (("--lanes", "a"), "--lanes 'a': use the form 0:1,1:2"),
         (("--lanes", "0:1,0:2"), "each lane of the set once"),
-        (("--begin", "100"), "nothing is left; the set has times from 0 to 20 s"),
+        (("--begin", "100"), "no data between them; use times from 0 to 20 s"),
         (("--begin", "nan"), "is not a finite number"),
         (("--direction", "1"), "no option direction"),
         (("--units", "yd"), "use one of: ft, m"),

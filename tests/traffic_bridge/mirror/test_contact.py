@@ -213,21 +213,25 @@ class _Crossing(Mode):
     """Traffic of one car that crosses before the truck at a right angle."""
 
     def __init__(self, route, at, offset, when, speed=20.0):
-        self.route, self.time = route, 0.0
+        self.route, self._time = route, 0.0
         self._at, self._offset, self._when, self._speed = at, offset, when, speed
 
+    @property
+    def time(self):
+        return self._time
+
     def reset(self, ego=None):
-        self.time = 0.0
+        self._time = 0.0
         return self._car()
 
     def step(self, ego=None):
-        self.time = ego.time
+        self._time = ego.time
         return self._car()
 
     def _car(self):
         p = self.route.evaluate(self._at, self._offset)
         yaw = float(p.heading) + 0.5 * math.pi
-        way = self._speed * (self.time - self._when)
+        way = self._speed * (self._time - self._when)
         car = TrackedVehicle(
             "crossing",
             x=float(p.x) + way * math.cos(yaw),
