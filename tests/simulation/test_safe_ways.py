@@ -74,7 +74,7 @@ def test_no_oncoming_vehicle_is_touched_in_a_turn_on_green():
         assert summary.red_lights_run == 0
         assert simulation.frame.ego.station > 100.0
         # A stopped car blocks the area that the trailer sweeps; the plan names this reason.
-        assert "stands in the way" in simulation.frame.trajectory.reason
+        assert "has stopped in the way" in simulation.frame.trajectory.reason
 
 
 @pytest.mark.slow
