@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NoReturn
 
 from iits_mj.core.errors import TrafficError
 
@@ -188,6 +188,12 @@ class Session:
         self._finalizer = weakref.finalize(self, _unload, self.api, folder)
         with Guard(self, f"loading {net}", loading=True), _captured_stderr(self._stderr):
             self.api.start(command)
+
+    def __reduce__(self) -> NoReturn:
+        raise TrafficError(
+            "a running SUMO simulation cannot be copied or pickled: copy the environment or the "
+            "settings before reset(), and reset the copy with the same seed"
+        )
 
     def guard(self, action: str) -> Guard:
         """A `with` block for every use of `api`.
