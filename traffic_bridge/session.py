@@ -6,7 +6,6 @@ import contextlib
 import math
 import os
 import re
-import tempfile
 import weakref
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator, Sequence
@@ -16,6 +15,7 @@ from types import TracebackType
 from typing import Any, NoReturn
 
 from iits_mj.core.errors import TrafficError
+from iits_mj.core.output_files import TemporaryFolder
 
 ERROR_LOG = "errors.txt"
 
@@ -157,7 +157,7 @@ class Session:
     ) -> None:
         self.api = load_libsumo()
         self._guards = 0
-        self._finalizer: weakref.finalize[[Any, tempfile.TemporaryDirectory[str]], Session] | None
+        self._finalizer: weakref.finalize[[Any, TemporaryFolder], Session] | None
         self._finalizer = None
         if self.api.isLoaded():
             raise TrafficError(
@@ -166,8 +166,8 @@ class Session:
             )
         check_net(net)
         try:
-            folder = tempfile.TemporaryDirectory(prefix="iits_mj_sumo_")
-            self._folder = Path(folder.name)
+            folder = TemporaryFolder("sumo")
+            self._folder = folder.path
             types = self._folder / "types.add.xml"
             types.write_text(f"<additional>{additional}</additional>", encoding="utf-8")
         except OSError as error:
@@ -314,9 +314,9 @@ def _holds(api: Any, error_log: str) -> bool:
         return True  # no options to read: start() has failed half-way
 
 
-def _unload(api: Any, folder: tempfile.TemporaryDirectory[str]) -> None:
+def _unload(api: Any, folder: TemporaryFolder) -> None:
     # A simulation that failed while loading also fails to close, but is gone then.
     with contextlib.suppress(api.TraCIException, api.libsumo.FatalTraCIError, RuntimeError):
-        if _holds(api, str(Path(folder.name) / ERROR_LOG)):
+        if _holds(api, str(folder.path / ERROR_LOG)):
             api.close()
     folder.cleanup()

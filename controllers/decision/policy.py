@@ -29,6 +29,7 @@ from controllers.decision.observation import (
 from controllers.decision.trip import ACTIONS
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision
+from iits_mj.core.output_files import OutputFile
 
 LAYERS = (OBSERVATION_SIZE, 256, 512, 256, 3)
 _KEEP = ACTIONS.index(Decision.KEEP)
@@ -113,7 +114,7 @@ class QNetwork:
         arrays: dict[str, Any] = {"metadata": np.array(json.dumps(header, sort_keys=True))}
         for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             arrays[f"w{i}"], arrays[f"b{i}"] = weight, bias
-        with Path(path).open("wb") as stream:
+        with OutputFile(path, "weights file") as partial, partial.open("wb") as stream:
             np.savez_compressed(stream, **arrays)
 
     @classmethod

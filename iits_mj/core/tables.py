@@ -16,6 +16,7 @@ import numpy as np
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
+from iits_mj.core.output_files import OutputFile
 
 Row = TypeVar("Row")
 _KINDS = {"str": str, "int": int, "float": float}
@@ -129,12 +130,10 @@ def write_table(
     Raises:
       InputError: the file cannot be written.
     """
-    partial = path.with_suffix(".part")
-    try:
-        with partial.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.DictWriter(stream, names)
-            writer.writeheader()
-            writer.writerows(rows)
-        partial.replace(path)
-    except OSError as error:
-        raise InputError(f"file of {what} {str(path)!r} cannot be written: {error}") from error
+    with (
+        OutputFile(path, f"file of {what}") as partial,
+        partial.open("w", newline="", encoding="utf-8") as stream,
+    ):
+        writer = csv.DictWriter(stream, names)
+        writer.writeheader()
+        writer.writerows(rows)

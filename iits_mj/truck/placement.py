@@ -14,7 +14,6 @@ from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 
-
 # No truck rolls faster: well above what the tires and the driveline are made for.
 SPEED_MAX = 60.0
 

@@ -213,11 +213,11 @@ def test_wrong_command_is_refused_and_named(truck, field, value):
         truck.command(**{field: value})
 
 
-def test_divergence_is_told_with_the_time_at_which_it_came(truck):
+def test_a_divergence_names_the_moment_at_which_it_happened(truck):
     truck.reset(speed=20.0)
     truck.step(500)
     truck.data.qvel[0] = 1e20
-    with pytest.raises(Error, match=rf"diverged after t = {500 * truck.model.opt.timestep:.3f} s"):
+    with pytest.raises(Error, match=rf"diverged at t = {500 * truck.model.opt.timestep:.3f} s"):
         truck.step()
     truck.reset(speed=20.0)
     truck.step()

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.core.errors import InputError
+from iits_mj.core.output_files import OutputFile
 from traffic_bridge.recording.rows import (
     COLUMNS,
     COMMAND_COLUMNS,
@@ -64,24 +65,16 @@ def write(fields: Mapping[str, Any], path: Path) -> Path:
         "command": fields["commands"],
         "truck_hash": fields["truck_hash"],
     }
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        with zipfile.ZipFile(
-            partial, "w", zipfile.ZIP_DEFLATED, compresslevel=COMPRESSION
-        ) as archive:
-            for name, array in arrays.items():
-                # Without the time of day, so that the same drive gives the same bytes.
-                entry = zipfile.ZipInfo(f"{name}.npy")
-                entry.compress_type = zipfile.ZIP_DEFLATED
-                with archive.open(entry, "w", force_zip64=True) as file:
-                    np.lib.format.write_array(file, np.asanyarray(array), allow_pickle=False)
-        partial.replace(path)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise InputError(f"recording {path}: cannot be written: {error.strerror}") from error
-    except BaseException:
-        partial.unlink(missing_ok=True)
-        raise
+    with (
+        OutputFile(path, "recording") as partial,
+        zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED, compresslevel=COMPRESSION) as archive,
+    ):
+        for name, array in arrays.items():
+            # Without the time of day, so that the same drive gives the same bytes.
+            entry = zipfile.ZipInfo(f"{name}.npy")
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            with archive.open(entry, "w", force_zip64=True) as file:
+                np.lib.format.write_array(file, np.asanyarray(array), allow_pickle=False)
     return path
 
 

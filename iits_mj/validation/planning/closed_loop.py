@@ -17,6 +17,7 @@ from controllers.tracking.controller import TrackingConfig
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import EgoState, Scene, SpeedProfile, VehicleCommand, XbrMode
+from iits_mj.core.output_files import OutputFile
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
@@ -79,9 +80,8 @@ class Record:
 
     def save(self, path: Path) -> None:
         """Writes the record; the file appears only when it is complete."""
-        partial = path.with_name(f".{path.name}.partial.npz")
-        np.savez_compressed(partial, columns=np.array(self.columns), table=self.table)
-        partial.replace(path)
+        with OutputFile(path, "record of a drive") as partial:
+            np.savez_compressed(partial, columns=np.array(self.columns), table=self.table)
 
     @classmethod
     def load(cls, path: Path) -> Record:
