@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import tomllib
 import typing
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.assets import mjcf_dir
 from iits_mj.core.checks import is_number
 from iits_mj.core.errors import InputError
+from iits_mj.core.input_files import read_toml
 from iits_mj.core.units import KMH, RPM
 
 
@@ -35,7 +35,7 @@ class Table2D:
 def provenance(path: str | Path | None = None) -> list[tuple[str, str, str, str, str]]:
     """Returns (name, value, unit, grade, source) of every quantity in the truck's TOML."""
     file = Path(path) if path is not None else mjcf_dir() / "truck.toml"
-    return list(_provenance_rows(read_toml(file), ""))
+    return list(_provenance_rows(read_toml(file, "parameter file"), ""))
 
 
 def _provenance_rows(node: Any, prefix: str) -> Iterator[tuple[str, str, str, str, str]]:
@@ -47,14 +47,6 @@ def _provenance_rows(node: Any, prefix: str) -> Iterator[tuple[str, str, str, st
     elif isinstance(node, list):
         for child in node:
             yield from _provenance_rows(child, f"{prefix}[{child['name']}]")
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """Returns the content of a TOML file; raises InputError if it cannot be read."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"parameter file {str(path)!r} cannot be read: {error}") from error
 
 
 def plain(node: Any) -> Any:

@@ -21,7 +21,7 @@ import numpy as np
 from iits_mj.core.assets import mjcf_path
 from iits_mj.core.checks import is_number
 from iits_mj.core.errors import InputError
-from iits_mj.parameters.files import read_toml
+from iits_mj.core.input_files import read_toml
 from iits_mj.parameters.truck import TruckParameters
 
 
@@ -118,7 +118,7 @@ class Spread:
         Raises:
           InputError: unreadable file, unknown key, or see `Spread`.
         """
-        tables = read_toml(Path(path) if path is not None else mjcf_path("spread.toml"))
+        tables = read_toml(mjcf_path("spread.toml") if path is None else path, "spread file")
         return cls(tuple(Quantity.from_table(*entry) for entry in tables.items()), base)
 
     def draw(self, generator: np.random.Generator) -> Drawn:

@@ -16,13 +16,13 @@ from typing import Any
 
 from iits_mj.core.assets import mjcf_dir
 from iits_mj.core.checks import in_range
+from iits_mj.core.input_files import read_toml
 from iits_mj.parameters.brakes import AirBrake
 from iits_mj.parameters.files import (
     build,
     csv_tables,
     merge,
     plain,
-    read_toml,
     section,
 )
 from iits_mj.parameters.powertrain import Clutch, Engine, Gearbox, Retarder
@@ -209,9 +209,11 @@ class TruckParameters:
           InputError: unreadable file, unknown or missing key, wrong type, value not finite.
         """
         file = Path(path) if path is not None else mjcf_dir() / "truck.toml"
-        tree = plain(read_toml(file))
+        tree = plain(read_toml(file, "parameter file"))
         if overlay is not None:
-            extra = overlay if isinstance(overlay, Mapping) else read_toml(Path(overlay))
+            extra = (
+                overlay if isinstance(overlay, Mapping) else read_toml(overlay, "parameter file")
+            )
             tree = merge(tree, plain(extra), "")
         for name, tables in csv_tables(file.resolve().parent).items():
             tree[name] = tables | dict(section(tree, name))

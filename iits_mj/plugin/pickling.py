@@ -27,7 +27,7 @@ def enable() -> None:
 
 def _reduce_model(model: mujoco.MjModel) -> tuple[Any, ...]:
     if not model.nplugin:
-        return model.__reduce_ex__(4)  # type: ignore[return-value]
+        return model.__reduce_ex__(4)
     return _load_model, (model.__getstate__(),)
 
 
@@ -44,7 +44,7 @@ def _load_model(stored: bytes) -> mujoco.MjModel:
 def _reduce_data(data: mujoco.MjData) -> tuple[Any, ...]:
     model = data.model
     if not model.nplugin:
-        return data.__reduce_ex__(4)  # type: ignore[return-value]
+        return data.__reduce_ex__(4)
     state = np.empty(mujoco.mj_stateSize(model, _STATE))
     mujoco.mj_getState(model, data, state, _STATE)
     return _load_data, (model, state, data.sensordata.copy())

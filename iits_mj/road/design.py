@@ -7,13 +7,13 @@ the records of an OpenDRIVE map.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from iits_mj.core.errors import InputError
+from iits_mj.core.input_files import read_toml
 from iits_mj.road.elements import (
     Lane,
     LaneSection,
@@ -88,10 +88,7 @@ class Design:
           InputError: the file cannot be read or an entry is missing or wrong.
         """
         try:
-            table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-            return cls._from_table(table)
-        except (OSError, tomllib.TOMLDecodeError) as error:
-            raise InputError(f"{path}: is not a readable design table: {error}") from error
+            return cls._from_table(read_toml(path, "design table"))
         except KeyError as error:
             raise InputError(f"{path}: the entry {error} is missing in the design table") from error
 

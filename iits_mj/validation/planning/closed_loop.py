@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -16,6 +14,7 @@ from controllers.stack import Stack
 from controllers.tracking.controller import TrackingConfig
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import Error, InputError
+from iits_mj.core.input_files import read_npz
 from iits_mj.core.messages import EgoState, Scene, SpeedProfile, VehicleCommand, XbrMode
 from iits_mj.core.output_files import OutputFile
 from iits_mj.core.timing import TIMESTEP
@@ -27,6 +26,7 @@ from iits_mj.truck import Truck
 # Time in which the brakes of a standing truck build up before it starts [s].
 _BUILD_UP = 2.0
 _COUNTERS = ("engine_work", "driveline_loss", "retarder_work", "brake_work")
+_SIZE_MAX = 2**28  # bytes of a record
 COLUMNS = (
     "time",
     "station",
@@ -90,13 +90,8 @@ class Record:
         Raises:
           InputError: the file is no record of this version.
         """
-        try:
-            with np.load(path) as content:
-                names, table = tuple(content["columns"].tolist()), np.asarray(content["table"])
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error) as error:
-            raise InputError(
-                f"{str(path)!r} is no record of a drive: {error}; remove it to drive again"
-            ) from error
+        content = read_npz(path, "record of a drive", _SIZE_MAX, ("columns", "table"))
+        names, table = tuple(content["columns"].tolist()), content["table"]
         if names != COLUMNS or table.ndim != 2 or table.shape[1] != len(COLUMNS):
             raise InputError(f"{str(path)!r} holds other columns: remove it to drive again")
         if len(table) < 2 or table.dtype.kind != "f" or not np.isfinite(table).all():

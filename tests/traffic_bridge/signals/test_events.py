@@ -420,7 +420,7 @@ def test_the_example_runs_on_the_built_in_highway(highway):
 
 
 def test_a_missing_file_of_events_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"none\.toml: cannot be read"):
+    with pytest.raises(InputError, match=r"none\.toml. cannot be read"):
         read_events(tmp_path / "none.toml")
 
 
